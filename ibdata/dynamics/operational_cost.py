@@ -1,0 +1,64 @@
+"""Operational cost: an exponential of the steerings, seen delayed and blurred."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ibdata.dynamics.exact import exp
+
+Weights = tuple[float, float, float, float, float]
+History = npt.NDArray[np.float64]
+
+
+@njit(cache=True)
+def operational_cost(p: float, v: float, g: float) -> float:
+    """Operational cost θ of the current steerings.
+
+        θ = exp((2 p + 4 v + 2.5 g) / 100)
+
+    Hein et al. 2017, Eq. (6); both variants. p, v, g in [0, 100]; θ in [1, e^8.5 ≈ 4914.8].
+
+    >>> round(float(operational_cost(50.0, 50.0, 50.0)), 3)
+    70.105
+    """
+    return exp((2.0 * p + 4.0 * v + 2.5 * g) / 100.0)
+
+
+@njit(cache=True)
+def remember(theta: float, history: History, lane: int) -> None:
+    """Shift θ into one lane of a history (n, 10) of operational costs, oldest first, in place.
+
+    The history before the first step is all zeros, which no θ can be: it is filled with the first θ, as
+    the constructor of the authors' `IDS.py` does (the paper is silent).
+
+    >>> history = np.zeros((1, 10))
+    >>> remember(2.0, history, 0); remember(3.0, history, 0); history[0, 7:].tolist()
+    [2.0, 2.0, 3.0]
+    """
+    if history[lane, 9] == 0.0:
+        for i in range(10):
+            history[lane, i] = theta
+        return
+    for i in range(9):
+        history[lane, i] = history[lane, i + 1]
+    history[lane, 9] = theta
+
+
+@njit(cache=True)
+def convolved_cost(history: History, lane: int, w: Weights) -> float:
+    """Convolved operational cost θᶜ of one lane of a history (n, 10), θ[t-9] … θ[t], oldest first.
+
+        θᶜ_t = w₅ θ_{t-5} + w₆ θ_{t-6} + w₇ θ_{t-7} + w₈ θ_{t-8} + w₉ θ_{t-9}
+
+    Hein et al. 2017, Eq. (7); the weights (1, 2, 3, 2, 1)/9 are a field of the variant.
+
+    >>> convolved_cost(np.arange(10.0).reshape(1, 10), 0, (0.0, 0.0, 0.0, 0.25, 0.5))
+    0.25
+    """
+    s = w[0] * history[lane, 4]
+    s = s + w[1] * history[lane, 3]
+    s = s + w[2] * history[lane, 2]
+    s = s + w[3] * history[lane, 1]
+    return s + w[4] * history[lane, 0]

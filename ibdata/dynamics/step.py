@@ -1,0 +1,204 @@
+"""One step of the benchmark for any number of lanes: state, action and noise in, state out.
+
+| symbol | name | unit, range |
+|---|---|---|
+| p | setpoint | 0 … 100 |
+| v, g, h | velocity, gain, shift: the steerings | 0 … 100 |
+| c, f, r | consumption, fatigue, reward | cost units; c about 0 … 5000, f in [0, 300] |
+| δ, ψ, φ | domain, response, direction of the mis-calibration | ±1, ±1, -6 … 6 |
+| μᵛ, μᵍ | latents of the fatigue | 0 … 5 |
+| θ, θᶜ, ĉ | operational cost, the convolved one, noise-free consumption | cost units |
+| hᵉ, vᵉ, gᵉ | effective shift, velocity, gain | [-1.5, 1.5], [0, 1], [0, 1] |
+| m, α, f_b | penalty, amplification, basic fatigue | [-1, 1.24], [0, 1], [0, 300] |
+| b, l | rate and steps left of a moving setpoint's segment | 1/step; steps |
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ibdata.dynamics.consumption import consumption, expected_consumption, reward
+from ibdata.dynamics.fatigue import (
+    amplification,
+    basic_fatigue,
+    effective_gain,
+    effective_velocity,
+    fatigue,
+    hidden,
+    noise_component,
+)
+from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
+from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
+from ibdata.dynamics.setpoint import NO_DRIFT, drift
+from ibdata.dynamics.steering import D_G, D_H, D_V, steer
+from ibdata.dynamics.variants import Parameters, Variant, resolve
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class State(NamedTuple):
+    """The Markov state of n lanes and the values derived with it; arrays (n,) unless said otherwise."""
+
+    setpoint: Floats
+    velocity: Floats
+    gain: Floats
+    shift: Floats
+    consumption: Floats
+    fatigue: Floats
+    reward: Floats
+    operational_cost: Floats  # (n, 10), θ[t-9] … θ[t], oldest first
+    domain: Ints
+    response: Ints
+    direction: Ints
+    mu_v: Floats
+    mu_g: Floats
+    drift_rate: Floats
+    drift_left: Ints  # steps left of the segment, counted after the step; -1 = constant setpoint
+    convolved_cost: Floats
+    penalty: Floats
+    expected_consumption: Floats
+    effective_shift: Floats
+    effective_velocity: Floats
+    effective_gain: Floats
+    alpha: Floats
+    basic_fatigue: Floats
+
+
+class Noise(NamedTuple):
+    """The random numbers of one step of n lanes in standard form; arrays (n,)."""
+
+    exp_v: Floats  # Exp(1)
+    exp_g: Floats
+    bernoulli_v: Floats  # U(0, 1); the event is u < p
+    bernoulli_g: Floats
+    uniform_v: Floats  # U(0, 1)
+    uniform_g: Floats
+    normal_alpha: Floats  # N(0, 1)
+    normal_consumption: Floats
+    uniform_drift_length: Floats  # U(0, 1); used by moving setpoints only
+    uniform_drift_rate: Floats
+    uniform_drift_zero: Floats
+    uniform_drift_flip: Floats
+
+
+def initial_state(
+    setpoint: npt.ArrayLike,
+    velocity: npt.ArrayLike = 50.0,
+    gain: npt.ArrayLike = 50.0,
+    shift: npt.ArrayLike = 50.0,
+    drifting: bool = False,
+) -> State:
+    """The state before the zero-action step: `step(state, zeros, noise, variant)` gives the first one.
+
+    Scalars or arrays (n,), all in [0, 100], which are broadcast against each other; domain and response
+    are 1, direction and both μ are 0, and the history of operational costs is empty (zeros).
+
+    Raises ValueError naming the argument that is not finite, out of range, or of another shape.
+    """
+    names = ("setpoint", "velocity", "gain", "shift")
+    given = [np.asarray(x, dtype=np.float64) for x in (setpoint, velocity, gain, shift)]
+    for name, value in zip(names, given, strict=True):
+        if value.ndim > 1:
+            raise ValueError(f"initial_state: {name}: found shape {value.shape}, expected a number or (n,)")
+        if not np.all((value >= 0.0) & (value <= 100.0)):
+            raise ValueError(f"initial_state: {name}: found {value}, expected numbers in [0, 100]")
+    try:
+        p, v, g, h = (np.array(x) for x in np.broadcast_arrays(*(np.atleast_1d(x) for x in given)))
+    except ValueError:
+        shapes = ", ".join(f"{name} {value.shape}" for name, value in zip(names, given, strict=True))
+        raise ValueError(f"initial_state: found {shapes}, expected equal lengths") from None
+    n = p.size
+    zeros = State(*(np.zeros(n) for _ in State._fields))
+    return zeros._replace(
+        setpoint=p,
+        velocity=v,
+        gain=g,
+        shift=h,
+        operational_cost=np.zeros((n, 10)),
+        domain=np.ones(n, dtype=np.int64),
+        response=np.ones(n, dtype=np.int64),
+        direction=np.zeros(n, dtype=np.int64),
+        drift_left=np.full(n, 0 if drifting else NO_DRIFT, dtype=np.int64),
+    )
+
+
+def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:
+    """The state one step later; nothing given is changed.
+
+    action (n, 3) holds (Δv, Δg, Δh), clipped to [-1, 1]; noise is in standard form; the variant is a
+    `Variant` or the name of one. The order of the parts is the paper's: setpoint, steering, fatigue,
+    operational cost, mis-calibration, consumption, reward.
+
+    Raises ValueError for an action or noise that is not finite or not of the state's length.
+    """
+    n = state.setpoint.shape[0]
+    a = np.array(action, dtype=np.float64)
+    if a.shape != (n, 3):
+        raise ValueError(f"step: action: found shape {a.shape}, expected ({n}, 3)")
+    if not np.isfinite(a).all():
+        lane = int(np.argmin(np.isfinite(a).all(axis=1)))
+        raise ValueError(f"step: action: found {a[lane]} in lane {lane}, expected finite numbers")
+    draws = Noise(*(np.ascontiguousarray(x, dtype=np.float64) for x in noise))
+    for name, x in zip(Noise._fields, draws, strict=True):
+        if x.shape != (n,) or not np.isfinite(x).all():
+            raise ValueError(f"step: noise.{name}: found {x}, expected {n} finite numbers")
+    new = State(*(np.array(x) for x in state))
+    advance(new, a, draws, resolve(variant).parameters())
+    return new
+
+
+@njit(cache=True)
+def advance(state: State, action: Floats, noise: Noise, k: Parameters) -> None:
+    """One step of every lane, in place: the compiled part of `step`, without its checks."""
+    for i in range(state.setpoint.shape[0]):
+        p = state.setpoint[i]
+        if state.drift_left[i] != NO_DRIFT:
+            p, state.drift_rate[i], state.drift_left[i] = drift(
+                p,
+                state.drift_rate[i],
+                state.drift_left[i],
+                noise.uniform_drift_length[i],
+                noise.uniform_drift_rate[i],
+                noise.uniform_drift_zero[i],
+                noise.uniform_drift_flip[i],
+                k,
+            )
+            state.setpoint[i] = p
+
+        v = steer(state.velocity[i], D_V, action[i, 0])
+        g = steer(state.gain[i], D_G, action[i, 1])
+        h = steer(state.shift[i], D_H, action[i, 2])
+        state.velocity[i], state.gain[i], state.shift[i] = v, g, h
+
+        ve = effective_velocity(v, g, p, k.v0, k.g0, k.v1, k.g1)
+        ge = effective_gain(g, p)
+        eta_v = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], ve, k)
+        eta_g = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], ge, k)
+        mu_v = hidden(state.mu_v[i], ve, eta_v)
+        mu_g = hidden(state.mu_g[i], ge, eta_g)
+        alpha = amplification(mu_v, mu_g, eta_v, eta_g, noise.normal_alpha[i], k.alpha_threshold)
+        f_b = basic_fatigue(v, g)
+        f = fatigue(f_b, alpha)
+        state.effective_velocity[i], state.effective_gain[i] = ve, ge
+        state.mu_v[i], state.mu_g[i], state.alpha[i] = mu_v, mu_g, alpha
+        state.basic_fatigue[i], state.fatigue[i] = f_b, f
+
+        remember(operational_cost(p, v, g), state.operational_cost, i)
+        theta_c = convolved_cost(state.operational_cost, i, k.weights)
+        state.convolved_cost[i] = theta_c
+
+        he = effective_shift(h, p)
+        delta, psi, phi = turn(state.domain[i], state.response[i], state.direction[i], he)
+        m = penalty(phi, he)
+        state.effective_shift[i], state.penalty[i] = he, m
+        state.domain[i], state.response[i], state.direction[i] = delta, psi, phi
+
+        c_hat = expected_consumption(theta_c, m, k.consumption_offset)
+        c = consumption(c_hat, noise.normal_consumption[i], k.consumption_noise)
+        state.expected_consumption[i], state.consumption[i] = c_hat, c
+        state.reward[i] = reward(c, f)
