@@ -1,0 +1,45 @@
+"""The errors a user can meet: one line each, with the exit code of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class IbdataError(ValueError):
+    """Something went wrong at run time."""
+
+    exit_code = 1
+
+
+class UsageError(IbdataError):
+    """The call cannot be meant as it stands: an option, a path, a name."""
+
+    exit_code = 2
+
+
+class ConfigError(UsageError):
+    """An experiment is not valid; `problems` holds one line for each reason."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class DatasetError(IbdataError):
+    """A folder does not hold the finished dataset that was expected."""
+
+    exit_code = 3
+
+
+class BusyError(IbdataError):
+    """Another process is writing to the output folder."""
+
+    exit_code = 75
+
+
+class Interrupted(IbdataError):
+    """A signal asked to stop; the exit code is 128 plus the signal's number."""
+
+    def __init__(self, signal_number: int) -> None:
+        self.exit_code = 128 + signal_number
+        super().__init__(f"stopped by signal {signal_number}; nothing unfinished is left behind")

@@ -1,0 +1,111 @@
+"""pydantic's errors, rephrased: what was found, what was expected, and what may have been meant."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from ibdata.experiment.strict_yaml import Loc
+
+# error type → what was expected, with the error's context filled in
+EXPECTED = {
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "greater_than": "a {number} above {gt:g}",
+    "greater_than_equal": "a {number} of at least {ge:g}",
+    "less_than": "a {number} below {lt:g}",
+    "less_than_equal": "a {number} of at most {le:g}",
+    "too_short": "at least {min_length} items",
+    "too_long": "at most {max_length} items",
+    "string_pattern_mismatch": "a name of a-z, 0-9, _ and -, at most 64 characters",
+}
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """', did you mean …' where a known word is near, else nothing."""
+    near = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def shown(value: Any) -> str:
+    """A value as an error message shows it, cut to 60 characters."""
+    text = json.dumps(value, ensure_ascii=False, default=str) if not isinstance(value, str) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
+    """One pydantic error as 'found …, expected …'."""
+    kind, context, value = error["type"], error.get("ctx", {}), error["input"]
+    if kind == "extra_forbidden":
+        key = str(error["loc"][-1])
+        return f"no such option{suggestion(key, known_keys) or f'; expected one of {_join(known_keys)}'}"
+    if kind == "missing":
+        return "missing, expected a value"
+    if kind in ("literal_error", "union_tag_invalid"):
+        words = [_yaml_word(w) for w in _words(context.get("expected") or context["expected_tags"])]
+        found = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
+        near = suggestion(str(found), words)
+        return f"found {shown(found)}, expected {'one of ' if len(words) > 1 else ''}{_join(words)}{near}"
+    if kind == "union_tag_not_found":
+        return f"found {shown(value)}, expected a mapping with 'kind'"
+    if kind in ("value_error", "assertion_error"):
+        return str(context["error"])
+    if kind in EXPECTED:
+        bound = next(iter(context.values()), None)
+        number = "whole number" if isinstance(bound, int) else "number"
+        return f"found {shown(value)}, expected {EXPECTED[kind].format(number=number, **context)}"
+    return f"found {shown(value)}, expected: {error['msg']}"
+
+
+def keys_at(model: type[BaseModel], data: Any, loc: Loc, kinds: Mapping[str, type[BaseModel]]) -> list[str]:
+    """The option names that the mapping at `loc` may hold, found by walking the models."""
+    if loc and loc[0] == "policies" and len(loc) > 1:
+        block = data["policies"][loc[1]] if isinstance(data.get("policies"), list) else {}
+        policy = kinds.get(block.get("kind", "")) if isinstance(block, dict) else None
+        return list(policy.model_fields) if policy else []
+    for part in loc:
+        field = model.model_fields.get(str(part))
+        found = [m for m in _models(field.annotation if field else None)]
+        if not found:
+            continue
+        model = next((m for m in found if _fits(m, data, loc)), found[0])
+    return list(model.model_fields)
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for arg in getattr(annotation, "__args__", ()) for m in _models(arg)]
+
+
+def _fits(model: type[BaseModel], data: Any, loc: Loc) -> bool:
+    for part in loc:
+        data = data.get(part, {}) if isinstance(data, dict) else {}
+    return isinstance(data, dict) and bool(set(data) & set(model.model_fields))
+
+
+def _words(expected: str) -> list[str]:
+    """The words of pydantic's "False, True, 'full' or 'next'"."""
+    return [word.strip("'") for word in re.split(r", | or ", expected)]
+
+
+def _yaml_word(word: str) -> str:
+    return {"True": "true", "False": "false"}.get(word, word)
+
+
+def _join(words: Iterable[str]) -> str:
+    return ", ".join(words)

@@ -1,0 +1,179 @@
+"""An experiment: everything that decides what is in a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from ibdata.dynamics import VARIANTS, Variant
+from ibdata.experiment.cells import Cell, variant_form
+from ibdata.experiment.fields import (
+    Dynamics,
+    FileName,
+    Output,
+    Plugin,
+    Setpoints,
+    Split,
+    Start,
+    Whole,
+    setpoint_values,
+)
+from ibdata.experiment.strict_yaml import Loc
+from ibdata.policies import AnyPolicy
+
+MAX_CELLS = 1_000_000
+
+
+class Problems(ValueError):
+    """Several things that do not fit together, each with the path of its key."""
+
+    def __init__(self, found: list[tuple[Loc, str]]) -> None:
+        self.found = found
+        super().__init__("; ".join(f"{'.'.join(map(str, loc))}: {message}" for loc, message in found))
+
+
+class Experiment(Plugin):
+    """One dataset: cells are every combination of policy and setpoint, each with `episodes` episodes."""
+
+    version: Literal[1] = Field(default=1, description="version of this format")
+    name: FileName
+    dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
+    setpoints: Setpoints = Field(
+        description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
+    )
+    policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)]
+    episodes: Annotated[Whole, Field(ge=1, lt=2**48)] = Field(
+        default=1, description="per setpoint and policy"
+    )
+    steps: Annotated[Whole, Field(ge=1, lt=2**31)] = Field(default=1000, description="rows of an episode")
+    start: Start = Field(
+        default="default",
+        description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
+    )
+    seed: Annotated[Whole, Field(ge=0, lt=2**64)] = 0
+    output: Output = Output()
+    splits: dict[FileName, Split] = Field(default={}, description="named sets of episodes")
+
+    @cached_property
+    def variant(self) -> Variant:
+        """The dynamics as a variant."""
+        return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @cached_property
+    def drifting(self) -> bool:
+        """Whether the setpoints move."""
+        return setpoint_values(self.setpoints)[1]
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """The policies' labels in the data; where several share one, the later ones get -2, -3, …"""
+        labels: list[str] = []
+        for policy in self.policies:
+            label, count = policy.label, 1
+            while label in labels:
+                count += 1
+                label = f"{policy.label}-{count}"
+            labels.append(label)
+        return tuple(labels)
+
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """Every combination, the policy slowest, in the order of the dataset."""
+        setpoints, drifting = setpoint_values(self.setpoints)
+        dynamics = variant_form(self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base,
+                                self.variant)
+        start = self.start if isinstance(self.start, str) else self.start.model_dump()
+        return tuple(
+            Cell(dynamics, setpoint, drifting, policy, label, start)
+            for policy, label in zip(self.policies, self.labels, strict=True)
+            for setpoint in setpoints
+        )
+
+    @property
+    def rows(self) -> int:
+        """Transitions in the dataset."""
+        return len(self.cells) * self.episodes * self.steps
+
+    def plain(self) -> dict[str, Any]:
+        """The experiment as YAML would hold it, defaults included."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    @model_validator(mode="after")
+    def _check(self) -> Experiment:
+        if len(setpoint_values(self.setpoints)[0]) * len(self.policies) > MAX_CELLS:
+            raise Problems([(("setpoints",), f"found more than {MAX_CELLS} cells, expected fewer")])
+        found = [*self._equal_cells(), *self._unknown_in_splits()] or list(self._shared_episodes())
+        if found:
+            raise Problems(found)
+        return self
+
+    def _equal_cells(self) -> Iterator[tuple[Loc, str]]:
+        setpoints, _ = setpoint_values(self.setpoints)
+        if len(set(setpoints)) < len(setpoints):
+            twice = next(p for i, p in enumerate(setpoints) if p in setpoints[:i])
+            yield ("setpoints",), f"found {twice:g} twice, expected each setpoint once"
+        forms = [policy.form() for policy in self.policies]
+        for i, form in enumerate(forms):
+            if form in forms[:i]:
+                yield ("policies", i), f"found the same policy as policies.{forms.index(form)}, expected another"
+
+    def _unknown_in_splits(self) -> Iterator[tuple[Loc, str]]:
+        known_setpoints = set(setpoint_values(self.setpoints)[0])
+        for name, split in self.splits.items():
+            for p in split.setpoints() or []:
+                if p not in known_setpoints:
+                    yield (
+                        ("splits", name, "setpoint"),
+                        f"found {p:g}, expected one of the setpoints of the experiment",
+                    )
+            for label in split.policies() or []:
+                if label not in self.labels:
+                    yield (
+                        ("splits", name, "policy"),
+                        f"found {label!r}, expected one of {', '.join(self.labels)}",
+                    )
+            indices = split.indices(self.episodes)
+            if not indices or indices.stop > self.episodes:
+                yield (
+                    ("splits", name, "episodes"),
+                    f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
+                    f"{self.episodes - 1}",
+                )
+
+    def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:
+        """Pairs of splits with a common episode: both conditions are products, so axis by axis."""
+        names = [name for name, split in self.splits.items() if not split.overlap]
+        axes = {name: self._axes(self.splits[name]) for name in names}
+        for i, b in enumerate(names):
+            for a in names[:i]:
+                if all(x & y for x, y in zip(axes[a][:2], axes[b][:2], strict=True)) and _meet(
+                    axes[a][2], axes[b][2]
+                ):
+                    yield ("splits", b), f"shares episodes with {a}; expected none, or overlap: true"
+
+    def _axes(self, split: Split) -> tuple[set[float], set[str], range]:
+        setpoints = split.setpoints()
+        policies = split.policies()
+        return (
+            set(setpoint_values(self.setpoints)[0] if setpoints is None else setpoints),
+            set(self.labels if policies is None else policies),
+            split.indices(self.episodes),
+        )
+
+
+def _meet(a: range, b: range) -> bool:
+    return max(a.start, b.start) < min(a.stop, b.stop)
+
+
+def splits_of(splits: Mapping[str, Split], cell: Cell, index: int, episodes: int) -> tuple[str, ...]:
+    """The names of the splits that hold episode `index` of a cell."""
+    return tuple(
+        name
+        for name, split in splits.items()
+        if cell.setpoint in (split.setpoints() or [cell.setpoint])
+        and cell.label in (split.policies() or [cell.label])
+        and index in split.indices(episodes)
+    )

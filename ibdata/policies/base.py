@@ -1,0 +1,65 @@
+"""What a policy is: a frozen block of options and two pure functions."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+History = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
+
+NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+
+# Columns of an observation vector, in the order of the published IB data.
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+SETPOINT, VELOCITY, GAIN, SHIFT, FATIGUE, CONSUMPTION = range(6)
+
+
+class Plugin(BaseModel):
+    """A YAML block that is the thing itself: unknown keys are errors, values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Policy(Plugin, ABC):
+    """A behaviour policy. A subclass in a file of this folder is all it takes to add one.
+
+    It names its `kind: Literal["…"]`, its options as fields, the observations of history it wants
+    (`frames`), and the uniform draws it uses per step (`draws`). It sees nothing but observations.
+    """
+
+    frames: ClassVar[int] = 1
+    draws: ClassVar[int] = 0
+
+    kind: str
+    name: Name | None = Field(default=None, description="label in the data; default: the kind")
+
+    @property
+    def label(self) -> str:
+        """The policy's label in the data."""
+        return self.name or self.kind
+
+    def form(self) -> dict[str, Any]:
+        """What the policy is, for digests: its kind and the options that differ from their defaults."""
+        return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
+
+    @abstractmethod
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        """Actions (n, 3) = (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32 by the caller.
+
+        history (n, frames, 6) holds observations in the order of `OBSERVATION`, newest first, the first
+        one repeated at the start; u (n, draws) is U(0, 1). A pure function.
+        """
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        """Log density (n,) of actions (n, 3) given histories (n, frames, 6).
+
+        The measure is Lebesgue's on (-1, 1) plus unit masses at ±1 and at a base policy's own float32
+        action, in each dimension. NaN where no density is known.
+        """
+        return np.full(len(action), np.nan)

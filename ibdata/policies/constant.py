@@ -1,0 +1,29 @@
+"""The same action at every step."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ibdata.policies.base import Floats, History, Policy
+
+Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True)]
+
+
+class Constant(Policy):
+    """The same action (Δv, Δg, Δh) at every step; zero unless said otherwise."""
+
+    kind: Literal["constant"] = "constant"
+    action: tuple[Component, Component, Component] = Field(
+        default=(0.0, 0.0, 0.0), description="(Δv, Δg, Δh), each in [-1, 1]"
+    )
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        return np.tile(np.array(self.action), (len(history), 1))
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        own = np.array(self.action, dtype=np.float32)
+        return np.where((action == own).all(axis=1), 0.0, -np.inf)

@@ -1,0 +1,81 @@
+"""The safe baseline with limited randomness."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ibdata.noise import standard_normal
+from ibdata.policies.base import GAIN, VELOCITY, Floats, History, Policy
+
+LOW, HIGH = 40.0, 60.0
+MEAN = 0.5
+SD = float.fromhex("0x1.279a74590331cp-1")  # 1/√3, the standard deviation of U(-1, 1)
+LOG_SD_SQRT_2PI = float.fromhex("0x1.7a80e9b6f7754p-2")
+LOG_MASS_TOWARDS = float.fromhex("-0x1.a4d22e1380293p+0")  # log P(z >= 1)
+LOG_MASS_AWAY = float.fromhex("-0x1.57396f7dee539p+2")  # log P(z <= -1)
+LOG_UNIFORM = float.fromhex("-0x1.62e42fefa39efp-1")  # log ½
+
+
+class Safe(Policy):
+    """Keeps velocity and gain in the medium range [40, 60]; the shift moves at random.
+
+        Δx =  z  if x < 40;   -z  if x > 60;   u  otherwise     for x = v and x = g
+        Δh =  u
+
+    z ~ N(½, 1/√3), clipped to [-1, 1], and u ~ U(-1, 1). Depeweg et al. 2018 (arXiv 1710.07283),
+    appendix C.3.1, as restated by `angelolovatto/raylab`; 1/√3 is read as a standard deviation.
+    """
+
+    draws: ClassVar[int] = 5
+
+    kind: Literal["safe"] = "safe"
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        action = np.empty((len(history), 3))
+        _act(history, u, action)
+        return action
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        out = np.empty(len(action))
+        _log_prob(history, action, out)
+        return out
+
+
+@njit(cache=True)
+def _region(x: float) -> float:
+    """Sign with which z enters: 1 below the medium range, -1 above it, 0 where the action is uniform."""
+    return 1.0 if x < LOW else -1.0 if x > HIGH else 0.0
+
+
+@njit(cache=True)
+def _act(history: History, u: Floats, action: Floats) -> None:
+    for i in range(history.shape[0]):
+        for j, column in ((0, VELOCITY), (1, GAIN)):
+            side = _region(history[i, 0, column])
+            if side == 0.0:
+                action[i, j] = 2.0 * u[i, 2 + j] - 1.0
+            else:
+                action[i, j] = side * (MEAN + SD * standard_normal(u[i, j]))
+        action[i, 2] = 2.0 * u[i, 4] - 1.0
+
+
+@njit(cache=True)
+def _log_prob(history: History, action: npt.NDArray[np.float32], out: Floats) -> None:
+    for i in range(history.shape[0]):
+        total = LOG_UNIFORM
+        for j, column in ((0, VELOCITY), (1, GAIN)):
+            side = _region(history[i, 0, column])
+            z = side * np.float64(action[i, j])
+            if side == 0.0:
+                total += LOG_UNIFORM
+            elif z >= 1.0:
+                total += LOG_MASS_TOWARDS
+            elif z <= -1.0:
+                total += LOG_MASS_AWAY
+            else:
+                total -= 0.5 * ((z - MEAN) / SD) * ((z - MEAN) / SD) + LOG_SD_SQRT_2PI
+        out[i] = total
