@@ -3,7 +3,7 @@
 The exp, log and pow of a C library or of numpy differ in the last bit between processors, C libraries and
 versions. These use only operations that IEEE 754 rounds exactly (`+ - * /`, square root, rounding to a
 whole number) and integer shifts of the exponent, in a fixed order, so every machine computes the same.
-Errors are at most 2 units in the last place (pow: that of y·log x, times |y·log x|).
+Measured errors in units in the last place: exp 1, log 2, normal 5, logistic 2.3, pow 1.6 · max(1, |y log x|).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ EXPONENT_OF_ONE = 0x3FF0000000000000
 
 @njit(cache=True)
 def exp(x: float) -> float:
-    """e to the x, to 1 unit in the last place, for x in [-708, 709] (beyond, the power of two would not be a normal double).
+    """e to the x, which is clipped to [-708, 709]: beyond, the power of two would not be a normal double.
 
     x = k ln 2 + r with |r| <= ln 2 / 2 (Cody and Waite), then the Taylor sum to r¹³ (truncation 5e-18).
 
@@ -33,6 +33,7 @@ def exp(x: float) -> float:
     >>> float(exp(0.0))
     1.0
     """
+    x = max(-708.0, min(709.0, x))
     k = np.rint(x * LOG2_E)
     r = (x - k * LN2_HIGH) - k * LN2_LOW
     s = 1 / 6227020800.0

@@ -41,9 +41,7 @@ def gain_transform(g: float, p: float) -> float:
 
 
 @njit(cache=True)
-def effective_velocity(
-    v: float, g: float, p: float, v0: float, g0: float, v1: float, g1: float
-) -> float:
+def effective_velocity(v: float, g: float, p: float, v0: float, g0: float, v1: float, g1: float) -> float:
     """Effective velocity vᵉ, which is 0 at (v₀, g₀) and 1 at (v₁, g₁).
 
         vᵉ = (Tᵛ(v,g,p) - Tᵛ(v₀,g₀,p)) / (Tᵛ(v₁,g₁,p) - Tᵛ(v₀,g₀,p))
@@ -151,9 +149,7 @@ def hidden(mu: float, effective: float, eta: float) -> float:
 
 
 @njit(cache=True)
-def amplification(
-    mu_v: float, mu_g: float, eta_v: float, eta_g: float, z: float, threshold: float
-) -> float:
+def amplification(mu_v: float, mu_g: float, eta_v: float, eta_g: float, z: float, threshold: float) -> float:
     """Amplification α, which bifurcates where a μ reaches the threshold; z ~ N(0, 1).
 
         α = σ(2.4 + 0.4 z)    if max(μᵛ, μᵍ) >= threshold

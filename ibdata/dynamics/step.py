@@ -4,13 +4,13 @@
 |---|---|---|
 | p | setpoint | 0 … 100 |
 | v, g, h | velocity, gain, shift: the steerings | 0 … 100 |
-| c, f, r | consumption, fatigue, reward | cost units; c about 0 … 5000, f in [0, 300] |
+| c, f, r | consumption, fatigue, reward | cost units; c about -30 … 5800, f in [0, 300] |
 | δ, ψ, φ | domain, response, direction of the mis-calibration | ±1, ±1, -6 … 6 |
 | μᵛ, μᵍ | latents of the fatigue | 0 … 5 |
 | θ, θᶜ, ĉ | operational cost, the convolved one, noise-free consumption | cost units |
 | hᵉ, vᵉ, gᵉ | effective shift, velocity, gain | [-1.5, 1.5], [0, 1], [0, 1] |
-| m, α, f_b | penalty, amplification, basic fatigue | [-1, 1.24], [0, 1], [0, 300] |
-| b, l | rate and steps left of a moving setpoint's segment | 1/step; steps |
+| m, α, f_b | penalty, amplification, basic fatigue | [-1, 1.24] within 1e-15, [0, 1], [0, 300] |
+| b, l | rate and steps left of a moving setpoint's segment | setpoint units per step; steps |
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ibdata.dynamics.fatigue import (
     hidden,
     noise_component,
 )
-from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
+from ibdata.dynamics.miscalibration import PHI_MAX, effective_shift, penalty, turn
 from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
 from ibdata.dynamics.setpoint import NO_DRIFT, drift
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
@@ -86,6 +86,16 @@ class Noise(NamedTuple):
     uniform_drift_flip: Floats
 
 
+INTEGERS = ("domain", "response", "direction", "drift_left")
+# A double's uniforms end below 1; its logarithm, and so Exp(1), at 745; 40 standard deviations are never.
+NOISE_RANGES = {
+    "exp": (0.0, 745.2),
+    "bernoulli": (0.0, 1.0 - 2.0**-53),
+    "uniform": (0.0, 1.0 - 2.0**-53),
+    "normal": (-40.0, 40.0),
+}
+
+
 def initial_state(
     setpoint: npt.ArrayLike,
     velocity: npt.ArrayLike = 50.0,
@@ -131,25 +141,44 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
     """The state one step later; nothing given is changed.
 
     action (n, 3) holds (Δv, Δg, Δh), clipped to [-1, 1]; noise is in standard form; the variant is a
-    `Variant` or the name of one. The order of the parts is the paper's: setpoint, steering, fatigue,
-    operational cost, mis-calibration, consumption, reward.
+    `Variant` or the name of one. The order of the parts is that of the authors' `IDS.step`: setpoint,
+    steering, fatigue, operational cost, mis-calibration, consumption, reward (the paper names none).
 
-    Raises ValueError for an action or noise that is not finite or not of the state's length.
+    Raises ValueError for a state, action or noise that is not finite, of another length, or out of range.
     """
-    n = state.setpoint.shape[0]
+    new = _checked_state(state)
+    n = new.setpoint.shape[0]
     a = np.array(action, dtype=np.float64)
     if a.shape != (n, 3):
         raise ValueError(f"step: action: found shape {a.shape}, expected ({n}, 3)")
     if not np.isfinite(a).all():
         lane = int(np.argmin(np.isfinite(a).all(axis=1)))
         raise ValueError(f"step: action: found {a[lane]} in lane {lane}, expected finite numbers")
+    advance(new, a, _checked_noise(noise, n), resolve(variant).parameters())
+    return new
+
+
+def _checked_state(state: State) -> State:
+    """A copy of the state, in which every field has the type, the length and the range of a State."""
+    n = np.shape(state.setpoint)[0] if np.ndim(state.setpoint) else 0
+    copy = State(*(np.array(x, dtype=np.int64 if f in INTEGERS else np.float64, order="C")
+                   for f, x in zip(State._fields, state, strict=True)))  # fmt: skip
+    for name, x in zip(State._fields, copy, strict=True):
+        shape = (n, 10) if name == "operational_cost" else (n,)
+        if x.shape != shape or not np.isfinite(x).all():
+            raise ValueError(f"step: state.{name}: found {x}, expected {shape} finite numbers")
+    if n and np.abs(copy.direction).max() > PHI_MAX:
+        raise ValueError(f"step: state.direction: found {copy.direction}, expected whole numbers in -6 … 6")
+    return copy
+
+
+def _checked_noise(noise: Noise, n: int) -> Noise:
     draws = Noise(*(np.ascontiguousarray(x, dtype=np.float64) for x in noise))
     for name, x in zip(Noise._fields, draws, strict=True):
-        if x.shape != (n,) or not np.isfinite(x).all():
-            raise ValueError(f"step: noise.{name}: found {x}, expected {n} finite numbers")
-    new = State(*(np.array(x) for x in state))
-    advance(new, a, draws, resolve(variant).parameters())
-    return new
+        low, high = NOISE_RANGES[name.split("_")[0]]
+        if x.shape != (n,) or not np.all((x >= low) & (x <= high)):
+            raise ValueError(f"step: noise.{name}: found {x}, expected {n} numbers in [{low:g}, {high:g}]")
+    return draws
 
 
 @njit(cache=True)

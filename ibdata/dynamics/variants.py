@@ -42,8 +42,8 @@ class Parameters(NamedTuple):
 class Variant:
     """One reading of the Industrial Benchmark: one field for each decision on which the sources differ.
 
-    Raises ValueError at construction if a field cannot be meant: weights that do not sum to one, equal end
-    points, a probability outside [0, 1], unordered bounds, a number that is not finite.
+    Raises ValueError at construction if a field cannot be meant: one that would let a value leave the range
+    that the paper gives it, or a number that is not finite.
     """
 
     eta_mean: float
@@ -63,77 +63,78 @@ class Variant:
     consumption_noise: float
     """k in the standard deviation 1 + k ĉ of the consumption."""
     drift_rate: Pair
-    """Range of the uniform rate b of a moving setpoint, per step."""
+    """Range of the uniform rate b of a moving setpoint, in setpoint units per step."""
     drift_length: int
     """Longest segment of a moving setpoint, in steps; lengths are uniform on 1 … drift_length."""
     drift_flip: Pair
-    """Probability that b changes sign (before moving, at a bound; after moving, past a bound)."""
+    """Probability that b changes sign (before moving, at a bound; after moving, past a bound); one is 0."""
 
     def __post_init__(self) -> None:
-        numbers = _flatten(self.parameters())
-        problems = {
-            "every number must be finite": not all(math.isfinite(x) for x in numbers),
-            "eta_mean must be positive": self.eta_mean <= 0.0,
-            "effective_velocity_ends must give different transforms at every setpoint": not _ends_differ(
-                *self.effective_velocity_ends
+        k = self.parameters()
+        rules = {
+            "eta_mean must be in (0, 10]": 0.0 < k.eta_mean <= 10.0,
+            "eta_squash must keep scale · (σ - shift) in [0, 1] for σ in [½, 1]": (
+                k.eta_scale >= 0.0
+                and k.eta_scale * (0.5 - k.eta_shift) >= 0.0
+                and k.eta_scale * (1.0 - k.eta_shift) <= 1.0
             ),
-            "bernoulli_bounds must be ordered in [0, 1]": not _ordered(0.0, self.bernoulli_bounds, 1.0),
-            "convolution_weights must sum to 1 within 1e-4": abs(sum(self.convolution_weights) - 1.0) > 1e-4,
-            "consumption_noise must not be negative": self.consumption_noise < 0.0,
-            "drift_rate must be ordered in [-100, 100]": not _ordered(-100.0, self.drift_rate, 100.0),
-            "drift_length must be a whole number of at least 1": self.drift_length < 1
-            or self.drift_length != int(self.drift_length),
-            "drift_flip must be probabilities": not all(0.0 <= p <= 1.0 for p in self.drift_flip),
+            # Tᵛ rises with g and falls with v: only these ends keep vᵉ in [0, 1].
+            "effective_velocity_ends must be (0, 100) and (100, 0) in one order or the other": (
+                {(k.v0, k.g0), (k.v1, k.g1)} == {(0.0, 100.0), (100.0, 0.0)}
+            ),
+            "bernoulli_bounds must be ordered in [0, 1]": 0.0 <= k.bernoulli_low <= k.bernoulli_high <= 1.0,
+            "alpha_threshold must be in [0, 5]": 0.0 <= k.alpha_threshold <= 5.0,
+            "convolution_weights must be in [0, 1] and sum to 1 within 1e-4": (
+                all(0.0 <= w <= 1.0 for w in k.weights) and abs(sum(k.weights) - 1.0) <= 1e-4
+            ),
+            "consumption_offset must be in [-100, 100]": abs(k.consumption_offset) <= 100.0,
+            "consumption_noise must be in [0, 0.04]": 0.0 <= k.consumption_noise <= 0.04,
+            "drift_rate must be ordered in [-100, 100]": -100.0
+            <= k.drift_rate_low
+            <= k.drift_rate_high
+            <= 100.0,
+            "drift_length must be a whole number in [1, 1e6]": (
+                1.0 <= k.drift_length <= 1e6 and k.drift_length == math.floor(k.drift_length)
+            ),
+            # Both flips read the same draw.
+            "drift_flip must be two probabilities, one of them 0": (
+                0.0 <= k.flip_before <= 1.0
+                and 0.0 <= k.flip_after <= 1.0
+                and k.flip_before * k.flip_after == 0.0
+            ),
         }
-        found = [rule for rule, broken in problems.items() if broken]
-        if found:
-            raise ValueError(f"Variant: {'; '.join(found)}; found {self}")
+        broken = [rule for rule, holds in rules.items() if not holds]
+        if broken:
+            raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
 
     def parameters(self) -> Parameters:
         """The fields as one NamedTuple of numbers, the form in which they enter the kernel."""
+        eta_scale, eta_shift = self.eta_squash
         (v0, g0), (v1, g1) = self.effective_velocity_ends
+        bernoulli_low, bernoulli_high = self.bernoulli_bounds
+        rate_low, rate_high = self.drift_rate
+        flip_before, flip_after = self.drift_flip
         w5, w6, w7, w8, w9 = (float(w) for w in self.convolution_weights)
         return Parameters(
             eta_mean=float(self.eta_mean),
-            eta_scale=float(self.eta_squash[0]),
-            eta_shift=float(self.eta_squash[1]),
+            eta_scale=float(eta_scale),
+            eta_shift=float(eta_shift),
             v0=float(v0),
             g0=float(g0),
             v1=float(v1),
             g1=float(g1),
-            bernoulli_low=float(self.bernoulli_bounds[0]),
-            bernoulli_high=float(self.bernoulli_bounds[1]),
+            bernoulli_low=float(bernoulli_low),
+            bernoulli_high=float(bernoulli_high),
             alpha_threshold=float(self.alpha_threshold),
             weights=(w5, w6, w7, w8, w9),
             consumption_offset=float(self.consumption_offset),
             consumption_noise=float(self.consumption_noise),
-            drift_rate_low=float(self.drift_rate[0]),
-            drift_rate_high=float(self.drift_rate[1]),
+            drift_rate_low=float(rate_low),
+            drift_rate_high=float(rate_high),
             drift_length=float(self.drift_length),
-            flip_before=float(self.drift_flip[0]),
-            flip_after=float(self.drift_flip[1]),
+            flip_before=float(flip_before),
+            flip_after=float(flip_after),
         )
-
-
-def _flatten(parameters: Parameters) -> list[float]:
-    return [x for field in parameters for x in (field if isinstance(field, tuple) else (field,))]
-
-
-def _ordered(low: float, pair: Pair, high: float) -> bool:
-    return low <= pair[0] <= pair[1] <= high
-
-
-def _ends_differ(zero: Pair, one: Pair) -> bool:
-    """Whether Tᵛ(v, g, p) = (g + p + 2) / (v - p + 101) differs at both ends for every p in [0, 100].
-
-    Both ends in [0, 100]²: the difference, times both positive denominators, is linear in p, so that equal
-    signs at p = 0 and p = 100 exclude a root between them.
-    """
-    (v0, g0), (v1, g1) = zero, one
-    if not all(0.0 <= x <= 100.0 for x in (v0, g0, v1, g1)):
-        return False
-    at = [(g1 + p + 2.0) * (v0 - p + 101.0) - (g0 + p + 2.0) * (v1 - p + 101.0) for p in (0.0, 100.0)]
-    return at[0] * at[1] > 0.0
 
 
 PAPER = Variant(

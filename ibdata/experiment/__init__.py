@@ -111,9 +111,7 @@ def _lines(error: Any, document: Document, path: str, places: dict[Loc, str]) ->
     return [_line(loc, message, document, path, places, error["type"] == "extra_forbidden")]
 
 
-def _line(
-    loc: Loc, message: str, document: Document, path: str, places: dict[Loc, str], key: bool
-) -> str:
+def _line(loc: Loc, message: str, document: Document, path: str, places: dict[Loc, str], key: bool) -> str:
     name = ".".join(map(str, loc))
     for length in range(len(loc), 0, -1):
         if loc[:length] in places:

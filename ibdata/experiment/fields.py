@@ -134,8 +134,12 @@ CustomDynamics = create_model(
     __doc__="A published variant with single fields replaced.",
     base=(Literal["siemens", "paper"], ...),
     **{
-        name: (hint | None, Field(default=None, description=f"paper: {getattr(PAPER, name)}; "
-                                                            f"siemens: {getattr(SIEMENS, name)}"))
+        name: (
+            hint | None,
+            Field(
+                default=None, description=f"paper: {getattr(PAPER, name)}; siemens: {getattr(SIEMENS, name)}"
+            ),
+        )
         for name, hint in get_type_hints(Variant).items()
     },
 )  # type: ignore[call-overload]  # the fields are those of Variant, known at run time only

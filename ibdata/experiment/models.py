@@ -83,8 +83,9 @@ class Experiment(Plugin):
     def cells(self) -> tuple[Cell, ...]:
         """Every combination, the policy slowest, in the order of the dataset."""
         setpoints, drifting = setpoint_values(self.setpoints)
-        dynamics = variant_form(self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base,
-                                self.variant)
+        dynamics = variant_form(
+            self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base, self.variant
+        )
         start = self.start if isinstance(self.start, str) else self.start.model_dump()
         return tuple(
             Cell(dynamics, setpoint, drifting, policy, label, start)
@@ -118,7 +119,10 @@ class Experiment(Plugin):
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:
-                yield ("policies", i), f"found the same policy as policies.{forms.index(form)}, expected another"
+                yield (
+                    ("policies", i),
+                    f"found the same policy as policies.{forms.index(form)}, expected another",
+                )
 
     def _unknown_in_splits(self) -> Iterator[tuple[Loc, str]]:
         known_setpoints = set(setpoint_values(self.setpoints)[0])

@@ -13,17 +13,21 @@ import ibdata
 
 CHILD = """
 import runpy, sys, numba
-assert numba.config.DISABLE_JIT
+assert str(numba.config.DISABLE_JIT) == sys.argv[2], numba.config.DISABLE_JIT
 print(runpy.run_path(sys.argv[1])["digest"]())
 """
 
 
 def test_the_interpreted_run_has_the_bits_of_the_compiled_one(tape):
-    assert not numba.config.DISABLE_JIT, "run this test with the compiler on: it compares the two"
-    root = str(Path(ibdata.__file__).parents[1])
+    """The child turns the compiler off (or on, where this process has it off) and must find it so.
+
+    A failure can also mean a stale cache: numba does not recompile a cached function when only a function
+    that it calls has changed in another file.
+    """
+    other = "0" if numba.config.DISABLE_JIT else "1"
     child = subprocess.run(
-        [sys.executable, "-W", "error", "-c", CHILD, tape.__file__],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": root},
+        [sys.executable, "-W", "error", "-c", CHILD, tape.__file__, other],
+        env=os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
         capture_output=True,
         text=True,
         timeout=120,

@@ -1,0 +1,152 @@
+"""Compiled loops over lanes: what a block of episodes does at every step, and its columns afterwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ibdata.dynamics.step import Floats, Noise, State, advance
+from ibdata.dynamics.variants import Parameters
+from ibdata.noise import Raw, drift_noise, standard_noise
+
+Float32s = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int64]
+
+
+@njit(cache=True)
+def to_action(proposed: Floats, out: Float32s) -> int:
+    """Proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
+
+    The number of lanes that were clipped; -1 - lane for the first lane that is not finite.
+    """
+    clipped = 0
+    for i in range(proposed.shape[0]):
+        outside = False
+        for j in range(3):
+            x = proposed[i, j]
+            if not np.isfinite(x):
+                return -1 - i
+            outside = outside or abs(x) > 1.0
+            out[i, j] = np.float32(min(1.0, max(-1.0, x))) + np.float32(0.0)  # -0.0 becomes 0.0
+        clipped += outside
+    return clipped
+
+
+@njit(cache=True)
+def step_lanes(
+    state: State, action: Float32s, raw: Raw, drift: Raw, t: int, noise: Noise, k: Parameters
+) -> None:
+    """One step in place with the integers of step t; drift has no steps for constant setpoints."""
+    standard_noise(raw, t, noise)
+    if drift.shape[1] > 0:
+        drift_noise(drift, t, noise)
+    advance(state, action, noise, k)
+
+
+@njit(cache=True)
+def observe(state: State, history: Float32s, first: bool) -> None:
+    """Push the observation into a history (n, frames, 6), newest first; at first into every frame."""
+    frames = history.shape[1]
+    for i in range(history.shape[0]):
+        for j in range(frames - 1, 0, -1):
+            for c in range(6):
+                history[i, j, c] = history[i, j - 1, c]
+        history[i, 0, 0] = state.setpoint[i] + 0.0
+        history[i, 0, 1] = state.velocity[i] + 0.0
+        history[i, 0, 2] = state.gain[i] + 0.0
+        history[i, 0, 3] = state.shift[i] + 0.0
+        history[i, 0, 4] = state.fatigue[i] + 0.0
+        history[i, 0, 5] = state.consumption[i] + 0.0
+        if first:
+            for j in range(1, frames):
+                for c in range(6):
+                    history[i, j, c] = history[i, 0, c]
+
+
+@njit(cache=True)
+def record_state(state: State, out: Floats, drifting: bool) -> None:
+    """The variables of a state into out (n, variables), as many as it has room for; -0.0 becomes 0.0.
+
+    Order: observation, reward, latents, moving setpoint (if drifting), derived values.
+    """
+    for i in range(out.shape[0]):
+        out[i, 0] = state.setpoint[i] + 0.0
+        out[i, 1] = state.velocity[i] + 0.0
+        out[i, 2] = state.gain[i] + 0.0
+        out[i, 3] = state.shift[i] + 0.0
+        out[i, 4] = state.fatigue[i] + 0.0
+        out[i, 5] = state.consumption[i] + 0.0
+        out[i, 6] = state.reward[i] + 0.0
+        if out.shape[1] == 7:
+            continue
+        for lag in range(9):
+            out[i, 7 + lag] = state.operational_cost[i, 8 - lag]
+        out[i, 16] = state.domain[i]
+        out[i, 17] = state.response[i]
+        out[i, 18] = state.direction[i]
+        out[i, 19] = state.mu_v[i] + 0.0
+        out[i, 20] = state.mu_g[i] + 0.0
+        j = 21
+        if drifting:
+            out[i, 21] = state.drift_rate[i] + 0.0
+            out[i, 22] = state.drift_left[i]
+            j = 23
+        if out.shape[1] > j:
+            out[i, j] = state.convolved_cost[i] + 0.0
+            out[i, j + 1] = state.penalty[i] + 0.0
+            out[i, j + 2] = state.expected_consumption[i] + 0.0
+            out[i, j + 3] = state.effective_shift[i] + 0.0
+            out[i, j + 4] = state.effective_velocity[i] + 0.0
+            out[i, j + 5] = state.effective_gain[i] + 0.0
+            out[i, j + 6] = state.alpha[i] + 0.0
+            out[i, j + 7] = state.basic_fatigue[i] + 0.0
+
+
+@njit(cache=True)
+def advance_and_record(
+    state: State,
+    action: Float32s,
+    raw: Raw,
+    drift: Raw,
+    t: int,
+    noise: Noise,
+    k: Parameters,
+    history: Float32s,
+    out: Floats,
+    drifting: bool,
+) -> None:
+    """One step of every lane in place, then what the policy sees and what the dataset keeps of it."""
+    step_lanes(state, action, raw, drift, t, noise, k)
+    observe(state, history, False)
+    record_state(state, out, drifting)
+
+
+@njit(cache=True)
+def assemble(
+    record: Floats,
+    actions: Float32s,
+    log_prob: Floats,
+    now: Ints,
+    after: Ints,
+    action_column: int,
+    log_prob_column: int,
+    table: Floats,
+    row: int,
+    count: int,
+    steps: int,
+) -> None:
+    """A chunk (step, lane, variable) into the columns of table (columns, rows).
+
+    Lane i starts at row + i · steps; `now` and `after` are pairs (variable, column) taken at t and t + 1.
+    """
+    for i in range(record.shape[1]):
+        for t in range(count):
+            r = row + i * steps + t
+            for j in range(now.shape[0]):
+                table[now[j, 1], r] = record[t, i, now[j, 0]]
+            for j in range(after.shape[0]):
+                table[after[j, 1], r] = record[t + 1, i, after[j, 0]]
+            for j in range(3):
+                table[action_column + j, r] = actions[t, i, j]
+            table[log_prob_column, r] = log_prob[t, i]

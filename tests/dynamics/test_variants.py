@@ -1,0 +1,154 @@
+"""The two systems as data: every value, every check, and a user's own variant."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
+from ibdata.dynamics.fatigue import effective_velocity
+from ibdata.dynamics.variants import Parameters, resolve
+
+examples = settings(derandomize=True, deadline=None, max_examples=300)
+percent = st.floats(0.0, 100.0)
+
+# field: (paper, siemens), in the order of the fields
+TABLE = {
+    "eta_mean": (0.05, 0.1),
+    "eta_squash": ((1.0, 0.0), (2.0, 0.5)),
+    "effective_velocity_ends": (((0.0, 100.0), (100.0, 0.0)), ((100.0, 0.0), (0.0, 100.0))),
+    "bernoulli_bounds": ((0.0, 1.0), (0.001, 0.999)),
+    "alpha_threshold": (1.2, 5.0),
+    "convolution_weights": (
+        (1 / 9, 2 / 9, 3 / 9, 2 / 9, 1 / 9),
+        (0.11111, 0.22222, 0.33333, 0.22222, 0.11111),
+    ),
+    "consumption_offset": (0.0, 1.0),
+    "consumption_noise": (0.02, 0.005),
+    "drift_rate": ((0.0, 1.0), (-1.0, 1.0)),
+    "drift_length": (100, 99),
+    "drift_flip": ((0.5, 0.0), (0.0, 0.5)),
+}
+
+
+def test_the_table_names_every_field():
+    assert [field.name for field in dataclasses.fields(Variant)] == list(TABLE)
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_each_field_has_the_value_of_its_source(name):
+    assert (getattr(PAPER, name), getattr(SIEMENS, name)) == TABLE[name]
+
+
+def test_the_variants_differ_in_every_field():
+    assert [name for name in TABLE if getattr(PAPER, name) == getattr(SIEMENS, name)] == []
+
+
+def test_the_kernel_gets_the_numbers_of_the_fields_in_order():
+    w = (0.11111, 0.22222, 0.33333, 0.22222, 0.11111)
+    expected = (0.1, 2.0, 0.5, 100.0, 0.0, 0.0, 100.0, 0.001, 0.999, 5.0, w, 1.0, 0.005, -1.0, 1.0, 99.0, 0.0, 0.5)
+    assert SIEMENS.parameters() == Parameters(*expected)
+
+
+@pytest.mark.parametrize("variant", [PAPER, SIEMENS])
+def test_the_kernel_gets_floats_only_so_that_it_is_compiled_once(variant):
+    whole = dataclasses.replace(variant, alpha_threshold=5, consumption_offset=1, bernoulli_bounds=(0, 1))
+    flat = [*whole.parameters()._replace(weights=0.0), *whole.parameters().weights]
+    assert {type(x) for x in flat} == {float}
+
+
+BROKEN = [
+    ("eta_mean", math.nan, "every number must be finite"),
+    ("eta_squash", (math.inf, 0.5), "every number must be finite"),
+    ("alpha_threshold", -math.inf, "every number must be finite"),
+    ("consumption_offset", math.nan, "every number must be finite"),
+    ("eta_mean", 0.0, "eta_mean must be positive"),
+    ("eta_mean", -0.1, "eta_mean must be positive"),
+    ("effective_velocity_ends", ((0.0, 100.0), (0.0, 100.0)), "must give different transforms at every setpoint"),
+    # Tᵛ(0,0,p) = (p+2)/(101-p) and Tᵛ(50,50,p) = (p+52)/(151-p) are equal at p = 49.5.
+    ("effective_velocity_ends", ((0.0, 0.0), (50.0, 50.0)), "must give different transforms at every setpoint"),
+    ("effective_velocity_ends", ((-1.0, 100.0), (100.0, 0.0)), "must give different transforms at every setpoint"),
+    ("effective_velocity_ends", ((0.0, 100.0), (100.5, 0.0)), "must give different transforms at every setpoint"),
+    ("bernoulli_bounds", (0.9, 0.1), "bernoulli_bounds must be ordered"),
+    ("bernoulli_bounds", (-0.1, 1.0), "bernoulli_bounds must be ordered"),
+    ("bernoulli_bounds", (0.0, 1.1), "bernoulli_bounds must be ordered"),
+    ("convolution_weights", (0.2, 0.2, 0.2, 0.2, 0.1998), "convolution_weights must sum to 1 within 1e-4"),
+    ("convolution_weights", (1.0, 2.0, 3.0, 2.0, 1.0), "convolution_weights must sum to 1 within 1e-4"),
+    ("consumption_noise", -0.001, "consumption_noise must not be negative"),
+    ("drift_rate", (1.0, -1.0), "drift_rate must be ordered"),
+    ("drift_rate", (-101.0, 1.0), "drift_rate must be ordered"),
+    ("drift_rate", (0.0, 100.5), "drift_rate must be ordered"),
+    ("drift_length", 0, "drift_length must be a whole number of at least 1"),
+    ("drift_length", 2.5, "drift_length must be a whole number of at least 1"),
+    ("drift_flip", (0.5, 1.5), "drift_flip must be probabilities"),
+    ("drift_flip", (-0.5, 0.5), "drift_flip must be probabilities"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "rule"), BROKEN)
+def test_a_field_that_cannot_be_meant_is_refused_with_its_rule_and_what_was_found(field, value, rule):
+    with pytest.raises(ValueError, match=rule) as error:
+        dataclasses.replace(SIEMENS, **{field: value})
+    assert str(error.value).startswith("Variant: ")
+    assert f"{field}={value}" in str(error.value)
+
+
+def test_all_broken_rules_are_named_at_once():
+    with pytest.raises(ValueError, match="eta_mean must be positive; .*consumption_noise must not be negative"):
+        dataclasses.replace(PAPER, eta_mean=-1.0, consumption_noise=-1.0)
+
+
+def test_an_unbroken_rule_is_not_named():
+    with pytest.raises(ValueError, match=r"^Variant: eta_mean must be positive; found Variant\("):
+        dataclasses.replace(PAPER, eta_mean=-1.0)
+
+
+def test_resolve_knows_both_names_and_passes_a_variant_through():
+    mine = dataclasses.replace(PAPER, eta_mean=0.2)
+    assert resolve("siemens") is SIEMENS
+    assert resolve("paper") is PAPER
+    assert resolve(mine) is mine
+    assert list(VARIANTS) == ["siemens", "paper"]
+
+
+def test_resolve_lists_the_names_when_it_knows_none_like_it():
+    with pytest.raises(ValueError, match="variant: found 'simens', expected one of siemens, paper or a Variant"):
+        resolve("simens")
+
+
+def test_a_users_variant_is_a_replaced_field_of_a_shipped_one():
+    mine = dataclasses.replace(PAPER, eta_mean=0.1)
+    differing = [f.name for f in dataclasses.fields(Variant) if getattr(mine, f.name) != getattr(PAPER, f.name)]
+    assert differing == ["eta_mean"]
+    assert mine.parameters() == PAPER.parameters()._replace(eta_mean=0.1)
+    assert PAPER.eta_mean == 0.05
+
+
+def test_a_variant_cannot_be_changed_in_place():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SIEMENS.eta_mean = 0.2
+
+
+@examples
+@given(v=percent, g=percent, p=percent)
+def test_the_effective_velocities_of_the_two_variants_sum_to_one(v, g, p):
+    ends = [variant.parameters()[3:7] for variant in (PAPER, SIEMENS)]
+    assert sum(effective_velocity(v, g, p, *end) for end in ends) == pytest.approx(1.0, abs=1e-14)
+
+
+corner = st.tuples(percent, percent)
+
+
+@examples
+@given(zero=corner, one=corner, p=percent)
+def test_ends_that_are_accepted_never_divide_by_zero(zero, one, p):
+    try:
+        k = dataclasses.replace(SIEMENS, effective_velocity_ends=(zero, one)).parameters()
+    except ValueError:
+        return
+    assert effective_velocity(*zero, p, k.v0, k.g0, k.v1, k.g1) == 0.0
+    assert effective_velocity(*one, p, k.v0, k.g0, k.v1, k.g1) == 1.0
