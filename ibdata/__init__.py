@@ -1,0 +1,31 @@
+"""Offline reinforcement-learning datasets of the Industrial Benchmark (Hein et al. 2017)."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.reader import Dataset as open
+    from ibdata.engines.generate import generate
+    from ibdata.errors import IbdataError
+    from ibdata.experiment import Experiment, load
+
+__version__ = "0.1.0"
+__all__ = ["Dataset", "Experiment", "IbdataError", "generate", "load", "open"]
+
+# Imported when first used, so that `ibdata --help` answers at once.
+_HOMES = {
+    "Dataset": ("ibdata.dataset.reader", "Dataset"),
+    "Experiment": ("ibdata.experiment", "Experiment"),
+    "IbdataError": ("ibdata.errors", "IbdataError"),
+    "generate": ("ibdata.engines.generate", "generate"),
+    "load": ("ibdata.experiment", "load"),
+    "open": ("ibdata.dataset.reader", "Dataset"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'ibdata' has no attribute {name!r}")
+    module, attribute = _HOMES[name]
+    return getattr(import_module(module), attribute)

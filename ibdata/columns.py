@@ -10,6 +10,8 @@ import numpy.typing as npt
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
 
+Table = npt.NDArray[np.float32] | npt.NDArray[np.float64]  # (columns, rows)
+
 ACTION = ("velocity", "gain", "shift")
 LATENT = (*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g")
 DRIFT = ("drift_rate", "drift_left")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from ibdata.dynamics.step import Floats, Noise, State, advance
+from ibdata.compiling import compiled
+from ibdata.dynamics.state import Floats, Noise, State
+from ibdata.dynamics.step import advance
 from ibdata.dynamics.variants import Parameters
 from ibdata.noise import Raw, drift_noise, standard_noise
 
@@ -14,7 +15,7 @@ Float32s = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def to_action(proposed: Floats, out: Float32s) -> int:
     """Proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
 
@@ -33,7 +34,7 @@ def to_action(proposed: Floats, out: Float32s) -> int:
     return clipped
 
 
-@njit(cache=True)
+@compiled
 def step_lanes(
     state: State, action: Float32s, raw: Raw, drift: Raw, t: int, noise: Noise, k: Parameters
 ) -> None:
@@ -44,7 +45,7 @@ def step_lanes(
     advance(state, action, noise, k)
 
 
-@njit(cache=True)
+@compiled
 def observe(state: State, history: Float32s, first: bool) -> None:
     """Push the observation into a history (n, frames, 6), newest first; at first into every frame."""
     frames = history.shape[1]
@@ -64,7 +65,7 @@ def observe(state: State, history: Float32s, first: bool) -> None:
                     history[i, j, c] = history[i, 0, c]
 
 
-@njit(cache=True)
+@compiled
 def record_state(state: State, out: Floats, drifting: bool) -> None:
     """The variables of a state into out (n, variables), as many as it has room for; -0.0 becomes 0.0.
 
@@ -103,7 +104,7 @@ def record_state(state: State, out: Floats, drifting: bool) -> None:
             out[i, j + 7] = state.basic_fatigue[i] + 0.0
 
 
-@njit(cache=True)
+@compiled
 def advance_and_record(
     state: State,
     action: Float32s,
@@ -122,7 +123,7 @@ def advance_and_record(
     record_state(state, out, drifting)
 
 
-@njit(cache=True)
+@compiled
 def assemble(
     record: Floats,
     actions: Float32s,

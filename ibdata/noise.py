@@ -12,10 +12,10 @@ from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ibdata.compiling import compiled
 from ibdata.dynamics.exact import exponential, normal
-from ibdata.dynamics.step import Floats, Noise
+from ibdata.dynamics.state import Floats, Noise
 
 Raw = npt.NDArray[np.uint64]
 
@@ -75,7 +75,7 @@ class Source:
         return out
 
 
-@njit(cache=True)
+@compiled
 def uniform(raw: np.uint64) -> float:
     """U(0, 1) from 52 of 64 random bits: (⌊raw / 2¹²⌋ + ½) · 2⁻⁵², exact and strictly inside.
 
@@ -85,7 +85,7 @@ def uniform(raw: np.uint64) -> float:
     return (np.float64(raw >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
-@njit(cache=True)
+@compiled
 def standard_normal(u: float) -> float:
     """N(0, 1) from U(0, 1), for policies, which see nothing of the dynamics.
 
@@ -95,7 +95,7 @@ def standard_normal(u: float) -> float:
     return normal(u)
 
 
-@njit(cache=True)
+@compiled
 def uniforms(raw: Raw, t: int, out: Floats) -> None:
     """U(0, 1) (n, draws) of step t from integers (n, steps, slots)."""
     for i in range(out.shape[0]):
@@ -103,7 +103,7 @@ def uniforms(raw: Raw, t: int, out: Floats) -> None:
             out[i, j] = uniform(raw[i, t, j])
 
 
-@njit(cache=True)
+@compiled
 def standard_noise(raw: Raw, t: int, noise: Noise) -> None:
     """The noise of step t for a constant setpoint, from integers (n, steps, 8); slots in field order."""
     for i in range(raw.shape[0]):
@@ -117,7 +117,7 @@ def standard_noise(raw: Raw, t: int, noise: Noise) -> None:
         noise.normal_consumption[i] = normal(uniform(raw[i, t, 7]))
 
 
-@njit(cache=True)
+@compiled
 def drift_noise(raw: Raw, t: int, noise: Noise) -> None:
     """The noise of step t that a moving setpoint adds, from integers (n, steps, 4)."""
     for i in range(raw.shape[0]):

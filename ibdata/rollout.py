@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata import lanes
-from ibdata.columns import Layout, layout
-from ibdata.dynamics.step import State, initial_state
+from ibdata.columns import Layout, Table, layout
+from ibdata.dynamics.state import State, initial_state
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.fields import BurnIn
@@ -33,8 +33,6 @@ from ibdata.noise import (
 
 LANES = 256  # a block's state and record stay in the processor's cache
 CHUNK = 128  # steps drawn and recorded at a time
-
-Table = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
 
 class PolicyError(IbdataError):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from numba import njit
+from ibdata.compiling import compiled
 
 PENALTY_WEIGHT = 25.0
 FATIGUE_WEIGHT = 3.0
 
 
-@njit(cache=True)
+@compiled
 def expected_consumption(theta_c: float, m: float, offset: float) -> float:
     """Noise-free consumption ĉ.
 
@@ -22,7 +22,7 @@ def expected_consumption(theta_c: float, m: float, offset: float) -> float:
     return theta_c + PENALTY_WEIGHT * (m + offset)
 
 
-@njit(cache=True)
+@compiled
 def consumption(c_hat: float, z: float, k: float) -> float:
     """Observed consumption c, with z ~ N(0, 1).
 
@@ -36,7 +36,7 @@ def consumption(c_hat: float, z: float, k: float) -> float:
     return c_hat + (1.0 + k * c_hat) * z
 
 
-@njit(cache=True)
+@compiled
 def reward(c: float, f: float) -> float:
     """Reward of a state with consumption c and fatigue f.
 

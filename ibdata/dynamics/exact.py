@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ibdata.compiling import compiled
 
 # ln 2 in two parts; the first has 21 trailing zero bits, so that k·LN2_HIGH is exact for |k| < 2²¹.
 LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
@@ -22,9 +23,9 @@ MANTISSA = 0x000FFFFFFFFFFFFF
 EXPONENT_OF_ONE = 0x3FF0000000000000
 
 
-@njit(cache=True)
+@compiled
 def exp(x: float) -> float:
-    """e to the x, which is clipped to [-708, 709]: beyond, the power of two would not be a normal double.
+    """E to the x, which is clipped to [-708, 709]: beyond, the power of two would not be a normal double.
 
     x = k ln 2 + r with |r| <= ln 2 / 2 (Cody and Waite), then the Taylor sum to r¹³ (truncation 5e-18).
 
@@ -52,7 +53,7 @@ def exp(x: float) -> float:
     return float((1.0 + (r + r * r * s)) * two_to_k)
 
 
-@njit(cache=True)
+@compiled
 def log(x: float) -> float:
     """Natural logarithm of a positive normal double.
 
@@ -85,9 +86,9 @@ def log(x: float) -> float:
     return float(k * LN2_HIGH + (2.0 * f + (2.0 * f * (q * s) + k * LN2_LOW)))
 
 
-@njit(cache=True)
-def pow(x: float, y: float) -> float:  # noqa: A001 - the field's own name; the builtin differs by machine
-    """x to the y for positive normal x with |y log x| <= 708.
+@compiled
+def pow(x: float, y: float) -> float:
+    """X to the y for positive normal x with |y log x| <= 708.
 
     >>> float(pow(2.0, 0.5))
     1.414213562373095
@@ -95,7 +96,7 @@ def pow(x: float, y: float) -> float:  # noqa: A001 - the field's own name; the 
     return exp(y * log(x))
 
 
-@njit(cache=True)
+@compiled
 def logistic(x: float) -> float:
     """σ(x) = 1 / (1 + e⁻ˣ), for |x| <= 708.
 
@@ -105,7 +106,7 @@ def logistic(x: float) -> float:
     return 1.0 / (1.0 + exp(-x))
 
 
-@njit(cache=True)
+@compiled
 def exponential(u: float) -> float:
     """The Exp(1) variate -log u of a uniform u in (0, 1).
 
@@ -115,7 +116,7 @@ def exponential(u: float) -> float:
     return -log(u)
 
 
-@njit(cache=True)
+@compiled
 def normal(u: float) -> float:
     """The N(0, 1) variate Φ⁻¹(u) of a uniform u in (0, 1), relative error about 1e-15.
 
@@ -135,7 +136,7 @@ def normal(u: float) -> float:
     return x if q > 0.0 else -x
 
 
-@njit(cache=True)
+@compiled
 def _middle(r: float) -> float:
     """AS 241, |u - ½| <= 0.425."""
     a = 2509.0809287301226727
@@ -157,7 +158,7 @@ def _middle(r: float) -> float:
     return a / b
 
 
-@njit(cache=True)
+@compiled
 def _tail(r: float) -> float:
     """AS 241, √(-log min(u, 1 - u)) <= 5."""
     a = 7.7454501427834140764e-4
@@ -179,7 +180,7 @@ def _tail(r: float) -> float:
     return a / b
 
 
-@njit(cache=True)
+@compiled
 def _far_tail(r: float) -> float:
     """AS 241, √(-log min(u, 1 - u)) > 5."""
     a = 2.01033439929228813265e-7

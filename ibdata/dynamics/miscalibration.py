@@ -6,8 +6,7 @@ so the radii are tables, in hex floats: rounded from 60-digit values of the appe
 
 from __future__ import annotations
 
-from numba import njit
-
+from ibdata.compiling import compiled
 from ibdata.dynamics.exact import pow
 from ibdata.dynamics.steering import clip
 
@@ -50,7 +49,7 @@ OMEGA_FACTOR = _table(
 )
 
 
-@njit(cache=True)
+@compiled
 def effective_shift(h: float, p: float) -> float:
     """Effective shift hᵉ.
 
@@ -64,7 +63,7 @@ def effective_shift(h: float, p: float) -> float:
     return clip(h / 20.0 - p / 50.0 - 1.5, -HE_MAX, HE_MAX)
 
 
-@njit(cache=True)
+@compiled
 def sgn(x: float) -> int:
     """Sign of x as -1, 0 or 1.
 
@@ -74,7 +73,7 @@ def sgn(x: float) -> int:
     return int(x > 0.0) - int(x < 0.0)
 
 
-@njit(cache=True)
+@compiled
 def entered_domain(delta: int, he: float) -> int:
     """Domain δ̂: the sign of hᵉ outside the safe zone, the old δ within.
 
@@ -86,7 +85,7 @@ def entered_domain(delta: int, he: float) -> int:
     return delta if abs(he) <= Z else sgn(he)
 
 
-@njit(cache=True)
+@compiled
 def entered_response(psi: int, delta: int, delta_hat: int) -> int:
     """Response ψ̂: advantageous (1) where the domain has just changed.
 
@@ -98,7 +97,7 @@ def entered_response(psi: int, delta: int, delta_hat: int) -> int:
     return 1 if delta != delta_hat else psi
 
 
-@njit(cache=True)
+@compiled
 def direction_step(phi: int, delta_hat: int, psi_hat: int, he: float) -> int:
     """Change Δφ of the direction: back to 0 in the safe zone, held at -6 δ̂, else turning.
 
@@ -114,7 +113,7 @@ def direction_step(phi: int, delta_hat: int, psi_hat: int, he: float) -> int:
     return psi_hat * sgn(he)
 
 
-@njit(cache=True)
+@compiled
 def turned_response(psi_hat: int, phi_hat: int) -> int:
     """Response: disadvantageous (-1) once |φ̂| reaches 6.
 
@@ -126,7 +125,7 @@ def turned_response(psi_hat: int, phi_hat: int) -> int:
     return -1 if abs(phi_hat) >= PHI_MAX else psi_hat
 
 
-@njit(cache=True)
+@compiled
 def reflected_direction(phi_hat: int) -> int:
     """Direction φ in -6 … 6: from |φ̂| = 6 on it turns towards 0.
 
@@ -140,7 +139,7 @@ def reflected_direction(phi_hat: int) -> int:
     return 12 - ((phi_hat + 24) % 24) if abs(phi_hat) >= PHI_MAX else phi_hat
 
 
-@njit(cache=True)
+@compiled
 def turn(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
     """Domain δ, response ψ and direction φ of the next step: Eqs. (9) to (16) in their order.
 
@@ -159,7 +158,7 @@ def turn(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
     return delta_hat, psi_next, phi_next
 
 
-@njit(cache=True)
+@compiled
 def radius(phi: int, he: float) -> float:
     """Radius ω at which the potential is taken: |hᵉ| = |r_opt| goes to |r_min|, |hᵉ| = 2 to 2.
 
@@ -177,7 +176,7 @@ def radius(phi: int, he: float) -> float:
     return sgn(he) * (R_MIN[i] + OMEGA_FACTOR[i] * pow(abs(he) - R_OPT[i], OMEGA_EXPONENT[i]))
 
 
-@njit(cache=True)
+@compiled
 def penalty(phi: int, he: float) -> float:
     """Mis-calibration penalty m(φ, hᵉ), from -1 (best) to about 1.23.
 

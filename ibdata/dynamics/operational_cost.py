@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ibdata.compiling import compiled
 from ibdata.dynamics.exact import exp
 
 Weights = tuple[float, float, float, float, float]
 History = npt.NDArray[np.float64]
 
 
-@njit(cache=True)
+@compiled
 def operational_cost(p: float, v: float, g: float) -> float:
     """Operational cost θ of the current steerings.
 
@@ -26,7 +26,7 @@ def operational_cost(p: float, v: float, g: float) -> float:
     return exp((2.0 * p + 4.0 * v + 2.5 * g) / 100.0)
 
 
-@njit(cache=True)
+@compiled
 def remember(theta: float, history: History, lane: int) -> None:
     """Shift θ into one lane of a history (n, 10) of operational costs, oldest first, in place.
 
@@ -46,7 +46,7 @@ def remember(theta: float, history: History, lane: int) -> None:
     history[lane, 9] = theta
 
 
-@njit(cache=True)
+@compiled
 def convolved_cost(history: History, lane: int, w: Weights) -> float:
     """Convolved operational cost θᶜ of one lane of a history (n, 10), θ[t-9] … θ[t], oldest first.
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ibdata.compiling import compiled
 from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
 
@@ -13,7 +12,7 @@ NO_DRIFT = -1  # steps left of a segment, for a setpoint that stays where it is
 ZERO_RATE = 0.1  # weight of the delta distribution at b = 0
 
 
-@njit(cache=True)
+@compiled
 def segment_length(u: float, longest: float) -> int:
     """Steps l of a new segment, uniform on 1 … longest: l = 1 + ⌊longest · u⌋, u ~ U(0, 1).
 
@@ -22,10 +21,10 @@ def segment_length(u: float, longest: float) -> int:
     >>> segment_length(0.001, 100.0), segment_length(0.999, 100.0)
     (1, 100)
     """
-    return 1 + int(math.floor(longest * u))
+    return 1 + math.floor(longest * u)
 
 
-@njit(cache=True)
+@compiled
 def segment_rate(u: float, u_zero: float, low: float, high: float) -> float:
     """Change b of the setpoint per step in a new segment: U(low, high) with weight 0.9, else 0.
 
@@ -39,7 +38,7 @@ def segment_rate(u: float, u_zero: float, low: float, high: float) -> float:
     return low + (high - low) * u
 
 
-@njit(cache=True)
+@compiled
 def turned_at_bound(b: float, p: float, u: float, flip: float) -> float:
     """The rate b, its sign changed with probability `flip` where the setpoint p stands at a bound.
 
@@ -53,7 +52,7 @@ def turned_at_bound(b: float, p: float, u: float, flip: float) -> float:
     return -b if (p == 0.0 or p == 100.0) and u < flip else b
 
 
-@njit(cache=True)
+@compiled
 def turned_past_bound(b: float, p: float, u: float, flip: float) -> float:
     """The rate b, its sign changed with probability `flip` where p + b leaves [0, 100].
 
@@ -66,7 +65,7 @@ def turned_past_bound(b: float, p: float, u: float, flip: float) -> float:
     return -b if (p + b > 100.0 or p + b < 0.0) and u < flip else b
 
 
-@njit(cache=True)
+@compiled
 def moved(p: float, b: float) -> float:
     """The setpoint after one step at rate b.
 
@@ -80,7 +79,7 @@ def moved(p: float, b: float) -> float:
     return clip(p + b, 0.0, 100.0)
 
 
-@njit(cache=True)
+@compiled
 def drift(
     p: float,
     b: float,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from numba import njit
+from ibdata.compiling import compiled
 
 D_V = 1.0
 D_G = 10.0
 D_H = float.fromhex("0x1.7019237851757p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515
 
 
-@njit(cache=True)
+@compiled
 def clip(x: float, low: float, high: float) -> float:
     """max(low, min(high, x)).
 
@@ -19,7 +19,7 @@ def clip(x: float, low: float, high: float) -> float:
     return max(low, min(high, x))
 
 
-@njit(cache=True)
+@compiled
 def steer(x: float, d: float, delta: float) -> float:
     """One of velocity v, gain g, shift h after a proposed change.
 

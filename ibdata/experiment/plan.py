@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from ibdata.experiment.models import Experiment, splits_of
@@ -43,7 +44,7 @@ def _segments(experiment: Experiment) -> list[tuple[int, int, tuple[str, ...]]]:
     bounds = sorted(cuts)
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
-        for low, high in zip(bounds, bounds[1:], strict=False):
+        for low, high in pairwise(bounds):
             splits = splits_of(experiment.splits, cell, low, n)
             if runs and runs[-1][2] == splits:
                 runs[-1] = (runs[-1][0], i * n + high, splits)

@@ -6,8 +6,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ibdata.compiling import compiled
 from ibdata.noise import standard_normal
 from ibdata.policies.base import GAIN, VELOCITY, Floats, History, Policy
 
@@ -45,13 +45,13 @@ class Safe(Policy):
         return out
 
 
-@njit(cache=True)
+@compiled
 def _region(x: float) -> float:
     """Sign with which z enters: 1 below the medium range, -1 above it, 0 where the action is uniform."""
     return 1.0 if x < LOW else -1.0 if x > HIGH else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _act(history: History, u: Floats, action: Floats) -> None:
     for i in range(history.shape[0]):
         for j, column in ((0, VELOCITY), (1, GAIN)):
@@ -63,7 +63,7 @@ def _act(history: History, u: Floats, action: Floats) -> None:
         action[i, 2] = 2.0 * u[i, 4] - 1.0
 
 
-@njit(cache=True)
+@compiled
 def _log_prob(history: History, action: npt.NDArray[np.float32], out: Floats) -> None:
     for i in range(history.shape[0]):
         total = LOG_UNIFORM

@@ -46,10 +46,14 @@ def draw(seed: int, steps: int, n: int) -> Tape:
 
 
 def start(n: int, drifting: str = "none") -> State:
-    """Setpoints 0 … 100 over the lanes; the setpoint moves in no lane, in all, or in every other ("half")."""
-    state = initial_state(np.linspace(0.0, 100.0, n), drifting=drifting != "none")
+    """Setpoints 0 … 100 over the lanes, steerings in the middle or in corners of their space.
+
+    The setpoint moves in no lane ("none"), in all ("all"), or in every other one ("half").
+    """
+    velocity, gain = np.resize([50.0, 0.0, 100.0], n), np.resize([50.0, 100.0, 0.0], n)
+    state = initial_state(np.linspace(0.0, 100.0, n), velocity, gain, drifting=drifting != "none")
     if drifting == "half":
-        state.drift_left[::2] = -1
+        state.drift_left[1::2] = -1
     return state
 
 
@@ -80,7 +84,9 @@ def take(fields: NamedTuple, lanes: object) -> NamedTuple:
 def changed(a: State, b: State) -> set[str]:
     """The names of the fields in which two states, or two stacks of states, differ in any bit."""
     pairs = zip(State._fields, a, b, strict=True)
-    return {name for name, x, y in pairs if (x.dtype, x.shape, x.tobytes()) != (y.dtype, y.shape, y.tobytes())}
+    return {
+        name for name, x, y in pairs if (x.dtype, x.shape, x.tobytes()) != (y.dtype, y.shape, y.tobytes())
+    }
 
 
 def digest() -> str:

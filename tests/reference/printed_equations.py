@@ -149,7 +149,11 @@ def step(s, action, x):
     c_hat = theta_c + 25 * m
     c = c_hat + (1 + 0.02 * c_hat) * x["normal_consumption"]
 
-    t_v, t_v0, t_v1 = (g + p + 2) / (v - p + 101), (100 + p + 2) / (0 - p + 101), (0 + p + 2) / (100 - p + 101)
+    t_v, t_v0, t_v1 = (
+        (g + p + 2) / (v - p + 101),
+        (100 + p + 2) / (0 - p + 101),
+        (0 + p + 2) / (100 - p + 101),
+    )
     t_g, t_g0, t_g1 = 1 / (g + p + 1), 1 / (100 + p + 1), 1 / (0 + p + 1)
     ve = (t_v - t_v0) / (t_v1 - t_v0)
     ge = (t_g - t_g0) / (t_g1 - t_g0)

@@ -1,0 +1,1 @@
+"""Datasets on disk: writing, naming and reading them."""

@@ -1,0 +1,112 @@
+"""Files that are whole or not there: temporary file, fsync, rename, fsync of the folder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, NamedTuple
+
+TEMPORARY = ".tmp-"
+
+
+class FileEntry(NamedTuple):
+    """A file of a dataset as the manifest lists it."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+class HashingFile:
+    """A binary file being written, hashed on the way."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        self._raw = raw
+        self._hasher = hashlib.sha256()
+        self.size = 0
+        self.closed = False
+
+    def write(self, data: bytes) -> int:
+        """Write and hash."""
+        self._hasher.update(data)
+        self.size += len(data)
+        return self._raw.write(data)
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        self._raw.flush()
+
+    def sync(self) -> None:
+        """Wait until the file's data are on the disk."""
+        self._raw.flush()
+        os.fsync(self._raw.fileno())
+
+    def sha256(self) -> str:
+        """The hex hash of what has been written."""
+        return self._hasher.hexdigest()
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self.size
+
+    def close(self) -> None:
+        """Nothing: whoever opened the file closes it."""
+
+    def readable(self) -> bool:
+        """Never."""
+        return False
+
+    def writable(self) -> bool:
+        """Always."""
+        return True
+
+    def seekable(self) -> bool:
+        """Never."""
+        return False
+
+    def __enter__(self) -> HashingFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@contextmanager
+def committed(folder: Path, path: str) -> Iterator[HashingFile]:
+    """A new file folder/path that appears under its name when the block ends well, and not otherwise."""
+    target = folder / path
+    target.parent.mkdir(exist_ok=True)
+    temporary = target.with_name(f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}")
+    try:
+        with temporary.open("xb") as raw:
+            file = HashingFile(raw)
+            yield file
+            file.sync()
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+
+
+def write(folder: Path, path: str, data: bytes) -> FileEntry:
+    """Commit a small file."""
+    with committed(folder, path) as file:
+        file.write(data)
+    return FileEntry(path, file.size, file.sha256())
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the folder's names are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

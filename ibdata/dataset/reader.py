@@ -1,0 +1,138 @@
+"""Reading a finished dataset: pandas, Arrow, batches, arrays. Nothing of it runs code of the dataset."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ibdata.dataset import manifest
+from ibdata.dataset.history import stacked
+from ibdata.errors import DatasetError, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Dataset:
+    """A finished dataset in a folder; only what its manifest lists is ever read."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.manifest: dict[str, Any] = manifest.read(self.path)
+
+    def __repr__(self) -> str:
+        counts = self.info["counts"]
+        return f"<ibdata.Dataset {self.path}: {counts['rows']} rows, {counts['episodes']} episodes>"
+
+    def __len__(self) -> int:
+        return int(self.manifest["rows"])
+
+    @property
+    def content_root(self) -> str:
+        """Hex SHA-256 that names the content, whatever files hold it."""
+        return str(self.manifest["content_root"])
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        """meta/info.json: columns with roles, units and bounds; counts; splits."""
+        return self._json("meta/info.json")
+
+    @cached_property
+    def stats(self) -> dict[str, Any]:
+        """meta/stats.json: statistics of each column, over all rows and over each split."""
+        return self._json("meta/stats.json")
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
+        return self._episode_table.to_pandas()
+
+    def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
+        """The rows, or those of a split, as an Arrow table.
+
+        Raises UsageError for a column or a split that the dataset does not have.
+        """
+        names = self._columns(columns)
+        parts = [pq.read_table(file, columns=names) for file in self._files(split)]
+        return pa.concat_tables(parts).unify_dictionaries()
+
+    def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
+        """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
+        return self.table(columns, split).to_pandas()
+
+    def iter_batches(
+        self, columns: Sequence[str] | None = None, split: str | None = None, batch_rows: int = 65_536
+    ) -> Iterator[pa.RecordBatch]:
+        """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
+        if batch_rows < 1:
+            raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
+        names = self._columns(columns)
+        for file in self._files(split):
+            with pq.ParquetFile(file) as parquet:
+                yield from parquet.iter_batches(batch_rows, columns=names)
+
+    def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
+        """Arrays as learning libraries take them.
+
+        observations (N, 6 · history) with the newest frame first, the first frame of an episode repeated at
+        its start; actions (N, 3); rewards (N,); next_observations (N, 6 · history); terminated, truncated
+        (N,) bool; episode, step (N,). A frame is setpoint, velocity, gain, shift, fatigue, consumption.
+
+        Raises UsageError for a history below 1, or a split that the dataset does not have.
+        """
+        if history < 1:
+            raise UsageError(f"history: found {history}, expected at least 1")
+        groups = self.info["groups"]
+        table = self.table(None, split)
+
+        def stack(role: str) -> npt.NDArray[Any]:
+            return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
+
+        out = {name: table[name].to_numpy() for name in ("episode", "step", "terminated", "truncated")}
+        observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
+        return {
+            "observations": observations,
+            "actions": stack("action"),
+            "rewards": table["reward"].to_numpy(),
+            "next_observations": after,
+            **out,
+        }
+
+    @cached_property
+    def _episode_table(self) -> pa.Table:
+        return pq.read_table(self.path / "meta/episodes.parquet")
+
+    def _json(self, path: str) -> dict[str, Any]:
+        try:
+            data: dict[str, Any] = json.loads((self.path / path).read_bytes())
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"{self.path / path}: cannot be read: {error}") from None
+        return data
+
+    def _columns(self, columns: Sequence[str] | None) -> list[str]:
+        known = [column["name"] for column in self.info["columns"]]
+        unknown = [name for name in columns or [] if name not in known]
+        if unknown:
+            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
+        return known if columns is None else list(columns)
+
+    def _files(self, split: str | None) -> list[Path]:
+        """The files of the dataset, or of a split, in order."""
+        splits = self.info["splits"]
+        if split is not None and split not in splits:
+            known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
+            raise UsageError(f"split: found {split!r}, expected {known}")
+        return [
+            self.path / shard["path"]
+            for shard in self.manifest["shards"]
+            if split is None or shard["path"] in splits[split]["files"]
+        ]

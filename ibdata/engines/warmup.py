@@ -1,0 +1,34 @@
+"""The first run on a machine compiles the simulator: say so, and do it once before workers start."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ibdata.dataset.statistics import moments, sums
+from ibdata.experiment import Experiment
+from ibdata.rollout import rollout
+
+PATIENCE = 2.0  # seconds; loading what is compiled takes less
+
+
+def warm_up(experiment: Experiment) -> None:
+    """Run everything compiled that the experiment needs on two rows."""
+    small = experiment.model_copy(update={"steps": 2, "episodes": 1})
+    with _announced("ibdata: compiling the simulator; this happens once and takes up to a minute"):
+        floats = rollout(small, 0, 1)
+        moments(floats.table)
+        sums(floats.table[0], 2)
+
+
+@contextmanager
+def _announced(message: str) -> Iterator[None]:
+    timer = threading.Timer(PATIENCE, lambda: print(message, file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,0 +1,161 @@
+"""Whatever is done, every field of a state stays in its range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
+from ibdata.dynamics.exact import exponential, normal
+from ibdata.dynamics.miscalibration import Z
+
+SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
+LANES = 24
+uniforms = st.sampled_from([SMALLEST, 1e-9, 0.0009, 0.0011, 0.5, 0.9989, 0.9991, LARGEST]) | st.floats(
+    SMALLEST, LARGEST
+)
+actions = st.sampled_from([-1e300, -7.0, -1.0, -0.0, 0.0, 1.0, 7.0, 1e300]) | st.floats(-1.0, 1.0)
+percents = st.sampled_from([0.0, 1e-300, 50.0, 100.0]) | st.floats(0.0, 100.0)
+variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
+
+RANGES = {
+    "setpoint": (0.0, 100.0),
+    "velocity": (0.0, 100.0),
+    "gain": (0.0, 100.0),
+    "shift": (0.0, 100.0),
+    "consumption": (-30.0, 5850.0),
+    "fatigue": (0.0, 300.0),
+    "reward": (-5850.0 - 900.0, 30.0),
+    "operational_cost": (1.0, 4914.77),  # e^8.5 = 4914.7688
+    "mu_v": (0.0, 5.0),
+    "mu_g": (0.0, 5.0),
+    "drift_rate": (-1.0, 1.0),
+    "convolved_cost": (0.99999 - 1e-12, 4914.77),
+    "penalty": (-1.0 - 1e-15, 1.24),
+    "expected_consumption": (-24.1, 4914.77 + 25.0 * 2.24),
+    "effective_shift": (-1.5, 1.5),
+    "effective_velocity": (0.0, 1.0),
+    "effective_gain": (0.0, 1.0),
+    "alpha": (0.0, 1.0),
+    "basic_fatigue": (0.0, 300.0),
+}
+
+
+def assert_valid(state, variant):
+    for name, (low, high) in RANGES.items():
+        field = getattr(state, name)
+        assert np.isfinite(field).all(), name
+        assert low <= field.min(), name
+        assert field.max() <= high, name
+    assert np.isin(state.domain, (-1, 1)).all()
+    assert np.isin(state.response, (-1, 1)).all()
+    assert (np.abs(state.direction) <= 6).all()
+    assert (state.drift_left >= -1).all()
+    assert (state.drift_left < variant.drift_length).all()
+    assert_related(state, variant)
+
+
+def assert_related(state, variant):
+    """What holds between the fields of one state."""
+    spread = 1.0 + variant.consumption_noise * state.expected_consumption
+    assert (np.abs(state.consumption - state.expected_consumption) <= 8.21 * spread).all()
+    assert (state.fatigue <= state.basic_fatigue * (1.0 + 1e-15)).all()
+    assert (3.0 * state.fatigue >= state.basic_fatigue * (1.0 - 1e-15)).all()
+    for mu, effective in ((state.mu_v, state.effective_velocity), (state.mu_g, state.effective_gain)):
+        assert (mu == effective)[effective <= 0.05].all()
+    assert (state.response == -1)[np.abs(state.direction) == 6].all()
+    home = (state.direction == 0) & (np.abs(state.effective_shift) <= Z)
+    assert (state.domain[home] == 1).all()
+    assert (state.response[home] == 1).all()
+
+
+def assert_followed(before, after):
+    """What holds between a state and the next."""
+    for name, size in (("setpoint", 1.0), ("velocity", 1.0), ("gain", 10.0), ("shift", 5.7516)):
+        assert (np.abs(getattr(after, name) - getattr(before, name)) <= size + 1e-12).all(), name
+    assert (np.abs(after.direction - before.direction) <= 1).all()
+    still = before.drift_left == -1
+    assert (after.setpoint == before.setpoint)[still].all()
+    assert (after.drift_left == np.where(still, -1, before.drift_left - 1))[before.drift_left != 0].all()
+
+
+def noise_of(u):
+    """Noise in standard form from an array (12, n) of uniforms."""
+    draws = dict(zip(Noise._fields, np.array(u), strict=True))
+    for name, x in draws.items():
+        if name.startswith("exp"):
+            draws[name] = np.array([exponential(y) for y in x])
+        if name.startswith("normal"):
+            draws[name] = np.array([normal(y) for y in x])
+    return Noise(**draws)
+
+
+@variants
+@settings(derandomize=True, deadline=None, max_examples=150)
+@given(
+    seed=st.integers(0, 2**32),
+    walk=st.integers(1, 60),
+    starts=st.tuples(percents, percents, percents, percents),
+    drifting=st.booleans(),
+    action=st.tuples(actions, actions, actions),
+    u=st.lists(uniforms, min_size=12, max_size=12),
+)
+def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
+    tape, variant, seed, walk, starts, drifting, action, u
+):
+    drawn = tape.draw(seed, walk, LANES)
+    lanes = [np.full(LANES, x) for x in starts]
+    state = tape.play(initial_state(*lanes, drifting=drifting), drawn, variant)[-1]
+    assert_valid(state, variant)
+    after = step(state, np.tile(action, (LANES, 1)), noise_of(np.tile(np.array(u)[:, None], LANES)), variant)
+    assert_valid(after, variant)
+    assert_followed(state, after)
+
+
+@variants
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(
+    starts=st.tuples(percents, percents, percents, percents),
+    action=st.tuples(actions, actions, actions),
+    u=st.lists(uniforms, min_size=12, max_size=12),
+)
+def test_the_same_extreme_step_over_and_over_stays_valid(variant, starts, action, u):
+    """Two lanes, one with a moving setpoint, and a noise that repeats itself for 40 steps."""
+    state = initial_state(*(np.full(2, x) for x in starts))
+    state.drift_left[1] = 0
+    noise, action = noise_of(np.tile(np.array(u)[:, None], 2)), np.tile(action, (2, 1))
+    for _ in range(40):
+        before, state = state, step(state, action, noise, variant)
+        assert_valid(state, variant)
+        assert_followed(before, state)
+
+
+@variants
+def test_the_tape_reaches_every_branch(tape, variant):
+    """Otherwise the tests that play it would prove less than they say."""
+    s = tape.stack(tape.play(tape.start(32, "half"), tape.draw(2017, 300, 32), variant))
+    drawn_anew = np.maximum(s.mu_v, s.mu_g) >= variant.alpha_threshold
+    assert set(np.unique(s.direction)) == set(range(-6, 7))
+    assert {(d, r) for d, r in zip(s.domain.ravel(), s.response.ravel(), strict=True)} == {
+        (1, 1),
+        (1, -1),
+        (-1, 1),
+        (-1, -1),
+    }
+    for mu, effective in ((s.mu_v, s.effective_velocity), (s.mu_g, s.effective_gain)):
+        counts = [(mu >= 1.2).sum(), (mu == 5.0).sum(), (effective <= 0.05).sum(), (effective >= 0.999).sum()]
+        assert min(counts) >= 10, counts
+    reached = {
+        "α drawn anew": drawn_anew,
+        "α from η": ~drawn_anew,
+        "shift clipped above": s.effective_shift == 1.5,
+        "shift clipped below": s.effective_shift == -1.5,
+        "no basic fatigue": s.basic_fatigue == 0.0,
+        "setpoint at the lower bound": (s.setpoint == 0.0) & (s.drift_left >= 0),
+        "setpoint at the upper bound": (s.setpoint == 100.0) & (s.drift_left >= 0),
+        "rate of zero": (s.drift_rate == 0.0) & (s.drift_left >= 0),
+        "segment drawn": s.drift_left == 0,
+    }
+    assert {name: int(where.sum()) for name, where in reached.items() if where.sum() < 5} == {}

@@ -1,0 +1,206 @@
+"""`initial_state` and `step`: shapes, purity, independent lanes, identities between fields, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ibdata.dynamics import PAPER, SIEMENS, Noise, State, initial_state, step
+from ibdata.dynamics.operational_cost import operational_cost
+
+INTEGERS = {"domain", "response", "direction", "drift_left"}
+STEPS, LANES = 120, 48
+variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
+
+
+@pytest.fixture(scope="module")
+def played(tape):
+    """The states of both variants over one tape, with every other setpoint moving."""
+    drawn = tape.draw(11, STEPS, LANES)
+    start = tape.start(LANES, "half")
+    return {v: tape.stack([start, *tape.play(start, drawn, v)]) for v in (SIEMENS, PAPER)}
+
+
+def test_the_initial_state_is_the_configured_steering_and_nothing_else():
+    state = initial_state([10.0, 20.0], gain=30.0, shift=[1.0, 2.0])
+    assert state.setpoint.tolist() == [10.0, 20.0]
+    assert state.velocity.tolist() == [50.0, 50.0]
+    assert state.gain.tolist() == [30.0, 30.0]
+    assert state.shift.tolist() == [1.0, 2.0]
+    assert state.domain.tolist() == state.response.tolist() == [1, 1]
+    assert state.drift_left.tolist() == [-1, -1]
+    given = {"setpoint", "velocity", "gain", "shift", "domain", "response", "drift_left"}
+    assert not any(getattr(state, name).any() for name in set(State._fields) - given)
+
+
+def test_a_moving_setpoint_starts_without_a_segment():
+    assert initial_state(50.0, drifting=True).drift_left.tolist() == [0]
+
+
+def test_the_initial_state_shares_no_memory_with_its_arguments_or_between_fields():
+    p = np.array([10.0, 20.0])
+    state = initial_state(p, p, p, p)
+    state.velocity[0] = 99.0
+    assert p.tolist() == state.setpoint.tolist() == state.gain.tolist() == [10.0, 20.0]
+
+
+@pytest.mark.parametrize("n", [0, 1, 7])
+def test_every_field_has_its_shape_and_type_before_and_after_a_step(tape, n):
+    start = initial_state(np.full(n, 50.0))
+    after = step(start, np.zeros((n, 3)), tape.noise(np.random.default_rng(0), n))
+    for state in (start, after):
+        for name, x in zip(State._fields, state, strict=True):
+            assert x.dtype == (np.int64 if name in INTEGERS else np.float64), name
+            assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
+
+
+def test_the_zero_action_step_fills_the_history_with_its_own_cost(tape):
+    state = step(initial_state(50.0), np.zeros((1, 3)), tape.noise(np.random.default_rng(0), 1))
+    assert np.round(state.operational_cost, 3).tolist() == [[70.105] * 10]  # e^4.25
+    # θᶜ = 70.105412 · 0.99999 (the weights of the authors' code sum to 0.99999).
+    assert state.convolved_cost[0] == pytest.approx(70.104711, abs=1e-6)
+    assert (state.velocity[0], state.gain[0], state.shift[0]) == (50.0, 50.0, 50.0)
+
+
+def test_the_zero_action_step_of_a_moving_setpoint_fills_the_history_after_the_setpoint_moved(tape):
+    quiet = tape.noise(np.random.default_rng(0), 1)
+    half = np.array([0.5])
+    noise = quiet._replace(uniform_drift_length=half, uniform_drift_rate=half + 0.25, uniform_drift_zero=half)
+    state = step(initial_state(50.0, drifting=True), np.zeros((1, 3)), noise)
+    assert state.setpoint.tolist() == [50.5]  # b = -1 + 2 · 0.75
+    assert state.drift_left.tolist() == [49]  # l = 1 + ⌊99 · 0.5⌋ = 50, one of them used
+    assert state.operational_cost.tolist() == [[operational_cost(50.5, 50.0, 50.0)] * 10]
+
+
+def test_a_whole_step_of_the_authors_system_by_hand():
+    """p = v = g = h = 50, Δ = (1, -0.5, 0), all exponential draws and both normals 0, no event."""
+    zero, late = np.zeros(1), np.full(1, 0.9)
+    noise = Noise(*(late if "bernoulli" in name else zero for name in Noise._fields))
+    start = step(initial_state(50.0), np.zeros((1, 3)), noise, "siemens")
+    state = step(start, [[1.0, -0.5, 0.0]], noise, "siemens")
+    assert (state.velocity[0], state.gain[0]) == (51.0, 45.0)
+    # η = 2 (σ(0) - ½) = 0, so α = 0 and f = f_b / 3, f_b = 30000/355 - 20.25 = 64.2570423.
+    assert state.fatigue[0] == pytest.approx(64.25704225 / 3.0, abs=1e-8)
+    # θ = exp((100 + 204 + 112.5)/100) = e^4.165 is not yet seen: θᶜ = 0.99999 e^4.25; m = 0; ĉ = θᶜ + 25.
+    assert state.operational_cost[0, 9] == pytest.approx(64.39268, abs=1e-5)
+    assert state.consumption[0] == pytest.approx(95.104711, abs=1e-6)
+    assert state.reward[0] == pytest.approx(-95.104711 - 64.257042, abs=1e-5)
+
+
+@variants
+def test_a_step_changes_nothing_that_it_was_given(tape, variant):
+    rng = np.random.default_rng(5)
+    drawn = tape.draw(5, 3, 6)
+    state = tape.play(tape.start(6, "half"), drawn, variant)[-1]
+    action, noise = rng.uniform(-3.0, 3.0, (6, 3)), tape.noise(rng, 6)
+    before = [x.tobytes() for x in (*state, action, *noise)]
+    step(state, action, noise, variant)
+    assert [x.tobytes() for x in (*state, action, *noise)] == before
+
+
+@variants
+@pytest.mark.parametrize("size", [1, 3, 16])
+def test_batches_of_any_size_give_the_same_bits(tape, played, variant, size):
+    drawn = tape.draw(11, STEPS, LANES)
+    start = tape.start(LANES, "half")
+    for low in range(0, LANES, size if size > 1 else 7):
+        lanes = slice(low, low + size)
+        part = tape.Tape(drawn.actions[:, lanes], Noise(*(x[:, lanes] for x in drawn.noise)))
+        alone = tape.stack(tape.play(tape.take(start, lanes), part, variant))
+        together = State(*(x[1:, lanes] for x in played[variant]))
+        assert tape.changed(alone, together) == set()
+
+
+@variants
+def test_the_order_of_the_lanes_does_not_matter(tape, played, variant):
+    drawn = tape.draw(11, STEPS, LANES)
+    order = np.random.default_rng(1).permutation(LANES)
+    shuffled = tape.Tape(drawn.actions[:, order], Noise(*(x[:, order] for x in drawn.noise)))
+    states = tape.stack(tape.play(tape.take(tape.start(LANES, "half"), order), shuffled, variant))
+    assert tape.changed(states, State(*(x[1:, order] for x in played[variant]))) == set()
+
+
+@variants
+def test_an_action_of_7_acts_as_an_action_of_1(tape, variant):
+    noise = tape.noise(np.random.default_rng(2), 8)
+    signs = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
+    states = [step(initial_state(np.full(8, 50.0)), size * signs, noise, variant) for size in (1.0, 7.0)]
+    assert tape.changed(*states) == set()
+
+
+def test_a_variant_may_be_named(tape):
+    noise = tape.noise(np.random.default_rng(3), 2)
+    start, action = initial_state([30.0, 70.0]), np.ones((2, 3))
+    assert tape.changed(step(start, action, noise, "paper"), step(start, action, noise, PAPER)) == set()
+    assert tape.changed(step(start, action, noise), step(start, action, noise, SIEMENS)) == set()
+    assert tape.changed(step(start, action, noise), step(start, action, noise, PAPER)) != set()
+
+
+@variants
+def test_the_derived_values_obey_their_equations(played, variant):
+    s = State(*(x[1:] for x in played[variant]))
+    close = {"rtol": 1e-14, "atol": 1e-12}
+    np.testing.assert_array_equal(s.reward, -s.consumption - 3.0 * s.fatigue)
+    np.testing.assert_allclose(
+        s.expected_consumption, s.convolved_cost + 25.0 * (s.penalty + variant.consumption_offset), **close
+    )
+    np.testing.assert_allclose(s.fatigue, s.basic_fatigue * (1.0 + 2.0 * s.alpha) / 3.0, **close)
+    lags = s.operational_cost[..., 4::-1]  # θ[t-5] … θ[t-9]
+    np.testing.assert_allclose(s.convolved_cost, lags @ np.array(variant.convolution_weights), **close)
+    exponent = (2.0 * s.setpoint + 4.0 * s.velocity + 2.5 * s.gain) / 100.0
+    np.testing.assert_allclose(s.operational_cost[..., 9], np.exp(exponent), **close)
+    he = np.clip(s.shift / 20.0 - s.setpoint / 50.0 - 1.5, -1.5, 1.5)
+    np.testing.assert_allclose(s.effective_shift, he, **close)
+    basic = np.maximum(0.0, 30000.0 / (5.0 * s.velocity + 100.0) - 0.01 * s.gain**2)
+    np.testing.assert_allclose(s.basic_fatigue, basic, **close)
+
+
+@variants
+def test_the_history_of_costs_moves_by_one_each_step(played, variant):
+    history = played[variant].operational_cost[1:]
+    np.testing.assert_array_equal(history[1:, :, :9], history[:-1, :, 1:])
+    assert not np.array_equal(history[1:, :, 9], history[:-1, :, 9])
+
+
+@variants
+def test_the_next_state_depends_on_the_markov_state_only(tape, played, variant):
+    """The 20 values of the paper's appendix (θ_t follows from p, v, g), and b and l where the setpoint moves.
+
+    θ[t-9], c and f are among the 20, yet feed nothing: here they are scrambled with all derived values.
+    """
+    state = State(*(x[60] for x in played[variant]))
+    rng = np.random.default_rng(8)
+    derived = State._fields[State._fields.index("convolved_cost") :]
+    scrambled = {name: rng.random(LANES) for name in ("consumption", "fatigue", "reward", *derived)}
+    history = state.operational_cost.copy()
+    history[:, 0] = rng.random(LANES)
+    history[:, 9] = [
+        operational_cost(*x) for x in zip(state.setpoint, state.velocity, state.gain, strict=True)
+    ]
+    action, noise = rng.uniform(-1.0, 1.0, (LANES, 3)), tape.noise(rng, LANES)
+    other = step(state._replace(operational_cost=history, **scrambled), action, noise, variant)
+    assert tape.changed(step(state, action, noise, variant), other) == set()
+
+
+BAD_START = [
+    ({"setpoint": 100.5}, r"initial_state: setpoint: found 100.5, expected numbers in \[0, 100\]"),
+    ({"setpoint": -0.1}, r"initial_state: setpoint: found -0.1, expected numbers in \[0, 100\]"),
+    ({"setpoint": np.nan}, r"initial_state: setpoint: found nan, expected numbers in \[0, 100\]"),
+    ({"setpoint": 50.0, "velocity": np.inf}, "initial_state: velocity: found inf, expected numbers in"),
+    (
+        {"setpoint": 50.0, "gain": [1.0, 101.0]},
+        r"initial_state: gain: found \[  1. 101.\], expected numbers in",
+    ),
+    ({"setpoint": 50.0, "shift": -1.0}, "initial_state: shift: found -1.0, expected numbers in"),
+    ({"setpoint": [[50.0]]}, r"initial_state: setpoint: found shape \(1, 1\), expected a number or \(n,\)"),
+    (
+        {"setpoint": [1.0, 2.0], "gain": [1.0, 2.0, 3.0]},
+        r"initial_state: found setpoint \(2,\), velocity \(\), gain \(3,\), shift \(\), expected equal lengths",
+    ),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_START)
+def test_an_initial_state_out_of_range_or_shape_is_refused_by_name(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        initial_state(**arguments)

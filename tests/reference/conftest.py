@@ -1,0 +1,77 @@
+"""The helpers of this folder as fixtures, and the table of largest differences after the run."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+LABEL = "largest difference"
+
+
+def _load(name):
+    """A helper module beside this file: pytest's import mode `importlib` puts no folder on the path."""
+    full = f"ibdata_tests_reference_{name}"
+    if full not in sys.modules:
+        spec = importlib.util.spec_from_file_location(full, Path(__file__).with_name(f"{name}.py"))
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[full] = module
+        spec.loader.exec_module(module)
+    return sys.modules[full]
+
+
+@pytest.fixture(scope="session")
+def published():
+    return _load("published")
+
+
+@pytest.fixture(scope="session")
+def printed():
+    return _load("printed_equations")
+
+
+@pytest.fixture(scope="session")
+def tapes():
+    return _load("tapes")
+
+
+@pytest.fixture(scope="session")
+def replay_module():
+    return _load("replay")
+
+
+@pytest.fixture
+def report(record_property):
+    """Put a table of differences under a heading into the summary, and the JUnit file, of the run."""
+
+    def put(heading, transitions, table):
+        record_property(f"{LABEL}|{heading}|transitions", transitions)
+        for field, value in table.items():
+            record_property(f"{LABEL}|{heading}|{field}", value)
+
+    return put
+
+
+def pytest_terminal_summary(terminalreporter):
+    columns, order = defaultdict(dict), []
+    for outcome in ("passed", "failed"):
+        for result in terminalreporter.stats.get(outcome, []):
+            for name, value in getattr(result, "user_properties", ()):
+                if name.startswith(f"{LABEL}|"):
+                    _, heading, field = name.split("|")
+                    columns[heading][field] = value
+                    if field not in order:
+                        order.append(field)
+    if not columns:
+        return
+    terminalreporter.section(f"{LABEL} / max(1, |value|)")
+    terminalreporter.write_line("  ".join([" " * 20, *columns]))
+    for field in order:
+        cells = [f"{field:20}"]
+        for heading, table in columns.items():
+            x = table.get(field, "")
+            cells.append((f"{x:.1e}" if isinstance(x, float) else str(x)).rjust(len(heading)))
+        terminalreporter.write_line("  ".join(cells))

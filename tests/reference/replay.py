@@ -1,0 +1,47 @@
+"""Run as a script: replays saved tapes with the `ibdata` first on the path, and prints what differs.
+
+`python replay.py tape.npz …` prints one JSON object: the package's file and, by field of `State`, the largest
+|difference| / max(1, |value|) from the saved states over all tapes (null: not a number).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+
+import numpy as np
+
+
+def save(path, tape, states):
+    """One tape and the states expected on it, as `load` reads them."""
+    arrays = {f"noise_{name}": x for name, x in tape.noise._asdict().items()}
+    arrays |= {f"state_{name}": x for name, x in states.items()}
+    np.savez(path, setpoint=tape.setpoint, drifting=tape.drifting, action=tape.action, **arrays)
+
+
+def load(path, tapes):
+    """The tape and the expected states of a file, in the classes of the module `tapes`."""
+    with np.load(path, allow_pickle=False) as file:
+        noise = tapes.Noise(*(file[f"noise_{name}"] for name in tapes.Noise._fields))
+        states = {name: file[f"state_{name}"] for name in tapes.State._fields}
+        return tapes.Tape(file["setpoint"], bool(file["drifting"]), file["action"], noise), states
+
+
+def main(paths):
+    """Replay the tapes and print the JSON object."""
+    import tapes  # beside this script
+
+    import ibdata.dynamics
+
+    worst = dict.fromkeys(tapes.State._fields, 0.0)
+    for path in paths:
+        tape, expected = load(path, tapes)
+        for name, x in tapes.differences(tapes.run_ibdata(tape, "siemens"), expected).items():
+            worst[name] = x if math.isnan(x) else max(worst[name], x)
+    found = {name: None if math.isnan(x) else x for name, x in worst.items()}
+    print(json.dumps({"file": ibdata.dynamics.__file__, "worst": found}))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,147 @@
+"""Tapes: actions and noise of many lanes, ibdata's states on them, and what of the dynamics they reach."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ibdata.dynamics import Noise, State, initial_state, step
+
+TOLERANCE = 1e-12  # times max(1, |value|)
+STYLES = ("uniform", "saturating", "bang-bang", "slow")
+
+
+class Tape(NamedTuple):
+    """Lanes of equal length; the first step of each is the one with action zero."""
+
+    setpoint: np.ndarray  # (n,)
+    drifting: bool
+    action: np.ndarray  # (steps, n, 3)
+    noise: Noise  # fields (steps, n)
+
+
+def make_noise(rng, shape):
+    """Draws in standard form, from numpy's own generator.
+
+    A tenth of the uniforms behind an event lie within 0.001 of 0 or 1, where bounds of its probability count.
+    """
+    draw = {"exp": rng.standard_exponential, "normal": rng.standard_normal}
+    noise = Noise(*(draw.get(name.partition("_")[0], rng.random)(shape) for name in Noise._fields))
+    for u in (noise.bernoulli_v, noise.bernoulli_g):
+        extreme = rng.random(shape) < 0.1
+        u[extreme] = np.where(u[extreme] < 0.5, u[extreme] * 0.002, 1.0 - (1.0 - u[extreme]) * 0.002)
+    return noise
+
+
+def make_actions(rng, style, steps):
+    """One lane's actions (steps, 3); some lie outside [-1, 1], which both sides clip."""
+    if style == "uniform":
+        action = rng.uniform(-1.2, 1.2, (steps, 3))
+    elif style == "saturating":  # drives v and g into a corner, another one every 250 steps, and h to an end
+        corner = rng.permutation([(-1, 1), (1, -1), (-1, -1), (1, 1)])
+        block = np.arange(steps) // 250
+        toward = np.column_stack([corner[block % 4], rng.choice([-1, 1], block[-1] + 1)[block]])
+        action = (
+            toward * rng.uniform(-0.2, 1.2, (steps, 3)) * rng.choice([0.1, 1.0], (steps, 1), p=[0.2, 0.8])
+        )
+    elif style == "bang-bang":
+        flips = rng.random((steps, 3)) < 0.15
+        action = np.where(np.cumsum(flips, axis=0) % 2 == 0, 1.0, -1.0)
+    else:
+        action = rng.normal(0, 0.3, (steps, 3))
+    action[0] = 0.0
+    return action
+
+
+def make(setpoints, drifting, steps, seed):
+    """Every setpoint with every style of actions, for one step with action zero and `steps` more."""
+    rng = np.random.default_rng(seed)
+    setpoint = np.repeat(np.array(setpoints, dtype=np.float64), len(STYLES))
+    actions = [make_actions(rng, style, steps + 1) for _ in setpoints for style in STYLES]
+    noise = make_noise(rng, (steps + 1, setpoint.size))
+    return Tape(setpoint, drifting, np.stack(actions, axis=1), noise)
+
+
+def run_ibdata(tape, variant):
+    """The states of ibdata as a dict of arrays (steps, n, ...), all lanes in one call a step."""
+    state = initial_state(tape.setpoint, drifting=tape.drifting)
+    states = []
+    for t in range(tape.action.shape[0]):
+        state = step(state, tape.action[t], Noise(*(x[t] for x in tape.noise)), variant)
+        states.append(state)
+    return {name: np.stack([getattr(s, name) for s in states]) for name in State._fields}
+
+
+def transitions(tape):
+    """Recorded transitions of all lanes: without the zero-action step."""
+    return (tape.action.shape[0] - 1) * tape.action.shape[1]
+
+
+def rows(tape, lane):
+    """One lane's noise as a list of one dict a step, for implementations with one lane."""
+    columns = [x[:, lane].tolist() for x in tape.noise]
+    return [dict(zip(Noise._fields, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def differences(found, expected):
+    """The largest |difference| / max(1, |value|) of each field; NaN in `expected` means "not known"."""
+    worst = {}
+    for name in State._fields:
+        known = ~np.isnan(expected[name])
+        assert known.any(), name
+        a, b = found[name][known], expected[name][known]
+        scaled = np.abs(a - b) / np.maximum(1.0, np.abs(b))
+        worst[name] = float(np.max(scaled))  # NaN, if any, stays
+    return worst
+
+
+def coverage(states, tape, variant):
+    """How often each branch of the dynamics was taken in ibdata's states of a tape."""
+    prev = {name: x[:-1] for name, x in states.items()}
+    new = {name: x[1:] for name, x in states.items()}
+    count = {f"direction {phi}": new["direction"] == phi for phi in range(-6, 7)}
+    for sign in (-1, 1):
+        count[f"domain {sign}"] = new["domain"] == sign
+        count[f"response {sign}"] = new["response"] == sign
+        count[f"effective shift at {1.5 * sign}"] = new["effective_shift"] == 1.5 * sign
+    for mu, effective in (("mu_v", "effective_velocity"), ("mu_g", "effective_gain")):
+        low, run_away = new[effective] <= 0.05, prev[mu] >= 1.2
+        count[f"{mu} reset"] = low
+        count[f"{mu} reset from a run-away"] = low & run_away
+        count[f"{mu} amplified"] = ~low & run_away & (new[mu] < 5.0)
+        count[f"{mu} at its cap"] = ~low & run_away & (new[mu] == 5.0)
+        count[f"{mu} decays"] = ~low & ~run_away
+        u, e = getattr(tape.noise, f"bernoulli_{mu[-1]}")[1:], new[effective]
+        count[f"{effective} event"] = u < e
+        count[f"{effective} no event"] = u >= e
+        count[f"{effective} draw between it and 0.001"] = (e > 0.0) & (e <= u) & (u < 0.001)
+        count[f"{effective} draw between 0.999 and it"] = (u >= 0.999) & (u < e)
+    drawn = np.maximum(new["mu_v"], new["mu_g"]) >= variant.alpha_threshold
+    count["alpha drawn anew"] = drawn
+    count["alpha from the noise"] = ~drawn
+    count["basic fatigue zero"] = new["basic_fatigue"] == 0.0
+    count["basic fatigue positive"] = new["basic_fatigue"] > 0.0
+    for name, low, high in (("velocity", 0, 100), ("gain", 0, 100), ("shift", 0, 100)):
+        count[f"{name} at {low}"] = new[name] == low
+        count[f"{name} at {high}"] = new[name] == high
+    if tape.drifting:
+        in_segment = prev["drift_left"] > 0
+        turned = in_segment & (new["drift_rate"] == -prev["drift_rate"]) & (new["drift_rate"] != 0.0)
+        where = new["setpoint"] if variant.drift_flip[1] > 0.0 else prev["setpoint"]
+        for bound in (0, 100):
+            count[f"setpoint reaches {bound}"] = (new["setpoint"] == bound) & (prev["setpoint"] != bound)
+            count[f"setpoint flips at {bound}"] = turned & (where == bound)
+            count[f"setpoint does not flip at {bound}"] = in_segment & ~turned & (where == bound)
+        count["segment drawn"] = prev["drift_left"] == 0
+        count["segment with rate zero"] = (prev["drift_left"] == 0) & (new["drift_rate"] == 0.0)
+    return {name: int(np.count_nonzero(x)) for name, x in count.items()}
+
+
+def total_coverage(tapes, variant):
+    """The counts of `coverage` over several tapes."""
+    total = Counter()
+    for tape in tapes:
+        total.update(coverage(run_ibdata(tape, variant), tape, variant))
+    return total

@@ -1,0 +1,148 @@
+"""Planted bugs: each one, applied to a copy of the dynamics, must show on a short tape.
+
+The states expected there are those of the code as it is, which `test_published.py` proves to be the published
+package's. So a bug that goes unnoticed here is one that the comparison could not find either.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import ibdata.dynamics
+
+DYNAMICS = Path(ibdata.dynamics.__file__).parent
+REPLAY = Path(__file__).with_name("replay.py")
+
+MUTANTS = {  # name: file, then (old, new) for each changed line
+    "unchanged": ("step.py", []),
+    "exponential scale": ("variants.py", [("eta_mean=0.1,", "eta_mean=0.11,")]),
+    "probability not bounded": (
+        "variants.py",
+        [("bernoulli_bounds=(0.001, 0.999)", "bernoulli_bounds=(0.0, 1.0)")],
+    ),
+    "cost noise": ("variants.py", [("consumption_noise=0.005,", "consumption_noise=0.0055,")]),
+    "velocity and gain swapped": (
+        "step.py",
+        [("state.gain[i], state.shift[i] = v, g, h", "state.gain[i], state.shift[i] = g, v, h")],
+    ),
+    "effective actions swapped in the noise": (
+        "step.py",
+        [
+            ("noise.bernoulli_v[i], ve, k)", "noise.bernoulli_v[i], ge, k)"),
+            ("noise.bernoulli_g[i], ge, k)", "noise.bernoulli_g[i], ve, k)"),
+        ],
+    ),
+    "fatigue amplification": ("fatigue.py", [("AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n")]),
+    "latent decay": ("fatigue.py", [("0.9 * mu", "0.89 * mu")]),
+    "cost coefficients swapped": ("operational_cost.py", [("4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g")]),
+    "convolution delayed by one": (
+        "step.py",
+        [
+            (
+                "convolved_cost(state.operational_cost, i",
+                "convolved_cost(state.operational_cost[:, [0, *range(9)]], i",
+            )
+        ],
+    ),
+    "convolution reversed": (
+        "step.py",
+        [("convolved_cost(state.operational_cost, i", "convolved_cost(state.operational_cost[:, ::-1], i")],
+    ),
+    "Goldstone sign": ("step.py", [("m = penalty(phi, he)", "m = -penalty(phi, he)")]),
+    "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
+    "reward of t-1": ("step.py", [("return new\n", "return new._replace(reward=state.reward)\n")]),
+    "latents cross-coupled": (  # as in the authors' Java code
+        "step.py",
+        [
+            ("hidden(state.mu_v[i], ve", "hidden(state.mu_g[i], ve"),
+            ("hidden(state.mu_g[i], ge", "hidden(state.mu_v[i], ge"),
+        ],
+    ),
+    "history window reversed": (
+        "operational_cost.py",
+        [
+            ("history[lane, i] = history[lane, i + 1]", "history[lane, 9 - i] = history[lane, 8 - i]"),
+            ("    history[lane, 9] = theta", "    history[lane, 0] = theta"),
+        ],
+    ),
+    "consumption and fatigue swapped in the reward": ("step.py", [("reward(c, f)", "reward(f, c)")]),
+    "the old setpoint used": (
+        "step.py",
+        [("state.setpoint[i] = p\n", "state.setpoint[i], p = p, state.setpoint[i]\n")],
+    ),
+    "setpoint moved twice": ("setpoint.py", [("return moved(p, b),", "return moved(moved(p, b), b),")]),
+    "setpoint turns before moving": ("variants.py", [("drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)")]),
+    "segment one step longer": ("setpoint.py", [("k.flip_after), left - 1", "k.flip_after), left")]),
+    "shift steps at the gain's rate": ("step.py", [("state.shift[i], D_H", "state.shift[i], D_G")]),
+    "alpha threshold as printed": ("variants.py", [("alpha_threshold=5.0", "alpha_threshold=1.2")]),
+    "domain not reset after a turn": (
+        "miscalibration.py",
+        [("return 1, 1, 0", "return delta_hat, psi_next, 0")],
+    ),
+}
+
+
+def mutate(name, folder):
+    """A package `ibdata` in `folder` with a copy of the dynamics in which the mutant's text is changed."""
+    package = folder / "ibdata"
+    shutil.copytree(DYNAMICS, package / "dynamics", ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "__init__.py").touch()
+    file, changes = MUTANTS[name]
+    path = package / "dynamics" / file
+    text = path.read_text(encoding="utf-8")
+    for old, _ in changes:
+        assert text.count(old) == 1, (
+            f"{name}: {old!r} occurs {text.count(old)} times in {file}, expected once"
+        )
+    pieces = [(text.index(old), old, new) for old, new in changes]
+    for at, old, new in sorted(pieces, reverse=True):
+        text = text[:at] + new + text[at + len(old) :]
+    path.write_text(text, encoding="utf-8")
+    return folder
+
+
+def replay(folder, files):
+    """The report of `replay.py` with the package in `folder`, not compiled; its errors are errors here."""
+    env = os.environ | {"PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    child = subprocess.run([sys.executable, str(REPLAY), *files], env=env, capture_output=True, text=True)
+    assert child.returncode == 0, child.stderr
+    report = json.loads(child.stdout)
+    assert Path(report["file"]).is_relative_to(folder), report["file"]
+    return report["worst"]
+
+
+@pytest.fixture(scope="module")
+def worst(tapes, replay_module, tmp_path_factory):
+    """A future for each mutant: the largest differences by field, None for one that is not a number."""
+    root = tmp_path_factory.mktemp("mutants")
+    files = []
+    for drifting in (False, True):
+        tape = tapes.make((2, 50, 98), drifting, 300, 8)
+        files.append(str(root / f"{drifting}.npz"))
+        replay_module.save(files[-1], tape, tapes.run_ibdata(tape, "siemens"))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        yield {
+            name: pool.submit(lambda n, folder: replay(mutate(n, folder), files), name, root / f"mutant{i}")
+            for i, name in enumerate(MUTANTS)
+        }
+
+
+def test_a_copy_without_a_change_gives_the_states_of_the_compiled_code(worst, tapes):
+    """Else every mutant would be "caught"."""
+    found = worst["unchanged"].result()
+    assert {field: x for field, x in found.items() if x is None or x > tapes.TOLERANCE} == {}
+
+
+@pytest.mark.parametrize("name", [name for name in MUTANTS if name != "unchanged"])
+def test_a_planted_bug_is_caught(name, worst, tapes):
+    """At least one value lies beyond the tolerance of the comparison with the published package."""
+    found = worst[name].result()
+    assert [field for field, x in found.items() if x is None or x > tapes.TOLERANCE]
