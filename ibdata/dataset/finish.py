@@ -18,7 +18,7 @@ from ibdata.dataset.card import card
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.shard import Written
-from ibdata.experiment import Experiment
+from ibdata.experiment import Experiment, as_yaml
 
 FILES = (
     manifest.PATH,
@@ -38,7 +38,7 @@ def finish(experiment: Experiment, written: list[Written], folder: Path) -> dict
         "meta/info.json": metadata.as_json(metadata.info(experiment, written)),
         "meta/episodes.parquet": metadata.episodes_parquet(experiment, written),
         "meta/stats.json": metadata.as_json(metadata.stats(experiment, layout(experiment).names, written)),
-        "meta/experiment.yaml": metadata.experiment_yaml(experiment),
+        "meta/experiment.yaml": as_yaml(experiment),
         "README.md": card(experiment, written, root),
     }
     entries = [w.entry for w in written] + [write(folder, path, data) for path, data in made.items()]
@@ -48,7 +48,7 @@ def finish(experiment: Experiment, written: list[Written], folder: Path) -> dict
 
 
 def _root(experiment: Experiment, written: list[Written]) -> str:
-    digests = [digest for w in written for digest in w.digests]
+    digests = [digest for w in written for digest in w.content.digests]
     cells = experiment.cells
     return content_root(
         columns(experiment),
@@ -66,14 +66,14 @@ def _manifest(
         "name": experiment.name,
         "content_root": root,
         "rows": experiment.rows,
-        "clipped_actions": sum(w.clipped for w in written),
+        "clipped_actions": sum(w.content.clipped for w in written),
         "shards": [
             {
                 "path": w.entry.path,
                 "rows": (w.shard.stop - w.shard.first) * experiment.steps,
                 "episodes": [w.shard.first, w.shard.stop],
                 "splits": list(w.shard.splits),
-                "content": hashlib.sha256(b"".join(w.digests)).hexdigest(),
+                "content": hashlib.sha256(b"".join(w.content.digests)).hexdigest(),
             }
             for w in written
         ],

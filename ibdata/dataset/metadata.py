@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from ruamel.yaml import YAML
 
 from ibdata.columns import columns
-from ibdata.dataset.schema import arrow_array, arrow_texts
+from ibdata.dataset.schema import arrow_array, arrow_strings, arrow_texts
 from ibdata.dataset.shard import Written
 from ibdata.dataset.statistics import described, merged
 from ibdata.experiment import Experiment
@@ -42,16 +41,6 @@ EPISODES = pa.schema(
 def as_json(data: Any) -> bytes:
     """JSON as ibdata's files hold it: indented, without NaN, ending in a newline."""
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-
-def experiment_yaml(experiment: Experiment) -> bytes:
-    """The resolved experiment, from which the dataset can be made again."""
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
-    out = io.BytesIO()
-    yaml.dump(experiment.plain(), out)
-    return out.getvalue()
 
 
 def info(experiment: Experiment, written: list[Written]) -> dict[str, Any]:
@@ -106,20 +95,29 @@ def episodes_parquet(experiment: Experiment, written: list[Written]) -> bytes:
         arrow_array(index),
         arrow_array(np.array([c.setpoint for c in cells])[cell]),
         arrow_texts((cell // (len(cells) // len(experiment.policies))).astype(np.int32), experiment.labels),
-        pa.array(
-            [list(w.shard.splits) for w, n in zip(written, counts, strict=True) for _ in range(n)],
-            EPISODES.field("splits").type,
-        ),
+        _lists([w.shard.splits for w in written], counts),
         arrow_array(np.full(len(first), experiment.steps, dtype=np.int64)),
-        arrow_array(np.concatenate([w.returns for w in written])),
+        arrow_array(np.concatenate([w.content.returns for w in written])),
         arrow_array(np.repeat(np.array([w.shard.number for w in written], dtype=np.int32), counts)),
         arrow_array(row_start),
         arrow_array(row_start + experiment.steps),
-        pa.array([digest for w in written for digest in w.digests], pa.binary(32)),
+        pa.Array.from_buffers(
+            pa.binary(32),
+            len(first),
+            [None, pa.py_buffer(b"".join(d for w in written for d in w.content.digests))],
+        ),
     ]
     out = io.BytesIO()
     pq.write_table(pa.table(arrays, schema=EPISODES), out, compression="zstd", write_page_checksum=True)
     return out.getvalue()
+
+
+def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
+    """Each list of texts, as often as its count says."""
+    lengths = np.repeat([len(texts) for texts in lists], counts)
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    texts = [text for texts, n in zip(lists, counts, strict=True) for _ in range(n) for text in texts]
+    return pa.ListArray.from_arrays(arrow_array(offsets), arrow_strings(texts))
 
 
 def stats(experiment: Experiment, names: tuple[str, ...], written: list[Written]) -> dict[str, Any]:
@@ -136,7 +134,7 @@ def stats(experiment: Experiment, names: tuple[str, ...], written: list[Written]
 
 
 def _described(names: tuple[str, ...], written: list[Written]) -> dict[str, Any]:
-    parts = written[0].moments
+    parts = written[0].content.moments
     for w in written[1:]:
-        parts = merged(parts, w.moments)
-    return described(names, parts, np.concatenate([w.sample for w in written], axis=1))
+        parts = merged(parts, w.content.moments)
+    return described(names, parts, np.concatenate([w.content.sample for w in written], axis=1))

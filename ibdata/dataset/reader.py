@@ -46,10 +46,11 @@ class Dataset:
         """meta/info.json: columns with roles, units and bounds; counts; splits."""
         return self._json("meta/info.json")
 
-    @cached_property
-    def stats(self) -> dict[str, Any]:
-        """meta/stats.json: statistics of each column, over all rows and over each split."""
-        return self._json("meta/stats.json")
+    def statistics(self, split: str | None = None) -> dict[str, Any]:
+        """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
+        stats = self._json("meta/stats.json")
+        columns: dict[str, Any] = stats["all"] if split is None else stats["splits"][self._known(split)]
+        return columns
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
@@ -127,12 +128,16 @@ class Dataset:
 
     def _files(self, split: str | None) -> list[Path]:
         """The files of the dataset, or of a split, in order."""
+        shards = [shard["path"] for shard in self.manifest["shards"]]
+        if split is not None:
+            files = self.info["splits"][self._known(split)]["files"]
+            shards = [path for path in shards if path in files]
+        return [self.path / path for path in shards]
+
+    def _known(self, split: str) -> str:
+        """The split itself, if the dataset has it."""
         splits = self.info["splits"]
-        if split is not None and split not in splits:
+        if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
             raise UsageError(f"split: found {split!r}, expected {known}")
-        return [
-            self.path / shard["path"]
-            for shard in self.manifest["shards"]
-            if split is None or shard["path"] in splits[split]["files"]
-        ]
+        return split

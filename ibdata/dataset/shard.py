@@ -19,11 +19,9 @@ from ibdata.experiment.plan import Shard
 from ibdata.rollout import Columns, rollout
 
 
-class Written(NamedTuple):
-    """What is known of a shard once it is on the disk."""
+class Content(NamedTuple):
+    """What is in a shard, whatever file holds it."""
 
-    shard: Shard
-    entry: FileEntry
     digests: list[bytes]  # of the episodes
     returns: Floats  # of the episodes, undiscounted
     moments: Moments  # of the float columns
@@ -31,12 +29,21 @@ class Written(NamedTuple):
     clipped: int
 
 
+class Written(NamedTuple):
+    """A shard that is on the disk."""
+
+    shard: Shard
+    entry: FileEntry
+    content: Content
+
+
 def write_shard(experiment: Experiment, shard: Shard, folder: Path) -> Written:
     """Simulate a shard and commit it to its file."""
     floats = rollout(experiment, shard.first, shard.stop)
     with committed(folder, shard.file) as file:
         encode(experiment, shard, floats, file)
-    return _written(experiment, shard, floats, FileEntry(shard.file, file.size, file.sha256()))
+    entry = FileEntry(shard.file, file.size, file.sha256())
+    return Written(shard, entry, describe(experiment, shard, floats))
 
 
 def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingFile) -> None:
@@ -46,18 +53,19 @@ def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingF
         writer.write_table(arrow_table(experiment, shard, floats), row_group_size=ROW_GROUP_ROWS)
 
 
-def _written(experiment: Experiment, shard: Shard, floats: Columns, entry: FileEntry) -> Written:
-    n = shard.stop - shard.first
+def describe(experiment: Experiment, shard: Shard, floats: Columns) -> Content:
+    """Digests, returns and statistics of a shard; IbdataError where a value is not finite."""
     parts = moments(floats.table)
-    if not np.isfinite(parts.squares[:-1]).all():
-        bad = floats.names[int(np.argmin(np.isfinite(parts.squares)))]
-        raise IbdataError(f"{shard.file}: {bad}: found a value that is not finite, expected finite numbers")
+    finite = np.isfinite(parts.squares)
+    finite[floats.names.index("action_log_prob")] = True  # a custom policy may not know its density
+    if not finite.all():
+        name = floats.names[int(np.argmin(finite))]
+        raise IbdataError(f"{shard.file}: {name}: found a value that is not finite, expected finite numbers")
     stride = sample_stride(experiment.rows)
     offset = -(shard.first * experiment.steps) % stride
-    return Written(
-        shard,
-        entry,
-        episode_digests(digest_runs(experiment, shard, floats), [experiment.steps] * n),
+    episodes = shard.stop - shard.first
+    return Content(
+        episode_digests(digest_runs(experiment, shard, floats), [experiment.steps] * episodes),
         sums(floats.table[floats.names.index("reward")], experiment.steps),
         parts,
         np.ascontiguousarray(floats.table[:, offset::stride]),

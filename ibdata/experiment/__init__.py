@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from ruamel.yaml import YAML
 
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment.messages import keys_at, rephrase, suggestion
@@ -15,7 +17,7 @@ from ibdata.experiment.models import Experiment, Problems
 from ibdata.experiment.strict_yaml import Document, Loc, StrictYamlError
 from ibdata.policies import POLICIES
 
-__all__ = ["Experiment", "find", "load", "shipped"]
+__all__ = ["Experiment", "as_yaml", "find", "load", "shipped"]
 
 
 def shipped() -> dict[str, Path]:
@@ -64,6 +66,16 @@ def load(
     except ValidationError as error:
         found = [line for e in error.errors() for line in _lines(e, document, str(path), places)]
         raise ConfigError(list(dict.fromkeys(found))) from None
+
+
+def as_yaml(experiment: Experiment) -> bytes:
+    """The resolved experiment, from which the dataset can be made again."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
+    out = io.BytesIO()
+    yaml.dump(experiment.plain(), out)
+    return out.getvalue()
 
 
 def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str]:

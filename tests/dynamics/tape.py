@@ -37,7 +37,7 @@ def noise(rng: np.random.Generator, *shape: int) -> Noise:
 
 
 def draw(seed: int, steps: int, n: int) -> Tape:
-    """A tape whose lanes wander with different trends, so that steerings reach their bounds; some actions exceed 1."""
+    """A tape whose lanes wander with different trends to the bounds; some actions exceed 1."""
     rng = np.random.default_rng(seed)
     trend = rng.uniform(-0.6, 0.6, (1, n, 3))
     actions = trend + rng.uniform(-1.5, 1.5, (steps, n, 3))
@@ -90,7 +90,7 @@ def changed(a: State, b: State) -> set[str]:
 
 
 def digest() -> str:
-    """SHA-256 of all State bytes of 40 steps of 5 lanes, in both variants, with every other setpoint moving."""
+    """SHA-256 of the states of 40 steps of 5 lanes in both variants, every other setpoint moving."""
     sha = hashlib.sha256()
     for variant in ("siemens", "paper"):
         for field in stack(play(start(5, "half"), draw(40, 40, 5), variant)):

@@ -34,7 +34,7 @@ def relative(got: float, want: mpmath.mpf) -> float:
 
 
 def uniforms(rng: np.random.Generator) -> np.ndarray:
-    """The grid of percents (without ½, whose normal is 0), both tails down to 2⁻⁵³, and the joints of AS 241."""
+    """A grid (without ½, whose normal is 0), both tails down to 2⁻⁵³, and the joints of AS 241."""
     grid = np.arange(1, 200)[np.arange(1, 200) != 100] / 200.0
     tails = 10.0 ** rng.uniform(-15.9, -1.0, 250)
     joints = np.array([0.075, 0.925, math.exp(-25.0)])
@@ -139,8 +139,8 @@ def test_the_logarithm_of_a_power_of_two_is_within_one_unit_in_the_last_place(k)
     assert ulps(log(2.0**k), k * mp.log(2)) <= 1.0 if k else log(1.0) == 0.0
 
 
-# One line of python -c "from ibdata.dynamics.exact import exp; print(exp(-1.0).hex())" each, at the commit "Add the
-# dynamics" with numba 0.68.1 and numpy 2.4.6; with NUMBA_DISABLE_JIT=1 the bits were the same.
+# From python -c "from ibdata.dynamics.exact import exp; print(exp(-1.0).hex())", and so on, at 157c922 with
+# numba 0.68.1 and numpy 2.4.6; with NUMBA_DISABLE_JIT=1 the bits were the same.
 GOLDEN = [
     ((exp, -1.0), "0x1.78b56362cef38p-2"),
     ((exp, 4.25), "0x1.186bf136d679dp+6"),

@@ -192,7 +192,7 @@ def test_a_hidden_value_stays_in_0_to_5_and_is_the_effective_value_up_to_0_05(mu
         (4.99, 5.0, 5.0, 1.0 / (1.0 + math.exp(-2.8))),
     ],
 )
-def test_the_amplification_bifurcates_where_either_hidden_value_reaches_the_threshold(
+def test_the_amplification_bifurcates_where_a_hidden_value_reaches_the_threshold(
     mu_v, mu_g, threshold, alpha
 ):
     assert amplification(mu_v, mu_g, 0.2, 0.3, 1.0, threshold) == pytest.approx(alpha, rel=1e-15)

@@ -13,9 +13,8 @@ from ibdata.dynamics.miscalibration import Z
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 LANES = 24
-uniforms = st.sampled_from([SMALLEST, 1e-9, 0.0009, 0.0011, 0.5, 0.9989, 0.9991, LARGEST]) | st.floats(
-    SMALLEST, LARGEST
-)
+ends = st.sampled_from([SMALLEST, 1e-9, 0.0009, 0.0011, 0.5, 0.9989, 0.9991, LARGEST])
+uniforms = ends | st.floats(SMALLEST, LARGEST)
 actions = st.sampled_from([-1e300, -7.0, -1.0, -0.0, 0.0, 1.0, 7.0, 1e300]) | st.floats(-1.0, 1.0)
 percents = st.sampled_from([0.0, 1e-300, 50.0, 100.0]) | st.floats(0.0, 100.0)
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])

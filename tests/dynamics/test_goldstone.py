@@ -57,7 +57,7 @@ def radii(phi):
 
 def test_the_constants_are_the_rounded_values_of_the_appendix():
     alpha, beta, kappa = constants()
-    assert (ALPHA, BETA, KAPPA) == (float(alpha), float(beta), float(kappa))
+    assert (float(alpha), float(beta), float(kappa)) == (ALPHA, BETA, KAPPA)
     assert [round(x, 10) for x in (ALPHA, BETA, KAPPA)] == [0.5849066324, 0.2924533162, -0.6367656874]
 
 
@@ -111,17 +111,11 @@ def test_the_radius_is_continuous_at_the_optimum(phi):
     assert radius(phi, -above) == pytest.approx(radius(phi, -r_opt), abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("phi", "m"),
-    list(
-        zip(
-            PHIS,
-            (1.2303, 1.2062, 1.1297, 0.9953, 0.8058, 0.5732, 0.2947)
-            + (0.0581, -0.1877, -0.4049, -0.5770, -0.6887, -0.7276),
-            strict=True,
-        )
-    ),
-)
+AT_LARGEST = [1.2303, 1.2062, 1.1297, 0.9953, 0.8058, 0.5732, 0.2947]  # φ = -6 … 0
+AT_LARGEST += [0.0581, -0.1877, -0.4049, -0.5770, -0.6887, -0.7276]  # φ = 1 … 6
+
+
+@pytest.mark.parametrize(("phi", "m"), list(zip(PHIS, AT_LARGEST, strict=True)))
 def test_the_penalty_at_the_largest_shift_falls_with_the_direction(phi, m):
     assert round(penalty(phi, 1.5), 4) == m
 

@@ -123,7 +123,7 @@ def test_the_direction_is_reflected_at_six():
 
 
 def test_one_full_turn_of_the_optimal_policy_follows_the_sine():
-    """Figure 3a: hᵉ = sin(πφ/12) for the φ of the next step, up to 6, back to 0, and then the mirror image."""
+    """Figure 3a: hᵉ = sin(πφ/12) for the φ of the next step, up to 6, back to 0, and mirrored."""
     up = [*range(1, 7), *range(5, -1, -1)]
     phis = up + [-phi for phi in up]
     shifts = [sgn(phi) * RHO_S[abs(phi)] for phi in phis]

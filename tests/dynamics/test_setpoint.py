@@ -118,7 +118,7 @@ def test_a_move_is_undone_by_the_opposite_rate_unless_a_bound_was_met(p, b):
 
 @pytest.mark.parametrize("p", [0.0, 100.0])
 def test_the_paper_flips_the_rate_before_the_setpoint_moves(p):
-    """At a bound with an outward rate, z < ½ turns the setpoint in this very step, and z >= ½ keeps it there."""
+    """At a bound with an outward rate, z < ½ turns the setpoint in this very step; else it stays."""
     inward = 1.0 if p == 0.0 else -1.0
     k = PAPER.parameters()
     assert drift(p, -0.5 * inward, 3, 0.5, 0.5, 0.5, 0.4, k) == (p + 0.5 * inward, 0.5 * inward, 2)
@@ -151,7 +151,7 @@ def test_a_segment_is_drawn_used_and_turned_in_the_same_step():
 
 @variants
 def test_a_segment_of_three_steps_is_counted_down_and_followed_by_a_new_one(variant):
-    """u = 0.025 draws l = 1 + ⌊2.475⌋ = 3 (or 1 + ⌊2.5⌋); the rates drawn within a segment are ignored."""
+    """A draw of 0.025 gives l = 1 + ⌊2.475⌋ = 3 (or 1 + ⌊2.5⌋); the rates drawn within a segment are ignored."""
     p, b, left, seen = 50.0, 0.0, 0, []
     for u_rate in (0.75, 0.1, 0.2, 0.5625, 0.3, 0.4, 0.875):
         p, b, left = drift(p, b, left, 0.025, u_rate, 0.5, 0.5, variant.parameters())

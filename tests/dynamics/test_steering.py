@@ -18,7 +18,7 @@ sizes = st.sampled_from([D_V, D_G, D_H])
 def test_the_step_sizes_are_those_of_the_paper():
     with mpmath.workdps(50):
         exact = 20 * mpmath.sin(mpmath.pi / 12) / mpmath.mpf("0.9")  # 15° = π/12
-    assert (D_V, D_G, D_H) == (1.0, 10.0, float(exact))
+    assert (1.0, 10.0, float(exact)) == (D_V, D_G, D_H)
     assert round(D_H, 4) == 5.7515
 
 

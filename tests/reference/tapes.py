@@ -107,17 +107,19 @@ def coverage(states, tape, variant):
         count[f"response {sign}"] = new["response"] == sign
         count[f"effective shift at {1.5 * sign}"] = new["effective_shift"] == 1.5 * sign
     for mu, effective in (("mu_v", "effective_velocity"), ("mu_g", "effective_gain")):
-        low, run_away = new[effective] <= 0.05, prev[mu] >= 1.2
-        count[f"{mu} reset"] = low
-        count[f"{mu} reset from a run-away"] = low & run_away
-        count[f"{mu} amplified"] = ~low & run_away & (new[mu] < 5.0)
-        count[f"{mu} at its cap"] = ~low & run_away & (new[mu] == 5.0)
-        count[f"{mu} decays"] = ~low & ~run_away
+        reset, run_away = new[effective] <= 0.05, prev[mu] >= 1.2
+        count[f"{mu} reset"] = reset
+        count[f"{mu} reset from a run-away"] = reset & run_away
+        count[f"{mu} amplified"] = ~reset & run_away & (new[mu] < 5.0)
+        count[f"{mu} at its cap"] = ~reset & run_away & (new[mu] == 5.0)
+        count[f"{mu} decays"] = ~reset & ~run_away
         u, e = getattr(tape.noise, f"bernoulli_{mu[-1]}")[1:], new[effective]
         count[f"{effective} event"] = u < e
         count[f"{effective} no event"] = u >= e
-        count[f"{effective} draw between it and 0.001"] = (e > 0.0) & (e <= u) & (u < 0.001)
-        count[f"{effective} draw between 0.999 and it"] = (u >= 0.999) & (u < e)
+        if variant.bernoulli_bounds != (0.0, 1.0):
+            low, high = variant.bernoulli_bounds
+            count[f"{effective} event by the lower bound"] = (e > 0.0) & (e <= u) & (u < low)
+            count[f"{effective} no event by the upper bound"] = (high <= u) & (u < e)
     drawn = np.maximum(new["mu_v"], new["mu_g"]) >= variant.alpha_threshold
     count["alpha drawn anew"] = drawn
     count["alpha from the noise"] = ~drawn

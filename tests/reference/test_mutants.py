@@ -94,6 +94,7 @@ def mutate(name, folder):
     """A package `ibdata` in `folder` with a copy of the dynamics in which the mutant's text is changed."""
     package = folder / "ibdata"
     shutil.copytree(DYNAMICS, package / "dynamics", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(DYNAMICS.parent / "compiling.py", package)
     (package / "__init__.py").touch()
     file, changes = MUTANTS[name]
     path = package / "dynamics" / file
@@ -111,7 +112,8 @@ def mutate(name, folder):
 
 def replay(folder, files):
     """The report of `replay.py` with the package in `folder`, not compiled; its errors are errors here."""
-    env = os.environ | {"PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    env = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    env |= {"NUMBA_DISABLE_JIT": "1", "IBDATA_CACHE_DIR": str(folder)}
     child = subprocess.run([sys.executable, str(REPLAY), *files], env=env, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     report = json.loads(child.stdout)

@@ -1,0 +1,88 @@
+"""The command line: one command a file, each one library call; here is where errors become exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import pkgutil
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+
+import click
+
+import ibdata
+from ibdata.errors import ConfigError, IbdataError
+
+MAX_LINES = 12
+INTERRUPTED = 130
+
+
+class Commands(click.Group):
+    """Every module of this folder whose name does not begin with _ holds a `command`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
+        return command
+
+
+@click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(ibdata.__version__, prog_name="ibdata")
+def cli() -> None:
+    """Offline reinforcement-learning datasets of the Industrial Benchmark.
+
+    \b
+    ibdata generate --config random.yaml      the paper's random-exploration batch in data/random
+    ibdata info data/random                   what it holds
+    """
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with its code; no traceback without --debug."""
+    given = list(sys.argv[1:] if args is None else args)
+    debug, as_json = "--debug" in given, "--json" in given
+    try:
+        code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
+        sys.stdout.flush()
+    except click.ClickException as error:
+        _report(
+            [error.format_message()], 2, as_json, error.ctx if isinstance(error, click.UsageError) else None
+        )
+        code = 2
+    except (KeyboardInterrupt, click.Abort):
+        _report(["stopped; nothing unfinished is left behind"], INTERRUPTED, as_json)
+        code = INTERRUPTED
+    except BrokenPipeError:
+        # The reader of stdout has gone; keep Python from complaining again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        code = error.exit_code if isinstance(error, IbdataError) else 1
+        _report(_lines(error), code, as_json)
+    sys.exit(code)
+
+
+def _lines(error: Exception) -> list[str]:
+    if isinstance(error, ConfigError):
+        more = len(error.problems) - MAX_LINES
+        return [*error.problems[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
+    if isinstance(error, IbdataError):
+        return [str(error)]
+    return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
+
+
+def _report(lines: list[str], code: int, as_json: bool, context: click.Context | None = None) -> None:
+    for line in lines:
+        click.echo(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+    if context is not None:
+        click.echo(f"Try '{context.command_path} --help'.", err=True)
+    if as_json:
+        click.echo(json.dumps({"version": 1, "error": {"code": code, "message": "\n".join(lines)}}))

@@ -1,0 +1,48 @@
+"""What several commands share: arguments, options, and how results are printed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+config_option = click.option(
+    "--config", "config", required=True, metavar="C", help="A YAML file, or the name of a shipped experiment."
+)
+set_option = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override an option, e.g. --set episodes=100.",
+)
+seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """One JSON document with the version of its form."""
+    click.echo(json.dumps({"version": 1, **data}, ensure_ascii=False, allow_nan=False))
+
+
+def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
+    """Names and values, a line each."""
+    width = max(len(name) for name, _ in pairs)
+    for name, value in pairs:
+        click.echo(f"{name.ljust(width)}  {value}")
+
+
+def size(count: float) -> str:
+    """Bytes for people.
+
+    >>> size(791701)
+    '0.8 MB'
+    """
+    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= scale / 10:
+            return f"{count / scale:.1f} {unit}"
+    return f"{count:.0f} bytes"

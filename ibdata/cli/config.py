@@ -1,0 +1,63 @@
+"""ibdata config validate | show | schema."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from ibdata.cli._shared import json_option, print_json, seed_option, set_option
+
+
+@click.group("config")
+def command() -> None:
+    """Check an experiment, show it in full, or print its JSON Schema.
+
+    \b
+    ibdata config validate my.yaml
+    ibdata config show random --set episodes=100
+    ibdata config schema > schema.json
+    """
+
+
+config_argument = click.argument("config", metavar="C")
+
+
+@command.command("validate")
+@config_argument
+@set_option
+@seed_option
+@json_option
+def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
+    """Say whether an experiment is valid; all its errors at once, exit code 2."""
+    from ibdata.experiment import find, load
+
+    experiment = load(config, overrides, seed)
+    if as_json:
+        print_json({"config": str(find(config)), "valid": True, "rows": experiment.rows})
+        return
+    click.echo(f"{find(config)}: valid, {experiment.rows} rows")
+
+
+@command.command("show")
+@config_argument
+@set_option
+@seed_option
+@json_option
+def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
+    """Print the resolved experiment, defaults included."""
+    from ibdata.experiment import as_yaml, load
+
+    experiment = load(config, overrides, seed)
+    if as_json:
+        print_json({"experiment": experiment.plain()})
+        return
+    click.echo(as_yaml(experiment).decode(), nl=False)
+
+
+@command.command("schema")
+def schema() -> None:
+    """Print the JSON Schema of experiments, for editors."""
+    from ibdata.experiment import Experiment
+
+    click.echo(json.dumps(Experiment.model_json_schema(), indent=1, ensure_ascii=False))

@@ -1,0 +1,35 @@
+"""ibdata stats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json
+
+SHOWN = ("mean", "std", "min", "max")
+
+
+@click.command("stats")
+@folder_argument
+@click.option("--split", metavar="NAME", help="Statistics of this split only.")
+@json_option
+def command(folder: Path, split: str | None, as_json: bool) -> None:
+    """Print mean, standard deviation, range and median of every column.
+
+    \b
+    ibdata stats data/random
+    ibdata stats data/transfer --split target
+    """
+    from ibdata.dataset.reader import Dataset
+
+    columns = Dataset(folder).statistics(split)
+    if as_json:
+        print_json({"columns": columns})
+        return
+    width = max(map(len, columns))
+    click.echo(" " * width + "".join(name.rjust(14) for name in (*SHOWN, "median")))
+    for name, stat in columns.items():
+        numbers = [*(stat[key] for key in SHOWN), stat["quantiles"]["0.5"]]
+        click.echo(name.ljust(width) + "".join(f"{x:.6g}".rjust(14) for x in numbers))
