@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ibdata.version import __version__
+
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
@@ -10,8 +12,7 @@ if TYPE_CHECKING:
     from ibdata.errors import IbdataError
     from ibdata.experiment import Experiment, load
 
-__version__ = "0.1.0"
-__all__ = ["Dataset", "Experiment", "IbdataError", "generate", "load", "open"]
+__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "generate", "load", "open"]
 
 # Imported when first used, so that `ibdata --help` answers at once.
 _HOMES = {

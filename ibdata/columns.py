@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
 
-Table = npt.NDArray[np.float32] | npt.NDArray[np.float64]  # (columns, rows)
+Table = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
 
 ACTION = ("velocity", "gain", "shift")
 LATENT = (*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g")

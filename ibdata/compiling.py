@@ -14,10 +14,9 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
-from numba.core import config
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -27,11 +26,11 @@ SOURCES = ("compiling.py", "noise.py", "lanes.py", "dataset/statistics.py", "dyn
 
 def compiled(function: F) -> F:
     """`numba.njit` with fastmath off and the cache in `FOLDER`; plain Python under NUMBA_DISABLE_JIT=1."""
+    config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # numba decides where a function is kept when it is decorated
     try:
-        made: F = numba.njit(cache=True)(function)
-        return made
+        return cast(F, numba.njit(cache=True)(function))
     finally:
         config.CACHE_DIR = before
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,6 +14,7 @@ from ibdata.dynamics.variants import Parameters
 from ibdata.noise import Raw, drift_noise, standard_noise
 
 Float32s = npt.NDArray[np.float32]
+AnyFloats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.int64]
 
 
@@ -66,7 +69,7 @@ def observe(state: State, history: Float32s, first: bool) -> None:
 
 
 @compiled
-def record_state(state: State, out: Floats, drifting: bool) -> None:
+def record_state(state: State, out: AnyFloats, drifting: bool) -> None:
     """The variables of a state into out (n, variables), as many as it has room for; -0.0 becomes 0.0.
 
     Order: observation, reward, latents, moving setpoint (if drifting), derived values.
@@ -114,7 +117,7 @@ def advance_and_record(
     noise: Noise,
     k: Parameters,
     history: Float32s,
-    out: Floats,
+    out: AnyFloats,
     drifting: bool,
 ) -> None:
     """One step of every lane in place, then what the policy sees and what the dataset keeps of it."""
@@ -125,14 +128,14 @@ def advance_and_record(
 
 @compiled
 def assemble(
-    record: Floats,
+    record: AnyFloats,
     actions: Float32s,
     log_prob: Floats,
     now: Ints,
     after: Ints,
     action_column: int,
     log_prob_column: int,
-    table: Floats,
+    table: AnyFloats,
     row: int,
     count: int,
     steps: int,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,13 +57,13 @@ class Source:
 
     def __init__(self) -> None:
         self._philox = np.random.Philox(key=0)
-        self._state = dict(self._philox.state)
+        self._state: dict[str, Any] = dict(self._philox.state)
 
     def raw(self, key: Raw, index: int, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
         """The integers (steps, slots) of one episode from `step` on; slots is a multiple of 4."""
         counter = np.array([step * slots // BLOCK, int(purpose), index, 0], dtype=np.uint64)
         self._state["state"] = {"counter": counter, "key": key}
-        self._philox.state = self._state
+        self._philox.state = self._state  # type: ignore[assignment]  # the type is private to numpy
         return self._philox.random_raw(steps * slots).reshape(steps, slots)
 
     def lanes(

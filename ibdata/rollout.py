@@ -119,14 +119,12 @@ class Block:
             raw, drift = self._dynamics_raw(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t, 1)
             uniforms(self._raw(Purpose.BURN_IN_POLICY, t, 1, slots(3)), 0, u)
             lanes.to_action(2.0 * u - 1.0, action)
-            moved = State(*(x.copy() for x in state))
+            moved = State._make(x.copy() for x in state)
             lanes.step_lanes(moved, action, raw, drift, 0, self.noise, self.parameters)
             running = t < counts
-            state = State(
-                *(
-                    np.where(running.reshape(-1, *(1,) * (x.ndim - 1)), y, x)
-                    for x, y in zip(state, moved, strict=True)
-                )
+            state = State._make(
+                np.where(running.reshape(-1, *(1,) * (x.ndim - 1)), y, x)
+                for x, y in zip(state, moved, strict=True)
             )
         return state
 

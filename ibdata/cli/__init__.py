@@ -12,8 +12,8 @@ from importlib import import_module
 
 import click
 
-import ibdata
 from ibdata.errors import ConfigError, IbdataError
+from ibdata.version import __version__
 
 MAX_LINES = 12
 INTERRUPTED = 130
@@ -33,7 +33,7 @@ class Commands(click.Group):
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(ibdata.__version__, prog_name="ibdata")
+@click.version_option(__version__, prog_name="ibdata")
 def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 

@@ -12,7 +12,6 @@ import hashlib
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from ibdata.columns import Column
@@ -32,8 +31,7 @@ def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
     for i, length in enumerate(lengths):
         hasher = hashlib.sha256(length.to_bytes(8, "little"))
         for run in runs:
-            part = run[i] if isinstance(run, list) else np.ascontiguousarray(run[:, row : row + length])
-            hasher.update(part)
+            hasher.update(run[i] if isinstance(run, list) else run[:, row : row + length].tobytes())
         digests.append(hasher.digest())
         row += length
     return digests

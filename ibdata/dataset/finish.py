@@ -11,7 +11,6 @@ import numba
 import numpy as np
 import pyarrow as pa
 
-import ibdata
 from ibdata.columns import columns, layout
 from ibdata.dataset import manifest, metadata
 from ibdata.dataset.card import card
@@ -19,6 +18,7 @@ from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.version import __version__
 
 FILES = (
     manifest.PATH,
@@ -81,7 +81,7 @@ def _manifest(
         "versions": {
             "python": platform.python_version(),
             "platform": f"{platform.system()} {platform.machine()}",
-            "ibdata": ibdata.__version__,
+            "ibdata": __version__,
             "numpy": np.__version__,
             "numba": numba.__version__,
             "pyarrow": pa.__version__,

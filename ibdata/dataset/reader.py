@@ -55,7 +55,8 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        return self._episode_table.to_pandas()
+        frame: pd.DataFrame = pq.read_table(self.path / "meta/episodes.parquet").to_pandas()
+        return frame
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.
@@ -68,7 +69,8 @@ class Dataset:
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
         """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
-        return self.table(columns, split).to_pandas()
+        frame: pd.DataFrame = self.table(columns, split).to_pandas()
+        return frame
 
     def iter_batches(
         self, columns: Sequence[str] | None = None, split: str | None = None, batch_rows: int = 65_536
@@ -107,10 +109,6 @@ class Dataset:
             "next_observations": after,
             **out,
         }
-
-    @cached_property
-    def _episode_table(self) -> pa.Table:
-        return pq.read_table(self.path / "meta/episodes.parquet")
 
     def _json(self, path: str) -> dict[str, Any]:
         try:

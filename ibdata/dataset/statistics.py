@@ -17,9 +17,9 @@ QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 
 class Moments(NamedTuple):
-    """Count of rows; mean, sum of squared deviations, min and max of each column (columns,)."""
+    """Number of rows; mean, sum of squared deviations, min and max of each column (columns,)."""
 
-    count: int
+    rows: int
     mean: Floats
     squares: Floats
     low: Floats
@@ -35,12 +35,12 @@ def moments(table: Table) -> Moments:
 
 def merged(a: Moments, b: Moments) -> Moments:
     """The moments of the rows of both (Chan, Golub and LeVeque 1983)."""
-    count = a.count + b.count
+    rows = a.rows + b.rows
     delta = b.mean - a.mean
     return Moments(
-        count,
-        a.mean + delta * (b.count / count),
-        a.squares + b.squares + delta * delta * (a.count * (b.count / count)),
+        rows,
+        a.mean + delta * (b.rows / rows),
+        a.squares + b.squares + delta * delta * (a.rows * (b.rows / rows)),
         np.minimum(a.low, b.low),
         np.maximum(a.high, b.high),
     )
@@ -60,9 +60,9 @@ def described(names: tuple[str, ...], parts: Moments, sample: Table) -> dict[str
     quantiles = np.quantile(sample.astype(np.float64), QUANTILES, axis=1, method="lower")
     return {
         name: {
-            "count": parts.count,
+            "count": parts.rows,
             "mean": float(parts.mean[i]),
-            "std": float(np.sqrt(parts.squares[i] / parts.count)),
+            "std": float(np.sqrt(parts.squares[i] / parts.rows)),
             "min": float(parts.low[i]),
             "max": float(parts.high[i]),
             "quantiles": {f"{q:g}": float(x) for q, x in zip(QUANTILES, quantiles[:, i], strict=True)},

@@ -57,8 +57,7 @@ def convolved_cost(history: History, lane: int, w: Weights) -> float:
     >>> convolved_cost(np.arange(10.0).reshape(1, 10), 0, (0.0, 0.0, 0.0, 0.25, 0.5))
     0.25
     """
-    s = w[0] * history[lane, 4]
-    s = s + w[1] * history[lane, 3]
-    s = s + w[2] * history[lane, 2]
-    s = s + w[3] * history[lane, 1]
-    return s + w[4] * history[lane, 0]
+    theta_c = 0.0
+    for i in range(5):
+        theta_c += w[i] * history[lane, 4 - i]
+    return theta_c

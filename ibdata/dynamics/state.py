@@ -109,7 +109,7 @@ def initial_state(
         shapes = ", ".join(f"{name} {value.shape}" for name, value in zip(names, given, strict=True))
         raise ValueError(f"initial_state: found {shapes}, expected equal lengths") from None
     n = p.size
-    zeros = State(*(np.zeros(n) for _ in State._fields))
+    zeros = State._make(np.zeros(n) for _ in State._fields)
     return zeros._replace(
         setpoint=p,
         velocity=v,
@@ -126,8 +126,10 @@ def initial_state(
 def checked_state(state: State) -> State:
     """A copy of the state, in which every field has the type, the length and the range of a State."""
     n = np.shape(state.setpoint)[0] if np.ndim(state.setpoint) else 0
-    copy = State(*(np.array(x, dtype=np.int64 if f in INTEGERS else np.float64, order="C")
-                   for f, x in zip(State._fields, state, strict=True)))  # fmt: skip
+    copy = State._make(
+        np.array(x, dtype=np.int64 if name in INTEGERS else np.float64, order="C")
+        for name, x in zip(State._fields, state, strict=True)
+    )
     for name, x in zip(State._fields, copy, strict=True):
         shape = (n, 10) if name == "operational_cost" else (n,)
         if x.shape != shape or not np.isfinite(x).all():

@@ -6,7 +6,7 @@ from ibdata.compiling import compiled
 
 D_V = 1.0
 D_G = 10.0
-D_H = float.fromhex("0x1.7019237851757p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515
+D_H = float.fromhex("0x1.7019237851756p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515, as IDS.py rounds it
 
 
 @compiled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,7 +21,7 @@ from ibdata.dynamics.fatigue import (
 from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
 from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
 from ibdata.dynamics.setpoint import NO_DRIFT, drift
-from ibdata.dynamics.state import Floats, Noise, State, checked_noise, checked_state
+from ibdata.dynamics.state import Noise, State, checked_noise, checked_state
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 
@@ -46,7 +48,7 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
 
 
 @compiled
-def advance(state: State, action: Floats, noise: Noise, k: Parameters) -> None:
+def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """One step of every lane, in place: the compiled part of `step`, without its checks."""
     for i in range(state.setpoint.shape[0]):
         p = state.setpoint[i]

@@ -113,26 +113,26 @@ def setpoint_values(setpoints: Any) -> tuple[list[float], bool]:
     return (setpoints if isinstance(setpoints, list) else [setpoints]), False
 
 
-class _Overrides(Plugin):
-    """A published variant with single fields replaced."""
+class Overrides(Plugin):
+    """A published variant with single fields replaced; `CustomDynamics` adds a field of each."""
+
+    base: Literal["siemens", "paper"]
 
     def variant(self) -> Variant:
         """The variant; ValueError if the fields do not fit together."""
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
-        base: Variant = VARIANTS[self.base]  # type: ignore[attr-defined]  # a field of the made model below
-        return dataclasses.replace(base, **{k: v for k, v in given.items() if v is not None})
+        return dataclasses.replace(VARIANTS[self.base], **{k: v for k, v in given.items() if v is not None})
 
     @model_validator(mode="after")
-    def _check(self) -> _Overrides:
+    def _check(self) -> Overrides:
         self.variant()
         return self
 
 
 CustomDynamics = create_model(
     "CustomDynamics",
-    __base__=_Overrides,
+    __base__=Overrides,
     __doc__="A published variant with single fields replaced.",
-    base=(Literal["siemens", "paper"], ...),
     **{
         name: (
             hint | None,

@@ -14,7 +14,6 @@ from ibdata.experiment.fields import (
     Dynamics,
     FileName,
     Output,
-    Plugin,
     Setpoints,
     Split,
     Start,
@@ -23,6 +22,7 @@ from ibdata.experiment.fields import (
 )
 from ibdata.experiment.strict_yaml import Loc
 from ibdata.policies import AnyPolicy
+from ibdata.policies.base import Plugin
 
 MAX_CELLS = 1_000_000
 
@@ -153,9 +153,8 @@ class Experiment(Plugin):
         axes = {name: self._axes(self.splits[name]) for name in names}
         for i, b in enumerate(names):
             for a in names[:i]:
-                if all(x & y for x, y in zip(axes[a][:2], axes[b][:2], strict=True)) and _meet(
-                    axes[a][2], axes[b][2]
-                ):
+                (p, policies, indices), (q, others, more) = axes[a], axes[b]
+                if p & q and policies & others and _meet(indices, more):
                     yield ("splits", b), f"shares episodes with {a}; expected none, or overlap: true"
 
     def _axes(self, split: Split) -> tuple[set[float], set[str], range]:

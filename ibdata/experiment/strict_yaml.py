@@ -56,7 +56,7 @@ class Document:
             root = YAML(typ="safe", pure=True).compose(decoded)
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
-            place = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+            place = _place(mark) if mark else (1, 1)
             raise StrictYamlError(*place, f"not valid YAML: {error.problem or error.context}") from None
         except (YAMLError, ValueError, RecursionError) as error:
             if isinstance(error, StrictYamlError):

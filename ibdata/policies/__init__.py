@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Union
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field
 
@@ -14,7 +14,7 @@ for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
 
-def _leaves(cls: type[Policy]) -> list[type[Policy]]:
+def _leaves(cls: Any) -> list[type[Policy]]:
     return [leaf for sub in cls.__subclasses__() for leaf in _leaves(sub)] or [cls]
 
 

@@ -151,7 +151,7 @@ def test_a_segment_is_drawn_used_and_turned_in_the_same_step():
 
 @variants
 def test_a_segment_of_three_steps_is_counted_down_and_followed_by_a_new_one(variant):
-    """A draw of 0.025 gives l = 1 + ⌊2.475⌋ = 3 (or 1 + ⌊2.5⌋); the rates drawn within a segment are ignored."""
+    """A draw of 0.025 gives l = 1 + ⌊2.475⌋ = 3 (or 1 + ⌊2.5⌋); rates drawn within a segment are ignored."""
     p, b, left, seen = 50.0, 0.0, 0, []
     for u_rate in (0.75, 0.1, 0.2, 0.5625, 0.3, 0.4, 0.875):
         p, b, left = drift(p, b, left, 0.025, u_rate, 0.5, 0.5, variant.parameters())
