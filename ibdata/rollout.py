@@ -32,7 +32,7 @@ from ibdata.noise import (
 )
 
 LANES = 256  # a block's state and record stay in the processor's cache
-CHUNK = 128  # steps drawn and recorded at a time
+CHUNK = 256  # steps drawn and recorded at a time
 
 
 class PolicyError(IbdataError):

@@ -34,7 +34,7 @@ def _not_reserved(name: str) -> str:
     return name
 
 
-Whole = Annotated[int, BeforeValidator(_whole), Field(strict=True)]
+WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0)]
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
@@ -153,7 +153,9 @@ Dynamics = Annotated[
 class BurnIn(Plugin):
     """A random number of unrecorded steps with uniform random actions before the first recorded one."""
 
-    burn_in: Annotated[list[Annotated[Whole, Field(ge=0, le=100_000)]], Field(min_length=2, max_length=2)]
+    burn_in: Annotated[
+        list[Annotated[int, Field(strict=True, ge=0, le=100_000), WHOLE]], Field(min_length=2, max_length=2)
+    ]
 
     @model_validator(mode="after")
     def _check(self) -> BurnIn:
@@ -175,7 +177,7 @@ class Output(Plugin):
     latent: Literal[False, True, "full", "next"] = Field(
         default=True, description="Markov state at t; full: also derived values; next: also of t + 1"
     )
-    shard_rows: Annotated[Whole, Field(ge=1, le=100_000_000)] = Field(
+    shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), WHOLE] = Field(
         default=1_000_000, description="rows a file; whole episodes, at least one"
     )
 
@@ -183,8 +185,8 @@ class Output(Plugin):
 class EpisodeRange(Plugin):
     """Episodes of each cell by their index, from 0; the stop is included."""
 
-    start: Annotated[Whole, Field(ge=0)] = 0
-    stop: Annotated[Whole, Field(ge=0)]
+    start: Annotated[int, Field(strict=True, ge=0), WHOLE] = 0
+    stop: Annotated[int, Field(strict=True, ge=0), WHOLE]
 
 
 class Split(Plugin):
@@ -196,7 +198,8 @@ class Split(Plugin):
     ) = None
     episodes: (
         Annotated[
-            Annotated[Annotated[Whole, Field(ge=1)], Tag("number")] | Annotated[EpisodeRange, Tag("range")],
+            Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("number")]
+            | Annotated[EpisodeRange, Tag("range")],
             Discriminator(lambda value: "range" if isinstance(value, dict | Plugin) else "number"),
         ]
         | None

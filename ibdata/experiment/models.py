@@ -11,13 +11,13 @@ from pydantic import Field, model_validator
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.fields import (
+    WHOLE,
     Dynamics,
     FileName,
     Output,
     Setpoints,
     Split,
     Start,
-    Whole,
     setpoint_values,
 )
 from ibdata.experiment.strict_yaml import Loc
@@ -45,15 +45,17 @@ class Experiment(Plugin):
         description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
     )
     policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)]
-    episodes: Annotated[Whole, Field(ge=1, lt=2**48)] = Field(
+    episodes: Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE] = Field(
         default=1, description="per setpoint and policy"
     )
-    steps: Annotated[Whole, Field(ge=1, lt=2**31)] = Field(default=1000, description="rows of an episode")
+    steps: Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE] = Field(
+        default=1000, description="rows of an episode"
+    )
     start: Start = Field(
         default="default",
         description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
     )
-    seed: Annotated[Whole, Field(ge=0, lt=2**64)] = 0
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = 0
     output: Output = Output()
     splits: dict[FileName, Split] = Field(default={}, description="named sets of episodes")
 

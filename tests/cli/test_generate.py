@@ -1,0 +1,125 @@
+"""`ibdata generate` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+SMALL = ("--set", "steps=20")
+
+
+def test_the_papers_batch_comes_out_in_an_empty_folder(ibdata, tmp_path):
+    done = ibdata("generate", "--config", "random.yaml")
+    assert done.returncode == 0
+    assert "10000 in 10 episodes of 1000 steps" in done.stdout
+    assert pq.read_table(tmp_path / "data/random/data").num_rows == 10_000
+
+
+def test_stdout_holds_the_result_and_stderr_nothing_without_a_terminal(ibdata):
+    ibdata("generate", "--config", "random", *SMALL)  # compiles where nothing is compiled yet
+    done = ibdata("generate", "--config", "random", *SMALL, "--overwrite")
+    assert done.stdout.startswith("dataset ")
+    assert done.stderr == ""
+
+
+def test_json_is_one_document_with_a_version(ibdata):
+    done = ibdata("generate", "--config", "random", *SMALL, "--out", "here", "--json")
+    data = json.loads(done.stdout)
+    assert data["version"] == 1
+    assert (data["out"], data["rows"], data["episodes"], data["shards"]) == ("here", 200, 10, 1)
+    assert len(data["content_root"]) == 64
+
+
+def test_seed_and_set_reach_the_experiment(ibdata, tmp_path):
+    done = ibdata("generate", "--config", "random", *SMALL, "--seed", "7", "--set", "setpoints=[70]")
+    assert done.returncode == 0
+    assert "seed: 7" in (tmp_path / "data/random/meta/experiment.yaml").read_text()
+    assert set(pq.read_table(tmp_path / "data/random/data")["obs_setpoint"].to_pylist()) == {70.0}
+
+
+def test_an_existing_folder_is_refused_and_kept(ibdata, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("keep me")
+    done = ibdata("generate", "--config", "random", *SMALL, "--out", "mine")
+    assert done.returncode == 2
+    assert done.stderr == "mine: exists already; choose another --out, or --overwrite to replace a dataset\n"
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_overwrite_replaces_a_dataset_but_nothing_else(ibdata, tmp_path):
+    ibdata("generate", "--config", "random", *SMALL)
+    (tmp_path / "data/random/notes.txt").write_text("keep me")
+    again = ibdata("generate", "--config", "random", *SMALL, "--seed", "1", "--overwrite", "--json")
+    assert again.returncode == 0
+    assert (tmp_path / "data/random/notes.txt").read_text() == "keep me"
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign/notes.txt").write_text("keep me")
+    refused = ibdata("generate", "--config", "random", *SMALL, "--out", "foreign", "--overwrite")
+    assert refused.returncode == 2
+    assert "not a dataset of ibdata" in refused.stderr
+
+
+def test_a_dry_run_says_what_would_be_made_and_writes_nothing(ibdata, tmp_path):
+    done = ibdata("generate", "--config", "transfer", "--dry-run", "--json")
+    data = json.loads(done.stdout)
+    assert (data["episodes"], data["rows"], data["shards"]) == (20, 20_000, 3)
+    assert data["experiment"]["splits"]["target"]["episodes"] == 2
+    assert data["bytes"] > 0
+    assert data["seconds"] > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dry_run_for_people_shows_the_resolved_experiment(ibdata):
+    done = ibdata("generate", "--config", "transfer", "--dry-run")
+    assert done.stdout.startswith("version: 1\nname: transfer\n")
+    assert "shards    3" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--config", "ranom"), "did you mean 'random'?"),
+        (
+            ("--config", "random", "--set", "step=3"),
+            "--set step=3: step: no such option; did you mean 'steps'?",
+        ),
+        (("--config", "random", "--seed", "-1"), "seed: found -1, expected a whole number of at least 0"),
+        (("--config", "random", "--workers", "0"), "workers: found 0, expected a whole number in [1, 1024]"),
+        (("--config", "random", "--out", "file"), "file: found a file, expected a folder or nothing"),
+        ((), "Missing option '--config'."),
+        (("--config", "random", "--nonsense"), "No such option"),
+    ],
+)
+def test_a_call_that_cannot_be_meant_exits_2_with_a_line_and_leaves_nothing(ibdata, tmp_path, args, message):
+    (tmp_path / "file").touch()
+    done = ibdata("generate", *args)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_every_error_of_an_experiment_is_shown_up_to_twelve(ibdata, tmp_path):
+    lines = "".join(f"wrong_{i}: 1\n" for i in range(15))
+    (tmp_path / "bad.yaml").write_text(f"name: bad\nsetpoints: [50]\npolicies: [{{kind: random}}]\n{lines}")
+    done = ibdata("generate", "--config", "bad.yaml")
+    shown = done.stderr.splitlines()
+    assert len(shown) == 13
+    assert shown[0].startswith("bad.yaml:4:1: wrong_0: no such option")
+    assert shown[12] == "ibdata: and 3 more"
+
+
+def test_an_error_is_json_too_when_asked_for(ibdata):
+    done = ibdata("generate", "--config", "ranom", "--json")
+    error = json.loads(done.stdout)["error"]
+    assert error["code"] == 2
+    assert "did you mean 'random'?" in error["message"]
+
+
+def test_out_defaults_to_the_experiments_name(ibdata, tmp_path: Path):
+    ibdata("generate", "--config", "safe", *SMALL)
+    assert (tmp_path / "data/safe/meta/manifest.json").is_file()

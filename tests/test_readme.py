@@ -1,0 +1,78 @@
+"""The README is true: every command and every snippet in it runs, in order, in one folder."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, flags=re.MULTILINE | re.DOTALL)
+SHELL = [line for language, block in BLOCKS if language == "sh" for line in block.splitlines()]
+
+
+def test_the_two_commands_come_first_and_are_what_ci_runs():
+    assert SHELL[0].endswith("ibdata generate --config random.yaml")
+    assert SHELL[1] == "scripts/test"
+    assert "README.md" in (ROOT / ".ci/run").read_text()
+
+
+def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
+    env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
+    tables = re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)
+    ran = 0
+    for line in tables:
+        subprocess.run(line, shell=True, cwd=tmp_path, env=env, check=True, capture_output=True)
+        ran += 1
+    for language, block in BLOCKS[2:]:
+        if language == "python":
+            script = tmp_path / "snippet.py"
+            script.write_text(block)
+            subprocess.run([sys.executable, script], cwd=tmp_path, env=env, check=True, capture_output=True)
+            ran += 1
+        for line in block.splitlines() if language == "sh" else ():
+            subprocess.run(line, shell=True, cwd=tmp_path, env=env, check=True, capture_output=True)
+            ran += 1
+    assert ran >= 15
+
+
+def test_the_experiment_shown_is_valid(tmp_path: Path):
+    from ibdata import load
+
+    (shown,) = (block for language, block in BLOCKS if language == "yaml")
+    (tmp_path / "mine.yaml").write_text(shown)
+    experiment = load(tmp_path / "mine.yaml")
+    assert len(experiment.cells) == 6
+    assert experiment.labels == ("random", "safe", "constant")
+
+
+def test_the_table_of_variants_names_every_field_and_both_values():
+    import dataclasses
+
+    from ibdata.dynamics import PAPER, SIEMENS, Variant
+
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", TEXT, flags=re.MULTILINE))
+    for field in dataclasses.fields(Variant):
+        _, paper, siemens = rows[field.name].split(" | ")
+        for cell, value in ((paper, getattr(PAPER, field.name)), (siemens, getattr(SIEMENS, field.name))):
+            if isinstance(value, int | float):
+                assert f"{value:g}" in cell.split()[0]
+
+
+@pytest.mark.parametrize("name", ["random", "random-paper", "safe", "drifting", "transfer"])
+def test_every_shipped_experiment_is_named(name):
+    assert f"`{name}`" in TEXT
+
+
+def test_every_command_and_policy_is_named(command: str):
+    from ibdata.cli import cli
+    from ibdata.policies import POLICIES
+
+    for name in cli.list_commands(None):
+        assert f"ibdata {name}" in TEXT
+    for kind in POLICIES:
+        assert f"kind: {kind}" in TEXT

@@ -1,0 +1,202 @@
+"""What a policy sees, and what becomes of its actions."""
+
+from __future__ import annotations
+
+import itertools
+from typing import ClassVar, Literal
+
+import numpy as np
+import pytest
+
+from ibdata.experiment import Experiment
+from ibdata.policies import Policy
+from ibdata.rollout import PolicyError, rollout
+
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+MOVING = {"drifting": [0.5, 50.0, 99.5]}
+STEPS = 30
+
+
+def described(**changes):
+    plain = {
+        "name": "tested",
+        "setpoints": [0.0, 33.0, 100.0],
+        "policies": [{"kind": "random"}, {"kind": "safe"}],
+        "episodes": 2,
+        "steps": STEPS,
+        "start": "uniform",
+        "output": {"dtype": "float64"},
+    }
+    return Experiment.model_validate({**plain, **changes})
+
+
+def with_policies(*policies, **changes):
+    return described(**changes).model_copy(update={"policies": list(policies)})
+
+
+def played(experiment):
+    """The columns by name, each (episodes, steps)."""
+    made = rollout(experiment, 0, len(experiment.cells) * experiment.episodes)
+    return {name: x.reshape(-1, STEPS) for name, x in zip(made.names, made.table, strict=True)}
+
+
+class Watching(Policy):
+    """Records what it sees; acts by the velocity that it saw two steps ago."""
+
+    frames: ClassVar[int] = 3
+    seen: ClassVar[list[np.ndarray]] = []
+    writeable: ClassVar[list[bool]] = []
+
+    kind: Literal["watching"] = "watching"
+
+    def act(self, history, u):
+        self.seen.append(history.copy())
+        self.writeable.append(history.flags.writeable)
+        return np.stack([history[:, 2, 1] / 50.0 - 1.0, np.ones(len(history)), u.sum(axis=1)], axis=1)
+
+
+class Scripted(Policy):
+    """Good actions up to a call, then what the test gives."""
+
+    calls: ClassVar[itertools.count] = itertools.count()
+    bad: ClassVar[object] = None
+    at: ClassVar[int] = 0
+
+    kind: Literal["scripted"] = "scripted"
+
+    def act(self, history, u):
+        good = np.zeros((len(history), 3))
+        return self.bad(good) if next(self.calls) == self.at else good
+
+
+class Returning(Policy):
+    """The answers that the test gives."""
+
+    answer: ClassVar[object] = None
+    density: ClassVar[object] = staticmethod(np.zeros)
+
+    kind: Literal["returning"] = "returning"
+
+    def act(self, history, u):
+        return self.answer(len(history))
+
+    def log_prob(self, history, action):
+        return self.density(len(action))
+
+
+class Meddling(Policy):
+    """Changes the actions it is asked the density of."""
+
+    kind: Literal["meddling"] = "meddling"
+
+    def act(self, history, u):
+        return np.zeros((len(history), 3))
+
+    def log_prob(self, history, action):
+        action[:] = 5.0
+        return np.zeros(len(action))
+
+
+def test_a_policy_sees_the_stored_observations_newest_first(monkeypatch):
+    monkeypatch.setattr("ibdata.rollout.CHUNK", 4)
+    monkeypatch.setattr(Watching, "seen", [])
+    monkeypatch.setattr(Watching, "writeable", [])
+    made = played(with_policies(Watching(), setpoints=MOVING, output={"dtype": "float32"}))
+    stored = np.stack([made[f"obs_{name}"] for name in OBSERVATION], axis=2)
+    assert len(Watching.seen) == STEPS
+    for t, history in enumerate(Watching.seen):
+        assert history.dtype == np.float32
+        assert history.shape == (6, 3, 6)
+        for frame in range(3):
+            assert (history[:, frame] == stored[:, max(0, t - frame)]).all()
+    assert not any(Watching.writeable)
+
+
+def test_a_policy_cannot_change_the_action_it_is_asked_about():
+    with pytest.raises((PolicyError, ValueError)):
+        played(with_policies(Meddling()))
+
+
+def test_densities_that_a_policy_does_not_know_are_nan():
+    assert np.isnan(played(with_policies(Watching()))["action_log_prob"]).all()
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        (lambda good: np.where(np.arange(6)[:, None] == 5, np.nan, good), "episode 11: step 3: found action"),
+        (lambda good: np.where(np.arange(6)[:, None] == 2, np.inf, good), "episode 8: step 3: found action"),
+        (lambda good: good[:, :2], "episode 6: step 3: found actions of shape (6, 2), expected (6, 3)"),
+        (lambda good: good[:1], "episode 6: step 3: found actions of shape (1, 3), expected (6, 3)"),
+        (lambda good: None, "episode 6: step 3: found"),
+        (lambda good: [[0.0, 0.0, 0.0], [0.0]], "episode 6: step 3: found"),
+        (lambda good: [["left"] * 3] * 6, "episode 6: step 3: found"),
+    ],
+    ids=["nan", "infinite", "columns", "lanes", "none", "ragged", "texts"],
+)
+def test_an_action_that_is_none_is_an_error_that_names_its_place(monkeypatch, bad, named):
+    monkeypatch.setattr("ibdata.rollout.CHUNK", 2)
+    monkeypatch.setattr(Scripted, "calls", itertools.count())
+    monkeypatch.setattr(Scripted, "bad", staticmethod(bad))
+    monkeypatch.setattr(Scripted, "at", 3)
+    experiment = with_policies(Returning(), Scripted(name="odd"))
+    monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
+    with pytest.raises(PolicyError) as error:
+        rollout(experiment, 0, 12)
+    assert str(error.value).startswith(f"policy odd: {named}")
+    assert error.value.exit_code == 1
+
+
+@pytest.mark.parametrize("shape", [(6, 3), (1,), ()], ids=str)
+def test_a_density_of_another_shape_is_an_error_that_names_its_place(monkeypatch, shape):
+    monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
+    monkeypatch.setattr(Returning, "density", staticmethod(lambda n: np.zeros(shape)))
+    with pytest.raises(PolicyError, match="^policy returning: episode 0: step 0: "):
+        rollout(with_policies(Returning()), 0, 6)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda n: [[1, 0, -1]] * n,
+        lambda n: np.array([[1.0, 0.0, -1.0]] * n, dtype=np.float32),
+        lambda n: np.broadcast_to(np.array([1.0, -0.0, -1.0]), (n, 3)),
+        lambda n: np.array([[1e300, -1e-60, -1.0000001]] * n),
+    ],
+    ids=["integers", "float32", "read-only", "out of range"],
+)
+def test_actions_in_any_form_are_clipped_rounded_and_without_negative_zeros(monkeypatch, answer):
+    monkeypatch.setattr(Returning, "answer", staticmethod(answer))
+    made = played(with_policies(Returning()))
+    expected = [np.full((6, STEPS), x) for x in (1.0, 0.0, -1.0)]
+    for name, values in zip(("act_velocity", "act_gain", "act_shift"), expected, strict=True):
+        assert made[name].tobytes() == values.tobytes()
+
+
+def test_clipped_actions_are_counted_once_a_row(monkeypatch):
+    def answer(n):
+        action = np.zeros((n, 3))
+        action[0], action[1, 2], action[2] = 2.0, -1.5, 1.0
+        return action
+
+    monkeypatch.setattr(Returning, "answer", staticmethod(answer))
+    assert rollout(with_policies(Returning()), 0, 6).clipped == 2 * STEPS
+    assert rollout(described(), 0, 6).clipped == 0  # random actions
+    assert rollout(described(), 0, 12).clipped == rollout(described(), 6, 12).clipped > 0
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_there_is_no_negative_zero(dynamics, dtype):
+    experiment = described(
+        dynamics=dynamics,
+        setpoints={"drifting": [0.0, 100.0]},
+        policies=[{"kind": "constant", "action": (-0.0, 0.0, -0.0)}, {"kind": "random"}],
+        episodes=20,
+        steps=100,
+        start="default",
+        output={"dtype": dtype, "latent": "full"},
+    )
+    table = rollout(experiment, 0, 80).table
+    assert (table == 0.0).any()
+    assert not ((table == 0.0) & np.signbit(table)).any()
