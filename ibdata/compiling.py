@@ -48,8 +48,8 @@ def _folder() -> str:
             continue
     passing = tempfile.mkdtemp(prefix="ibdata-")
     atexit.register(shutil.rmtree, passing, ignore_errors=True)
-    os.environ["IBDATA_CACHE_DIR"] = passing  # for worker processes
-    return passing
+    os.environ["IBDATA_CACHE_DIR"] = passing  # worker processes find the same folder in it
+    return os.path.join(passing, name)
 
 
 def _bases() -> Iterator[str]:
