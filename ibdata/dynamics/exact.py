@@ -25,7 +25,7 @@ EXPONENT_OF_ONE = 0x3FF0000000000000
 
 @compiled
 def exp(x: float) -> float:
-    """E to the x, which is clipped to [-708, 709]: beyond, the power of two would not be a normal double.
+    """The exponential of x, which is clipped to [-708, 709]: beyond, 2ᵏ is no normal double.
 
     x = k ln 2 + r with |r| <= ln 2 / 2 (Cody and Waite), then the Taylor sum to r¹³ (truncation 5e-18).
 
@@ -88,7 +88,7 @@ def log(x: float) -> float:
 
 @compiled
 def pow(x: float, y: float) -> float:
-    """X to the y for positive normal x with |y log x| <= 708.
+    """Power x^y for positive normal x with |y log x| <= 708.
 
     >>> float(pow(2.0, 0.5))
     1.414213562373095

@@ -15,7 +15,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,12 +73,25 @@ class Noise(NamedTuple):
 
 
 INTEGERS = ("domain", "response", "direction", "drift_left")
+FINITE = float(np.finfo(np.float64).max)
+# Of the fields that the next step reads; the others need only be finite.
+STATE_RANGES = {
+    **dict.fromkeys(("setpoint", "velocity", "gain", "shift"), (0.0, 100.0)),
+    "operational_cost": (0.0, 5000.0),
+    "domain": (-1.0, 1.0),
+    "response": (-1.0, 1.0),
+    "direction": (-float(PHI_MAX), float(PHI_MAX)),
+    "mu_v": (0.0, 5.0),
+    "mu_g": (0.0, 5.0),
+    "drift_rate": (-100.0, 100.0),
+    "drift_left": (float(NO_DRIFT), 1e6),
+}
 # A double's uniforms end below 1; its logarithm, and so Exp(1), at 745; 40 standard deviations are never.
 NOISE_RANGES = {
-    "exp": (0.0, 745.2),
-    "bernoulli": (0.0, 1.0 - 2.0**-53),
-    "uniform": (0.0, 1.0 - 2.0**-53),
-    "normal": (-40.0, 40.0),
+    "exp": (0.0, 745.2, "Exp(1)"),
+    "bernoulli": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
+    "uniform": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
+    "normal": (-40.0, 40.0, "N(0, 1)"),
 }
 
 
@@ -125,24 +138,27 @@ def initial_state(
 
 def checked_state(state: State) -> State:
     """A copy of the state, in which every field has the type, the length and the range of a State."""
-    n = np.shape(state.setpoint)[0] if np.ndim(state.setpoint) else 0
-    copy = State._make(
-        np.array(x, dtype=np.int64 if name in INTEGERS else np.float64, order="C")
-        for name, x in zip(State._fields, state, strict=True)
-    )
-    for name, x in zip(State._fields, copy, strict=True):
+    n = len(np.atleast_1d(np.asarray(state.setpoint)))
+    fields: dict[str, npt.NDArray[Any]] = {}
+    for name, x in zip(State._fields, state, strict=True):
+        given = np.asarray(x)
         shape = (n, 10) if name == "operational_cost" else (n,)
-        if x.shape != shape or not np.isfinite(x).all():
-            raise ValueError(f"step: state.{name}: found {x}, expected {shape} finite numbers")
-    if n and np.abs(copy.direction).max() > PHI_MAX:
-        raise ValueError(f"step: state.direction: found {copy.direction}, expected whole numbers in -6 … 6")
-    return copy
+        low, high = STATE_RANGES.get(name, (-FINITE, FINITE))
+        if given.shape != shape or not np.all((given >= low) & (given <= high)):
+            raise ValueError(
+                f"step: state.{name}: found {x}, expected {shape} numbers in [{low:g}, {high:g}]"
+            )
+        fields[name] = np.array(given, dtype=np.int64 if name in INTEGERS else np.float64, order="C")
+        if not np.array_equal(fields[name], given):
+            raise ValueError(f"step: state.{name}: found {x}, expected whole numbers")
+    return State(**fields)
 
 
 def checked_noise(noise: Noise, n: int) -> Noise:
-    draws = Noise(*(np.ascontiguousarray(x, dtype=np.float64) for x in noise))
+    """The noise as contiguous float64, every field of length n and in the range of its law."""
+    draws = Noise(*(np.array(x, dtype=np.float64, order="C") for x in noise))
     for name, x in zip(Noise._fields, draws, strict=True):
-        low, high = NOISE_RANGES[name.split("_")[0]]
+        low, high, law = NOISE_RANGES[name.split("_")[0]]
         if x.shape != (n,) or not np.all((x >= low) & (x <= high)):
-            raise ValueError(f"step: noise.{name}: found {x}, expected {n} numbers in [{low:g}, {high:g}]")
+            raise ValueError(f"step: noise.{name}: found {x}, expected {n} numbers of {law}")
     return draws

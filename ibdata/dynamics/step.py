@@ -65,9 +65,9 @@ def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k
             )
             state.setpoint[i] = p
 
-        v = steer(state.velocity[i], D_V, action[i, 0])
-        g = steer(state.gain[i], D_G, action[i, 1])
-        h = steer(state.shift[i], D_H, action[i, 2])
+        v = steer(state.velocity[i], D_V, np.float64(action[i, 0]))
+        g = steer(state.gain[i], D_G, np.float64(action[i, 1]))
+        h = steer(state.shift[i], D_H, np.float64(action[i, 2]))
         state.velocity[i], state.gain[i], state.shift[i] = v, g, h
 
         ve = effective_velocity(v, g, p, k.v0, k.g0, k.v1, k.g1)

@@ -109,12 +109,15 @@ class Variant:
 
     def parameters(self) -> Parameters:
         """The fields as one NamedTuple of numbers, the form in which they enter the kernel."""
-        eta_scale, eta_shift = self.eta_squash
-        (v0, g0), (v1, g1) = self.effective_velocity_ends
-        bernoulli_low, bernoulli_high = self.bernoulli_bounds
-        rate_low, rate_high = self.drift_rate
-        flip_before, flip_after = self.drift_flip
-        w5, w6, w7, w8, w9 = (float(w) for w in self.convolution_weights)
+        try:
+            eta_scale, eta_shift = self.eta_squash
+            (v0, g0), (v1, g1) = self.effective_velocity_ends
+            bernoulli_low, bernoulli_high = self.bernoulli_bounds
+            rate_low, rate_high = self.drift_rate
+            flip_before, flip_after = self.drift_flip
+            w5, w6, w7, w8, w9 = (float(w) for w in self.convolution_weights)
+        except (TypeError, ValueError):
+            raise ValueError(f"variant: a pair or list of weights has another shape; found {self}") from None
         return Parameters(
             eta_mean=float(self.eta_mean),
             eta_scale=float(eta_scale),

@@ -98,7 +98,7 @@ def test_a_change_of_domain_makes_the_response_advantageous(psi, delta, delta_ha
     ("phi", "delta_hat", "psi_hat", "he", "step"),
     [
         (4, 1, 1, 0.0, -1),  # safe: back towards 0
-        (-4, 1, 1, Z, 1),
+        (4, 1, 1, Z, -1),  # |hᵉ| = z is still safe
         (0, 1, 1, 0.0, 0),
         (-6, 1, -1, 0.5, 0),  # held at the opposite bound -6 δ̂
         (6, -1, -1, -0.5, 0),

@@ -19,11 +19,7 @@ print(runpy.run_path(sys.argv[1])["digest"]())
 
 
 def test_the_interpreted_run_has_the_bits_of_the_compiled_one(tape):
-    """The child turns the compiler off (or on, where this process has it off) and must find it so.
-
-    A failure can also mean a stale cache: numba does not recompile a cached function when only a function
-    that it calls has changed in another file.
-    """
+    """The child turns the compiler off (or on, where this process has it off) and must find it so."""
     other = "0" if numba.config.DISABLE_JIT else "1"
     child = subprocess.run(
         [sys.executable, "-W", "error", "-c", CHILD, tape.__file__, other],

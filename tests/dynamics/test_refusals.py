@@ -42,7 +42,9 @@ def test_an_action_that_is_not_finite_or_of_another_shape_is_refused(state, nois
 @pytest.mark.parametrize("name", Noise._fields)
 @pytest.mark.parametrize("wrong", [[0.5], [0.5, 0.5, 0.5], 0.5, [[0.5], [0.5]], [0.5, np.nan], [np.inf, 0.5]])
 def test_noise_that_is_not_finite_or_of_another_shape_is_refused(state, noise, name, wrong):
-    with pytest.raises(ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers in \["):
+    with pytest.raises(
+        ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
+    ):
         step(state, np.zeros((2, 3)), noise._replace(**{name: np.array(wrong)}))
 
 
@@ -50,7 +52,9 @@ def test_noise_that_is_not_finite_or_of_another_shape_is_refused(state, noise, n
 def test_noise_beyond_the_range_of_its_distribution_is_refused(state, noise, name):
     low, high = {"exp": (0.0, 745.2), "normal": (-40.0, 40.0)}.get(name.split("_")[0], (0.0, 1.0 - 2.0**-53))
     for value in (np.nextafter(low, -np.inf), np.nextafter(high, np.inf)):
-        with pytest.raises(ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers in \["):
+        with pytest.raises(
+            ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
+        ):
             step(state, np.zeros((2, 3)), noise._replace(**{name: np.array([0.5, value])}))
     for value in (low, high):
         step(state, np.zeros((2, 3)), noise._replace(**{name: np.array([0.5, value])}))
@@ -70,13 +74,39 @@ def test_a_state_that_is_not_finite_is_refused(state, noise, name, wrong):
         step(state, np.zeros((2, 3)), noise)
 
 
-@pytest.mark.parametrize("phi", [-7, 7, 100])
-def test_a_direction_without_a_radius_is_refused(state, noise, phi):
-    state.direction[1] = phi
+OUT_OF_RANGE = [
+    ("setpoint", -0.1),
+    ("setpoint", 100.1),
+    ("velocity", 1e9),
+    ("operational_cost", -1.0),
+    ("domain", 2),
+    ("response", -2),
+    ("direction", -7),
+    ("direction", 7),
+    ("direction", -(2**63)),
+    ("mu_v", -0.1),
+    ("mu_g", 5.1),
+    ("drift_rate", 1e300),
+    ("drift_left", -2),
+]
+
+
+@pytest.mark.parametrize(("name", "wrong"), OUT_OF_RANGE)
+def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
+    getattr(state, name)[1] = wrong
     with pytest.raises(
-        ValueError, match=r"step: state.direction: found .*, expected whole numbers in -6 … 6"
+        ValueError, match=rf"(?s)step: state.{name}: found .*, expected \(2,.*\) numbers in \["
     ):
         step(state, np.zeros((2, 3)), noise)
+
+
+@pytest.mark.parametrize("name", sorted(INTEGERS))
+@pytest.mark.parametrize("wrong", [0.5, np.nan])
+def test_a_whole_number_of_the_state_that_is_none_is_refused(state, noise, name, wrong):
+    field = getattr(state, name).astype(np.float64)
+    field[1] = wrong
+    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected "):
+        step(state._replace(**{name: field}), np.zeros((2, 3)), noise)
 
 
 def test_a_name_that_is_no_variant_is_refused(state, noise):
