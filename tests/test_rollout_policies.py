@@ -151,7 +151,7 @@ def test_an_action_that_is_none_is_an_error_that_names_its_place(monkeypatch, ba
 def test_a_density_of_another_shape_is_an_error_that_names_its_place(monkeypatch, shape):
     monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
     monkeypatch.setattr(Returning, "density", staticmethod(lambda n: np.zeros(shape)))
-    with pytest.raises(PolicyError, match="^policy returning: episode 0: step 0: "):
+    with pytest.raises(PolicyError, match=r"^policy returning: episode 0: step 0: "):
         rollout(with_policies(Returning()), 0, 6)
 
 

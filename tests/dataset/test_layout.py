@@ -1,0 +1,241 @@
+"""What is on disk after a run: the tree, the manifest, the metadata, the card, the Parquet files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from ruamel.yaml import YAML
+
+import ibdata
+
+SHARDS = [(0, 2), (2, 3), (3, 5), (5, 6), (6, 8), (8, 9), (9, 11), (11, 12)]  # of `dataset`, by episode
+META = ["meta/episodes.parquet", "meta/experiment.yaml", "meta/info.json", "meta/manifest.json"]
+META += ["meta/stats.json"]
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path for path in folder.rglob("*") if not path.is_dir()}
+
+
+def read(dataset, path):
+    return json.loads((dataset.path / path).read_text())
+
+
+def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
+    shards = [f"data/part-{i:05d}.parquet" for i in range(len(SHARDS))]
+    assert sorted(files(dataset.path)) == sorted(["README.md", *shards, *META])
+
+
+def test_the_manifest_lists_every_other_file_with_its_size_and_hash(either):
+    listed = {file["path"]: file for file in either.manifest["files"]}
+    found = files(either.path)
+    assert set(listed) == set(found) - {"meta/manifest.json"}
+    for name, file in listed.items():
+        data = found[name].read_bytes()
+        assert (file["bytes"], file["sha256"]) == (len(data), hashlib.sha256(data).hexdigest()), name
+
+
+def test_the_checksum_of_the_manifest_is_that_of_its_sorted_json(dataset):
+    manifest = read(dataset, "meta/manifest.json")
+    stated = manifest.pop("checksum")
+    assert hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest() == stated
+
+
+def test_the_manifest_says_what_made_the_dataset(dataset):
+    manifest = dataset.manifest
+    assert manifest["format"] == "ibdata-manifest"
+    assert (manifest["version"], manifest["data_version"], manifest["name"]) == (1, 1, "small")
+    assert set(manifest["versions"]) == {"python", "platform", "ibdata", "numpy", "numba", "pyarrow"}
+    assert manifest["versions"]["ibdata"] == ibdata.__version__
+
+
+def test_the_manifest_counts_the_rows_with_a_clipped_action(large):
+    actions = np.stack([large.table()[f"act_{name}"] for name in ("velocity", "gain", "shift")])
+    assert large.manifest["clipped_actions"] == (np.abs(actions) == 1.0).any(axis=0).sum() > 0
+
+
+def test_the_shards_of_the_manifest_are_whole_episodes_cut_where_splits_begin(dataset, plain_digests):
+    shards = dataset.manifest["shards"]
+    assert [tuple(shard["episodes"]) for shard in shards] == SHARDS
+    assert sum(shard["rows"] for shard in shards) == dataset.manifest["rows"] == 480
+    splits = [["source"], ["source"], ["target"], [], ["source"], ["source"], ["target"], []]
+    assert [shard["splits"] for shard in shards] == splits
+    for shard in shards:
+        table = pq.read_table(dataset.path / shard["path"])
+        digests = plain_digests(table)
+        assert list(digests) == list(range(*shard["episodes"]))
+        assert table.num_rows == shard["rows"]
+        assert hashlib.sha256(b"".join(digests.values())).hexdigest() == shard["content"]
+
+
+def test_info_describes_counts_splits_groups_and_columns(dataset):
+    info = read(dataset, "meta/info.json")
+    assert list(info) == [
+        "format", "version", "name", "dynamics", "counts", "splits", "groups", "columns",
+    ]  # fmt: skip
+    assert (info["format"], info["version"], info["name"]) == ("ibdata-dataset", 1, "small")
+    size = sum(path.stat().st_size for path in (dataset.path / "data").iterdir())
+    counts = {"rows": 480, "episodes": 12, "steps": 40, "cells": 4, "shards": 8, "data_bytes": size}
+    assert info["counts"] == counts
+    parts = {"source": [0, 1, 4, 5], "target": [2, 6]}
+    paths = {name: [f"data/part-{i:05d}.parquet" for i in numbers] for name, numbers in parts.items()}
+    assert info["splits"] == {
+        "source": {"episodes": 6, "rows": 240, "files": paths["source"]},
+        "target": {"episodes": 4, "rows": 160, "files": paths["target"]},
+    }
+    table = dataset.table()
+    assert [column["name"] for column in info["columns"]] == table.column_names
+    assert list(info["columns"][0]) == ["name", "role", "dtype", "unit", "low", "high", "description"]
+    grouped = {name: role for role, names in info["groups"].items() for name in names}
+    assert grouped == {column["name"]: column["role"] for column in info["columns"]}
+
+
+def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
+    rows = either.episodes
+    assert list(rows.columns) == [
+        "episode", "cell", "index", "setpoint", "policy", "splits", "length", "return", "shard",
+        "row_start", "row_stop", "digest",
+    ]  # fmt: skip
+    experiment = ibdata.load(either.path / "meta/experiment.yaml")
+    table = either.table()
+    digests = plain_digests(table)
+    assert rows["episode"].tolist() == list(digests) == list(range(12))
+    for row in rows.itertuples():
+        shard = either.manifest["shards"][row.shard]
+        part = pq.read_table(either.path / shard["path"]).slice(row.row_start, row.row_stop - row.row_start)
+        cell = experiment.cells[row.episode // 3]
+        assert set(part["episode"].to_pylist()) == {row.episode}
+        assert part["step"].to_pylist() == list(range(row.length)) == list(range(40))
+        assert row.digest == digests[row.episode]
+        assert set(part["policy"].to_pylist()) == {row.policy} == {cell.label}
+        assert (row.index, row.cell) == (row.episode % 3, cell.digest.hex())
+        assert row.setpoint == cell.setpoint
+        assert list(row.splits) == shard["splits"]
+        returned = rows["return"][row.Index]
+        assert returned == pytest.approx(sum(part["reward"].to_pylist()), rel=1e-12)
+    if not experiment.drifting:
+        assert rows["setpoint"][table["episode"].to_numpy()].tolist() == table["obs_setpoint"].to_pylist()
+
+
+@pytest.mark.parametrize("name", ["dataset", "moving", "large"])
+def test_stats_are_those_of_the_rows(request, name):
+    dataset = request.getfixturevalue(name)
+    stats = read(dataset, "meta/stats.json")
+    assert list(stats["splits"]) == list(dataset.info["splits"])
+    for split, described in {None: stats["all"], **stats["splits"]}.items():
+        assert described == dataset.statistics(split)
+        table = dataset.table(split=split)
+        floats = [c["name"] for c in dataset.info["columns"] if c["dtype"].startswith("float")]
+        assert list(described) == floats
+        for column in floats:
+            x, found = table[column].to_numpy().astype(np.float64), described[column]
+            scale = 1e-12 * np.abs(x).max()
+            assert found["count"] == len(x)
+            assert (found["min"], found["max"]) == (x.min(), x.max())
+            assert found["mean"] == pytest.approx(x.mean(), rel=1e-12, abs=scale)
+            assert found["std"] == pytest.approx(x.std(), rel=1e-12, abs=scale if x.std() == 0.0 else 0.0)
+            probabilities = [float(q) for q in found["quantiles"]]
+            assert probabilities == [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99]
+            exact = np.quantile(x, probabilities, method="lower")
+            if len(x) <= 100_000:
+                assert list(found["quantiles"].values()) == exact.tolist()
+            else:
+                ranks = [(x <= q).mean() for q in found["quantiles"].values()]
+                assert np.all(np.array(ranks) > np.array(probabilities) - 0.01)
+                strictly = [(x < q).mean() for q in found["quantiles"].values()]
+                assert np.all(np.array(strictly) < np.array(probabilities) + 0.01)
+
+
+@pytest.mark.parametrize("name", ["dataset", "moving", "large"])
+def test_the_stored_experiment_is_the_one_that_made_the_dataset(request, declared, name):
+    dataset = request.getfixturevalue(name)
+    stored = ibdata.load(dataset.path / "meta/experiment.yaml")
+    assert [cell.digest.hex() for cell in stored.cells] == list(dict.fromkeys(dataset.episodes["cell"]))
+    assert stored.rows == len(dataset)
+    if name == "dataset":
+        assert stored == declared
+
+
+def test_the_card_opens_with_front_matter_that_names_the_files_of_every_split(dataset):
+    opening, front, text = (dataset.path / "README.md").read_text().split("---\n", 2)
+    matter = YAML(typ="safe", pure=True).load(front)
+    assert opening == ""
+    assert matter["size_categories"] == ["n<1K"]
+    default, *configs = matter["configs"]
+    assert default == {"config_name": "default", "default": True, "data_files": "data/*.parquet"}
+    splits = {config["config_name"]: config["data_files"] for config in configs}
+    assert splits == {name: split["files"] for name, split in dataset.info["splits"].items()}
+    assert dataset.content_root in text
+    assert "| source | 6 | 240 |" in text
+
+
+def test_parquet_columns_are_encoded_as_measured(either):
+    path = next((either.path / "data").iterdir())
+    metadata = pq.ParquetFile(path).metadata
+    types = {column["name"]: column["dtype"] for column in either.info["columns"]}
+    for i in range(metadata.num_columns):
+        column = metadata.row_group(0).column(i)
+        name, encodings = column.path_in_schema, set(column.encodings)
+        assert column.compression == "ZSTD"
+        if types[name].startswith("float"):
+            assert "BYTE_STREAM_SPLIT" in encodings, name
+        if types[name].startswith("int"):
+            assert "DELTA_BINARY_PACKED" in encodings, name
+        assert column.has_dictionary_page == (types[name] == "string"), name
+        assert not types[name].startswith(("float", "int")) or not encodings & {"RLE_DICTIONARY", "PLAIN"}
+
+
+def test_row_groups_have_at_most_a_hundred_thousand_rows(large):
+    (path,) = (large.path / "data").iterdir()
+    metadata = pq.ParquetFile(path).metadata
+    counts = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
+    assert counts == [100_000, 20_000]
+
+
+def test_nothing_is_null_nor_may_be(either):
+    for path in (either.path / "data").iterdir():
+        table = pq.read_table(path)
+        assert not any(field.nullable for field in table.schema)
+        assert all(column.null_count == 0 for column in table.columns)
+
+
+def test_page_checksums_notice_every_flipped_bit_of_a_page(copied):
+    path = copied / "data/part-00000.parquet"
+    whole = path.read_bytes()
+    assert pq.read_table(path, page_checksum_verification=True).num_rows == 80
+    column = pq.ParquetFile(path).metadata.row_group(0).column(7)
+    end = column.data_page_offset + column.total_compressed_size
+    for position in range(end - 12, end):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
+        with pytest.raises(OSError, match=r"CRC|crc|could not verify"):
+            pq.read_table(path, page_checksum_verification=True)
+
+
+# --- what the rows say about each other
+
+
+def test_a_next_observation_is_the_next_observation_within_an_episode_only(either):
+    rows = either.to_pandas()
+    following = rows["episode"].to_numpy()[:-1] == rows["episode"].to_numpy()[1:]
+    observations = rows.filter(regex="^obs_").to_numpy()
+    after = rows.filter(regex="^next_obs_").to_numpy()
+    same = (after[:-1] == observations[1:]).all(axis=1)
+    assert same.tolist() == following.tolist()
+
+
+def test_the_reward_is_that_of_the_next_observation(either):
+    rows = either.to_pandas().astype({name: np.float64 for name in either.info["groups"]["reward"]})
+    c, f = (rows[f"next_obs_{name}"].to_numpy(np.float64) for name in ("consumption", "fatigue"))
+    r = rows["reward"].to_numpy()
+    assert (np.abs(r + c + 3.0 * f) <= 2.0**-23 * (np.abs(c) + 3.0 * f + np.abs(r))).all()
+
+
+def test_only_the_last_row_of_an_episode_is_truncated_and_none_terminated(either):
+    rows = either.to_pandas(["episode", "step", "terminated", "truncated"])
+    assert not rows["terminated"].any()
+    assert rows["truncated"].tolist() == [step == 39 for step in rows["step"]]
+    assert rows.groupby("episode")["truncated"].sum().tolist() == [1] * 12

@@ -1,0 +1,194 @@
+"""Reading a dataset: tables, batches, and arrays with histories."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import ibdata
+from ibdata.errors import UsageError
+
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+SPLITS = {None: 480, "source": 240, "target": 160}
+splits = pytest.mark.parametrize("split", SPLITS)
+
+ONLY_READING = """
+import sys, ibdata
+dataset = ibdata.open(sys.argv[1])
+len(dataset), repr(dataset), dataset.info, dataset.statistics(), dataset.table(split="source")
+list(dataset.iter_batches()), dataset.arrays(history=3)
+dataset.episodes, dataset.to_pandas()
+loaded = [name for name in sys.modules if name.startswith(("numba", "ibdata.policies", "ibdata.dynamics"))]
+assert not loaded, loaded
+"""
+
+
+def test_a_dataset_says_what_it_is(dataset):
+    assert len(dataset) == 480
+    assert repr(dataset) == f"<ibdata.Dataset {dataset.path}: 480 rows, 12 episodes>"
+    assert dataset.manifest == json.loads((dataset.path / "meta/manifest.json").read_text())
+    assert dataset.content_root == dataset.manifest["content_root"]
+    assert dataset.info == json.loads((dataset.path / "meta/info.json").read_text())
+    assert isinstance(dataset.episodes, pd.DataFrame)
+    assert len(dataset.episodes) == 12
+
+
+@pytest.mark.parametrize("form", [str, Path])
+def test_a_dataset_opens_from_a_path_in_any_form(dataset, form):
+    assert ibdata.open(form(dataset.path)).content_root == dataset.content_root
+
+
+@splits
+def test_a_table_holds_the_rows_of_the_files_in_order(dataset, split):
+    table = dataset.table(split=split)
+    paths = dataset.info["splits"][split]["files"] if split else sorted(os.listdir(dataset.path / "data"))
+    parts = [pq.read_table(dataset.path / "data" / Path(path).name) for path in paths]
+    assert table.num_rows == SPLITS[split]
+    assert table.to_pylist() == pa.concat_tables(parts).to_pylist()
+    assert dataset.to_pandas(split=split).equals(table.to_pandas())
+
+
+def test_columns_come_in_the_order_asked_for(dataset):
+    names = ["reward", "policy", "step"]
+    assert dataset.table(names).column_names == names
+    assert list(dataset.to_pandas(names, "target").columns) == names
+    assert next(dataset.iter_batches(names)).schema.names == names
+    assert dataset.table(names).equals(dataset.table().select(names))
+
+
+def test_a_split_holds_its_episodes_and_no_others(dataset):
+    rows = dataset.episodes
+    for name in ("source", "target"):
+        members = rows["episode"][[name in names for names in rows["splits"]]]
+        assert dataset.to_pandas(["episode"], name)["episode"].unique().tolist() == members.tolist()
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda d: d.table(["rewards"]),
+        lambda d: d.to_pandas(["reward", "rewards"]),
+        lambda d: list(d.iter_batches(["rewards"])),
+    ],
+)
+def test_an_unknown_column_is_an_error_that_lists_the_known_ones(dataset, call):
+    with pytest.raises(UsageError, match=r"^column: found 'rewards', expected one of episode, ") as error:
+        call(dataset)
+    assert "reward, " in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda d, split: d.table(split=split),
+        lambda d, split: d.to_pandas(split=split),
+        lambda d, split: list(d.iter_batches(split=split)),
+        lambda d, split: d.arrays(split=split),
+        lambda d, split: d.statistics(split),
+    ],
+)
+def test_an_unknown_split_is_an_error_that_lists_the_known_ones(dataset, moving, call):
+    with pytest.raises(UsageError, match=r"^split: found 'train', expected one of source, target$"):
+        call(dataset, "train")
+    with pytest.raises(UsageError, match=r"^split: found 'train', expected none: the dataset declares no"):
+        call(moving, "train")
+
+
+@splits
+@pytest.mark.parametrize("batch_rows", [1, 33, 80, 100_000])
+def test_batches_are_the_rows_in_order_and_no_longer_than_asked_for(dataset, split, batch_rows):
+    batches = list(dataset.iter_batches(["episode", "step", "reward"], split, batch_rows))
+    assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
+    made = pa.Table.from_batches(batches)
+    assert made.equals(dataset.table(["episode", "step", "reward"], split).cast(made.schema))
+
+
+def test_batches_need_the_memory_of_a_file_at_most(describe, tmp_path):
+    experiment = describe(episodes=20, steps=500, output={"shard_rows": 2000})
+    many = ibdata.generate(experiment, tmp_path / "many", workers=1)
+    before = pa.total_allocated_bytes()
+    whole = many.table()
+    size = pa.total_allocated_bytes() - before
+    del whole
+    before = pa.total_allocated_bytes()
+    most = max(pa.total_allocated_bytes() - before for _ in many.iter_batches(batch_rows=500))
+    assert len(many.manifest["shards"]) == 20
+    assert 0 < most < size / 5
+
+
+@pytest.mark.parametrize("batch_rows", [0, -1])
+def test_empty_batches_are_refused(dataset, batch_rows):
+    with pytest.raises(UsageError, match=f"^batch_rows: found {batch_rows}, expected at least 1$"):
+        list(dataset.iter_batches(batch_rows=batch_rows))
+
+
+def stacked_naively(rows, prefix, i, history):
+    """The newest frame of row i from its own columns, older ones from the rows before it."""
+    frames = [rows[i][f"{prefix}{name}"] for name in OBSERVATION]
+    t = rows[i]["step"]
+    older = range(1, history) if prefix == "obs_" else range(history - 1)
+    for lag in older:
+        frames += [rows[i - min(lag, t)][f"obs_{name}"] for name in OBSERVATION]
+    return frames
+
+
+@splits
+@pytest.mark.parametrize("history", [1, 3, 30, 50])
+def test_arrays_hold_histories_newest_first_that_start_with_their_episode(dataset, history, split):
+    arrays = dataset.arrays(history, split)
+    rows = dataset.table(split=split).to_pylist()
+    n = SPLITS[split]
+    assert arrays["observations"].shape == arrays["next_observations"].shape == (n, 6 * history)
+    assert arrays["observations"].dtype == np.float32
+    for i in range(n):
+        assert arrays["observations"][i].tolist() == stacked_naively(rows, "obs_", i, history)
+        assert arrays["next_observations"][i].tolist() == stacked_naively(rows, "next_obs_", i, history)
+
+
+@splits
+def test_arrays_hold_actions_rewards_and_flags_of_every_row(dataset, split):
+    arrays = dataset.arrays(2, split)
+    rows = dataset.to_pandas(split=split)
+    assert arrays["actions"].tolist() == rows[["act_velocity", "act_gain", "act_shift"]].to_numpy().tolist()
+    assert (arrays["rewards"] == rows["reward"]).all()
+    for name in ("episode", "step", "terminated", "truncated"):
+        assert arrays[name].dtype == rows[name].dtype
+        assert (arrays[name] == rows[name]).all()
+    assert len(arrays) == 8
+
+
+@pytest.mark.parametrize("history", [0, -3])
+def test_a_history_without_frames_is_refused(dataset, history):
+    with pytest.raises(UsageError, match=f"^history: found {history}, expected at least 1$"):
+        dataset.arrays(history)
+
+
+def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):
+    stray = dataset.table().slice(0, 7)
+    pq.write_table(stray, copied / "data/part-00099.parquet")
+    pq.write_table(stray, copied / "data/aaa.parquet")
+    found = ibdata.open(copied)
+    assert found.table().equals(dataset.table())
+    assert sum(batch.num_rows for batch in found.iter_batches()) == len(found) == 480
+    assert len(found.arrays()["rewards"]) == 480
+
+
+def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-c", ONLY_READING, str(dataset.path)],
+        env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (child.returncode, child.stdout, child.stderr) == (0, "", "")

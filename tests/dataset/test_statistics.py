@@ -1,0 +1,140 @@
+"""Moments that merge, quantiles from an even sample, and sums in a fixed order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ibdata
+from ibdata.dataset import statistics
+from ibdata.dataset.statistics import Moments, described, merged, moments, sample_stride, sums
+
+seeds = st.integers(0, 2**32 - 1)
+sizes = st.integers(1, 400)
+exact = settings(derandomize=True, deadline=None, max_examples=60)
+
+
+def drawn(seed, rows, dtype=np.float64):
+    """Columns of unlike sizes, one far from 0 and one constant."""
+    rng = np.random.default_rng(seed)
+    scale, offset = 10.0 ** rng.uniform(-3, 3, 4), 10.0 ** rng.uniform(-2, 4, 4)
+    table = rng.normal(size=(4, rows)) * scale[:, None] + offset[:, None]
+    table[3] = offset[3]
+    return table.astype(dtype)
+
+
+def assert_numpys(found, table):
+    exact = table.astype(np.float64)
+    assert found.rows == table.shape[1]
+    assert (found.low == exact.min(axis=1)).all()
+    assert (found.high == exact.max(axis=1)).all()
+    np.testing.assert_allclose(found.mean, exact.mean(axis=1), rtol=1e-13)
+    squares = ((exact - exact.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+    magnitude = table.shape[1] * np.abs(exact).max(axis=1) ** 2
+    np.testing.assert_array_less(np.abs(found.squares - squares), 1e-10 * squares + 1e-26 * magnitude)
+
+
+@exact
+@given(seed=seeds, rows=sizes, dtype=st.sampled_from([np.float32, np.float64]))
+def test_moments_are_those_of_numpy(seed, rows, dtype):
+    table = drawn(seed, rows, dtype)
+    assert_numpys(moments(table), table)
+
+
+@exact
+@given(seed=seeds, cuts=st.lists(sizes, min_size=1, max_size=6))
+def test_merged_moments_are_those_of_all_rows(seed, cuts):
+    table = drawn(seed, sum(cuts))
+    parts = [moments(np.ascontiguousarray(x)) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1)]
+    found = parts[0]
+    for part in parts[1:]:
+        found = merged(found, part)
+    assert_numpys(found, table)
+
+
+@exact
+@given(
+    value=st.floats(-1e4, 1e4, allow_subnormal=False),
+    cuts=st.lists(sizes, min_size=1, max_size=4),
+    dtype=st.sampled_from([np.float32, np.float64]),
+)
+def test_a_constant_column_has_a_standard_deviation_of_exactly_zero(value, cuts, dtype):
+    found = moments(np.full((1, cuts[0]), value, dtype=dtype))
+    for rows in cuts[1:]:
+        found = merged(found, moments(np.full((1, rows), value, dtype=dtype)))
+    assert described(("x",), found, np.full((1, 3), value))["x"]["std"] == 0.0
+    assert found.mean[0] == dtype(value)
+
+
+@exact
+@given(seed=seeds, episodes=st.integers(1, 5), length=st.integers(1, 50))
+def test_sums_are_made_from_the_first_value_to_the_last(seed, episodes, length):
+    rewards = drawn(seed, episodes * length)[0]
+    expected = [0.0] * episodes
+    for i, value in enumerate(rewards.tolist()):
+        expected[i // length] += value
+    assert sums(rewards, length).tolist() == expected
+
+
+def test_sums_of_float32_are_made_in_float64():
+    assert sums(np.array([2.0**24, 1.0, 1.0], dtype=np.float32), 3).tolist() == [2.0**24 + 2.0]
+
+
+def test_values_that_are_not_finite_show_in_the_squares():
+    table = np.array([[1.0, np.nan, 2.0], [1.0, np.inf, 2.0], [1.0, 1.0, 2.0]])
+    assert np.isfinite(moments(table).squares).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("rows", "stride"),
+    [(1, 1), (100_000, 1), (100_001, 3), (200_001, 3), (300_001, 5), (10**6, 11), (10**9, 10_001)],
+)
+def test_the_sample_is_every_row_or_every_odd_number_of_rows(rows, stride):
+    assert sample_stride(rows) == stride
+    assert math.ceil(rows / stride) <= statistics.SAMPLE_ROWS
+
+
+def test_described_statistics_are_plain_numbers():
+    table = np.array([[4.0, 1.0, 3.0, 2.0]])
+    found = described(("x",), moments(table), table)["x"]
+    assert found.pop("quantiles") == {
+        "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 3.0, "0.99": 3.0,
+    }  # fmt: skip
+    assert found == {"count": 4, "mean": 2.5, "std": math.sqrt(1.25), "min": 1.0, "max": 4.0}
+    assert {type(value) for value in found.values()} == {int, float}
+
+
+def test_the_standard_deviation_is_that_of_the_population():
+    parts = Moments(3, np.array([2.0]), np.array([2.0]), np.array([1.0]), np.array([3.0]))
+    assert described(("x",), parts, np.array([[2.0]]))["x"]["std"] == math.sqrt(2 / 3)
+
+
+@pytest.mark.parametrize("shard_rows", [1, 7, 1000])
+def test_the_sample_does_not_depend_on_the_shards(monkeypatch, describe, tmp_path, shard_rows):
+    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 70)
+    made = ibdata.generate(describe(output={"shard_rows": shard_rows}), tmp_path / "x", workers=1)
+    rewards = made.table()["reward"].to_numpy().astype(np.float64)[::7]
+    expected = np.quantile(rewards, statistics.QUANTILES, method="lower")
+    assert list(made.statistics()["reward"]["quantiles"].values()) == expected.tolist()
+
+
+def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypatch, describe, tmp_path):
+    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 10)
+    one = {"one": {"setpoint": 70, "policy": "calm", "episodes": {"start": 1, "stop": 1}}}
+    made = ibdata.generate(describe(steps=1, episodes=9, splits=one), tmp_path / "x", workers=1)
+    (row,) = made.table(split="one").to_pylist()
+    assert made.statistics("one")["reward"]["quantiles"]["0.5"] == row["reward"]
+
+
+def test_a_policy_without_density_leaves_a_dataset_with_statistics(monkeypatch, describe, tmp_path):
+    def unknown(self, history, action):
+        return np.full(len(action), np.nan)
+
+    monkeypatch.setattr("ibdata.policies.random.Random.log_prob", unknown)
+    made = ibdata.generate(describe(), tmp_path / "x", workers=1)
+    assert np.isnan(made.table()["action_log_prob"].to_numpy()[:240]).all()
+    assert made.statistics()["reward"]["count"] == 480

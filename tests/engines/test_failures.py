@@ -1,0 +1,114 @@
+"""What a failed run says and leaves behind: nothing."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata import Experiment, IbdataError
+from ibdata.errors import ConfigError
+from ibdata.rollout import PolicyError
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}],
+    "episodes": 2,
+    "steps": 5,
+    "output": {"shard_rows": 5},
+}
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def tiny():
+    return Experiment.model_validate(PLAIN)
+
+
+def contents(folder):
+    """Every file and folder below a folder, with the bytes of the files."""
+    paths = sorted(Path(folder).rglob("*"))
+    return {str(path): None if path.is_dir() else path.read_bytes() for path in paths}
+
+
+def failing_at(call, error):
+    """A function that does what another does until its call of that number."""
+
+    def wrap(function):
+        calls = iter(range(10**6))
+
+        def wrapped(*args, **options):
+            if next(calls) == call:
+                raise error
+            return function(*args, **options)
+
+        return wrapped
+
+    return wrap
+
+
+PLACES = [
+    ("ibdata.engines.generate.finish", 0),
+    ("ibdata.dataset.finish.write", 0),
+    ("ibdata.dataset.finish.write", 5),
+    ("ibdata.engines.local.write_shard", 2),
+    ("ibdata.dataset.shard.encode", 0),
+    ("ibdata.dataset.shard.describe", 3),
+    ("os.fsync", 1),
+    ("os.fsync", 7),
+]
+
+
+@pytest.mark.parametrize("existing", [False, True])
+@pytest.mark.parametrize(("place", "call"), PLACES)
+def test_a_failed_run_leaves_nothing_behind(monkeypatch, tiny, place, call, existing):
+    if existing:
+        Path("a/b").mkdir(parents=True)
+    before = contents(".")
+    module, _, name = place.rpartition(".")
+    original = getattr(import_module(module), name)
+    monkeypatch.setattr(place, failing_at(call, OSError(28, "No space left on device"))(original))
+    with pytest.raises(IbdataError) as error:
+        ibdata.generate(tiny, "a/b", workers=1)
+    assert str(error.value) == "a/b: cannot be written: No space left on device"
+    assert error.value.exit_code == 1
+    assert contents(".") == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, ZeroDivisionError])
+def test_other_exceptions_pass_and_leave_nothing_either(monkeypatch, tiny, error):
+    monkeypatch.setattr("ibdata.engines.generate.finish", failing_at(0, error)(None))
+    with pytest.raises(error):
+        ibdata.generate(tiny, "a/b", workers=1)
+    assert contents(".") == {}
+
+
+def test_a_failing_policy_is_an_error_and_leaves_nothing(monkeypatch, tiny):
+    """After the first run, which warms up, the second shard's policy fails at step 3."""
+    calls = iter(range(1000))
+
+    def act(self, history, u):
+        action = 2.0 * u - 1.0
+        action[:, 1] = np.nan if next(calls) == 2 + 5 + 3 else 0.0
+        return action
+
+    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):
+        ibdata.generate(tiny, "a/b", workers=1)
+    assert contents(".") == {}
+
+
+def test_a_config_with_errors_makes_nothing():
+    Path("bad.yaml").write_text(json.dumps({**PLAIN, "steps": 0}))
+    with pytest.raises(ConfigError, match=r"^bad\.yaml:1:"):
+        ibdata.generate("bad.yaml", workers=1)
+    assert list(contents(".")) == ["bad.yaml"]

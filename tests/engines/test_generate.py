@@ -1,0 +1,202 @@
+"""Generating: what it takes, where it writes, what it refuses, and what it says."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+import ibdata
+from ibdata import Experiment, IbdataError
+from ibdata.errors import UsageError
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}],
+    "episodes": 2,
+    "steps": 5,
+    "output": {"shard_rows": 5},
+}
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def tiny():
+    return Experiment.model_validate(PLAIN)
+
+
+def contents(folder):
+    """Every file and folder below a folder, with the bytes of the files."""
+    paths = sorted(Path(folder).rglob("*"))
+    return {str(path): None if path.is_dir() else path.read_bytes() for path in paths}
+
+
+def shard_hashes(dataset):
+    return {file["path"]: file["sha256"] for file in dataset.manifest["files"] if "data/" in file["path"]}
+
+
+# --- what it takes
+
+
+def test_an_experiment_a_file_and_a_mapping_in_it_make_one_dataset(tiny):
+    Path("tiny.yaml").write_text(json.dumps(PLAIN))
+    roots = {
+        ibdata.generate(config, f"out/{i}", workers=1).content_root
+        for i, config in enumerate([tiny, "tiny.yaml", Path("tiny.yaml").resolve()])
+    }
+    assert len(roots) == 1
+
+
+@pytest.mark.parametrize("name", ["random", "random.yaml"])
+def test_a_shipped_name_is_enough(name):
+    made = ibdata.generate(name, overrides=["steps=2", "policies.0.name=mine"], workers=1)
+    assert made.path == Path("data/random")
+    assert len(made) == 20
+    assert made.episodes["policy"].unique().tolist() == ["mine"]
+
+
+def test_the_folder_defaults_to_the_name_under_data(tiny, tmp_path):
+    made = ibdata.generate(tiny, workers=1)
+    assert made.path == Path("data/tiny")
+    assert len(ibdata.open(tmp_path / "data/tiny")) == 20
+
+
+def test_folders_on_the_way_are_made(tiny):
+    assert len(ibdata.generate(tiny, "a/b/c", workers=1)) == 20
+
+
+def test_an_existing_empty_folder_is_used(tiny):
+    Path("empty").mkdir()
+    assert len(ibdata.generate(tiny, "empty", workers=1)) == 20
+
+
+def test_a_seed_replaces_that_of_the_experiment(tiny):
+    other = Experiment.model_validate({**PLAIN, "seed": 9})
+    made = [ibdata.generate(tiny, "a", seed=9, workers=1), ibdata.generate(other, "b", workers=1)]
+    assert made[0].content_root == made[1].content_root
+    assert made[0].content_root != ibdata.generate(tiny, "c", workers=1).content_root
+    assert ibdata.load("a/meta/experiment.yaml") == other
+
+
+def test_a_dataset_is_made_again_from_its_own_experiment(tiny):
+    first = ibdata.generate(tiny, "first", workers=1)
+    again = ibdata.generate("first/meta/experiment.yaml", "again", workers=1)
+    assert again.content_root == first.content_root
+    assert {name.removeprefix("first/"): data for name, data in contents("first").items()} == {
+        name.removeprefix("again/"): data for name, data in contents("again").items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (
+            lambda e: ibdata.generate("no-such.yaml"),
+            "config: found 'no-such.yaml', expected a file or one of",
+        ),
+        (lambda e: ibdata.generate(e, overrides=["steps=3"]), "overrides: found an Experiment as config"),
+        (lambda e: ibdata.generate(e, workers=0), "workers: found 0, expected a whole number in [1, 1024]"),
+        (lambda e: ibdata.generate(e, workers=-1), "workers: found -1, expected a whole number"),
+        (lambda e: ibdata.generate(e, workers=10**6), "workers: found 1000000, expected a whole number"),
+        (lambda e: ibdata.generate("random", seed=-1), "--set seed=-1: seed: found -1"),
+        (lambda e: ibdata.generate(e, seed=-1), "seed: found -1"),
+    ],
+    ids=["config", "overrides", "no workers", "fewer", "a million", "seed of a file", "seed"],
+)
+def test_a_call_that_cannot_be_meant_is_refused_before_anything_is_made(tiny, call, line):
+    with pytest.raises(UsageError) as error:
+        call(tiny)
+    assert str(error.value).startswith(line)
+    assert contents(".") == {}
+
+
+# --- where it writes
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("found", ["file", "foreign", "foreign manifest", "dangling link"])
+def test_what_is_not_a_dataset_is_refused_and_left_alone(tiny, found, overwrite):
+    target = Path("target")
+    if found == "file":
+        target.write_text("mine")
+    elif found == "dangling link":
+        target.symlink_to("nowhere")
+    else:
+        (target / "meta").mkdir(parents=True)
+        (target / "README.md").write_text("mine")
+        if found == "foreign manifest":
+            (target / "meta/manifest.json").write_text('{"files": [{"path": "README.md"}]}')
+    before = contents(".") if found != "dangling link" else None
+    with pytest.raises(UsageError, match=r"^target: ") as error:
+        ibdata.generate(tiny, target, overwrite=overwrite, workers=1)
+    assert "\n" not in str(error.value)
+    assert error.value.exit_code == 2
+    assert (before is None and os.readlink(target) == "nowhere") or contents(".") == before
+
+
+def test_an_existing_dataset_is_replaced_only_when_asked_for(tiny):
+    ibdata.generate(tiny, "target", workers=1)
+    before = contents(".")
+    with pytest.raises(UsageError, match=r"^target: exists already; choose another --out, or --overwrite"):
+        ibdata.generate(tiny, "target", workers=1)
+    assert contents(".") == before
+
+
+def test_overwriting_removes_the_files_of_the_dataset_and_no_others(tiny):
+    ibdata.generate(tiny, "target", workers=1)
+    own = {"target/notes.txt": b"a", "target/data/mine.csv": b"b", "target/figures/one.png": b"c"}
+    for path, data in own.items():
+        Path(path).parent.mkdir(exist_ok=True)
+        Path(path).write_bytes(data)
+    smaller = Experiment.model_validate({**PLAIN, "episodes": 1, "seed": 3})
+    made = ibdata.generate(smaller, "target", overwrite=True, workers=1)
+    after = contents("target")
+    assert {path: after.get(path) for path in own} == own
+    alone = ibdata.generate(smaller, "alone", workers=1)
+    files = {path for path, data in after.items() if data is not None}
+    assert files - set(own) == {p.replace("alone", "target") for p, d in contents("alone").items() if d}
+    assert made.content_root == alone.content_root
+
+
+def test_overwriting_a_damaged_dataset_is_refused_and_changes_nothing(tiny):
+    ibdata.generate(tiny, "target", workers=1)
+    manifest = Path("target/meta/manifest.json")
+    manifest.write_text(manifest.read_text().replace("data/part-00000", "data/part-00009"))
+    before = contents(".")
+    with pytest.raises(UsageError, match="not a dataset of ibdata, not overwritten"):
+        ibdata.generate(tiny, "target", overwrite=True, workers=1)
+    assert contents(".") == before
+
+
+@pytest.mark.parametrize("out", ["file/target", "file/a/b", "x" * 300, "a/" + "x" * 300, "/proc/none/x"])
+def test_a_folder_that_the_system_refuses_is_an_error_of_one_line(tiny, out):
+    Path("file").write_text("mine")
+    with pytest.raises(IbdataError) as error:
+        ibdata.generate(tiny, out, workers=1)
+    assert str(error.value).startswith(f"{out}: ")
+    assert "\n" not in str(error.value)
+    assert contents(".") == {"file": b"mine"}
+
+
+# --- what it says
+
+
+def test_progress_goes_to_stderr_only(tiny, capfd):
+    ibdata.generate(tiny, "loud", workers=1, progress=True)
+    loud = capfd.readouterr()
+    assert loud.out == ""
+    assert "20" in loud.err
+    assert "transitions" in loud.err
+
+
+@pytest.mark.parametrize("progress", [False, None])
+def test_without_a_terminal_nothing_is_said(tiny, capfd, progress):
+    ibdata.generate(tiny, "quiet", workers=1, progress=progress)
+    assert capfd.readouterr() == ("", "")
