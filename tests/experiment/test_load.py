@@ -1,0 +1,225 @@
+"""Loading an experiment: every problem in one run, each as file:line:column: key: found, expected."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment import Experiment, find, load, shipped
+from ibdata.policies import POLICIES
+
+KINDS = ", ".join(POLICIES)
+KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
+NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
+RESERVED = "a reserved name on some systems, expected another"
+
+# What stands in refused.txt: a line, and its problem indented below it.
+TABLE = Path(__file__).with_name("refused.txt").read_text(encoding="utf-8")
+REFUSED = {
+    line: problem.replace("{KINDS}", KINDS).replace("{KEYS}", KEYS)
+    for line, problem in re.findall(r"^(\w.*)\n    (.*)$", TABLE, flags=re.MULTILINE)
+}
+HOSTILE = [
+    "", ".", "..", "../x", "a/b", "/etc", "a\\b", "C:", "-rf", "_a", "a.b", "train.", "A", "a b", " a", "a\n",
+    "\n", "a\0", "é", "e\u0301", "\uff41", "\u0430", "😀", "a\u202eb", "a" * 65, "a,b", "$a", "~", "*", "a:b",
+]  # fmt: skip
+ON_WINDOWS = ["con", "prn", "aux", "nul", "com1", "com9", "lpt1", "lpt9"]
+
+
+@pytest.mark.parametrize(("line", "problem"), REFUSED.items(), ids=REFUSED)
+def test_a_bad_line_is_one_problem_at_its_place(problems, with_lines, line, problem):
+    assert problems(with_lines(line)) == [f"x.yaml:{problem}"]
+
+
+def test_the_table_of_bad_lines_is_about_every_key():
+    assert len(REFUSED) > 90
+    assert {line.split(":")[0] for line in REFUSED} > set(Experiment.model_fields) - {"name"}
+
+
+@pytest.mark.parametrize(
+    ("setpoints", "near"),
+    [("'70'", ""), (".nan", ""), (".inf", ""), ("drfting", "; did you mean 'drifting'?")],
+)
+def test_setpoints_that_are_text_are_told_all_that_is_expected(problems, with_lines, setpoints, near):
+    [problem] = problems(with_lines(f"setpoints: {setpoints}"))
+    text = setpoints.strip("'")
+    assert problem.startswith(f"x.yaml:1:12: setpoints: found '{text}', expected ")
+    assert "a number" in problem
+    assert problem.endswith(f"drifting{near}")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "rule"),
+    [
+        ("eta_mean", "-1", "(0, 10]"),
+        ("convolution_weights", "[1, 1, 1, 1, 1]", "sum to 1"),
+        ("drift_flip", "[0.5, 0.5]", "one of them 0"),
+        ("drift_length", "0", "[1, 1e6]"),
+        ("effective_velocity_ends", "[[100, 0], [100, 0]]", "(0, 100)"),
+    ],
+)
+def test_dynamics_that_do_not_fit_are_a_short_problem_at_the_field(problems, with_lines, field, value, rule):
+    before = f"dynamics: {{base: paper, {field}: "
+    [problem] = problems(with_lines(f"{before}{value}}}"))
+    assert problem.startswith(f"x.yaml:1:{len(before) + 1}: dynamics.{field}: found ")
+    assert rule in problem
+    assert len(problem) < 200
+
+
+@pytest.mark.parametrize("episodes", ["5", "{start: 4, stop: 4}", "{stop: 4}", "{start: 2, stop: 1}"])
+def test_a_split_of_episodes_that_are_not_there_is_a_problem(problems, with_lines, episodes):
+    [problem] = problems(with_lines(f"splits: {{a: {{episodes: {episodes}}}}}", "episodes: 4"))
+    assert problem.startswith("x.yaml:1:24: splits.a.episodes: found ")
+    assert problem.endswith(" 0 to 3")
+
+
+def test_at_most_10_000_setpoints_are_accepted(problems, with_lines):
+    setpoints = ", ".join(str(i / 200) for i in range(10_001))
+    [problem] = problems(with_lines(f"setpoints: [{setpoints}]"))
+    assert problem.endswith("expected at most 10000 items")
+    assert len(problem) < 200
+
+
+def test_at_most_a_million_cells_are_accepted(problems, loaded, with_lines):
+    setpoints = "setpoints: {start: 0, stop: 99.99, step: 0.01}"
+    policies = [f"{{kind: constant, action: [{i / 200}, 0, 0]}}" for i in range(101)]
+    text = with_lines(setpoints, f"policies: [{', '.join(policies)}]")
+    assert problems(text) == ["x.yaml:1:12: setpoints: found more than 1000000 cells, expected fewer"]
+    assert len(loaded(with_lines(setpoints, f"policies: [{', '.join(policies[1:])}]")).cells) == 1_000_000
+
+
+@pytest.mark.parametrize("name", HOSTILE, ids=ascii)
+@pytest.mark.parametrize("line", ["name: {}", "splits: {{{}: {{}}}}"], ids=["name", "split"])
+def test_a_name_that_could_be_a_path_or_another_is_refused(problems, with_lines, line, name):
+    quoted = '"' + "".join(f"\\U{ord(letter):08x}" for letter in name) + '"'
+    [problem] = problems(with_lines(line.format(quoted)))
+    assert problem.startswith("x.yaml:1:")
+    assert problem.endswith(NAME)
+    assert problem.isprintable()
+
+
+@pytest.mark.parametrize("name", ON_WINDOWS)
+def test_a_name_that_windows_reserves_is_refused(problems, with_lines, name):
+    assert problems(with_lines(f"name: {name}")) == [f"x.yaml:1:7: name: found '{name}', {RESERVED}"]
+
+
+@pytest.mark.parametrize("name", ["a", "0", "1e3", "null", "on", "con-1", "a_", "a" * 64])
+def test_other_names_are_kept(loaded, with_lines, name):
+    assert loaded(with_lines(f"name: '{name}'")).name == name
+
+
+@pytest.mark.parametrize("key", ["a\\nb", "\\e[31m", "\\u202e", "\\r"])
+def test_a_key_cannot_forge_lines_or_colours_of_the_message(problems, with_lines, key):
+    [problem] = problems(with_lines(f'"{key}": 1'))
+    assert problem.isprintable()
+
+
+def test_all_problems_are_told_at_once(problems):
+    text = """name: X
+setpoints: 101
+policies: [{kind: rndom}, {kind: constant, foo: 1}]
+steps: true
+bar: 1
+"""
+    assert problems(text) == [
+        f"x.yaml:1:7: name: found 'X', {NAME}",
+        "x.yaml:2:12: setpoints: found 101, expected a number of at most 100",
+        f"x.yaml:3:19: policies.0.kind: found 'rndom', expected one of {KINDS}; did you mean 'random'?",
+        "x.yaml:3:44: policies.1.foo: no such option; expected one of kind, name, action",
+        "x.yaml:4:8: steps: found true, expected a whole number",
+        f"x.yaml:5:1: bar: no such option; expected one of {KEYS}",
+    ]
+
+
+def test_all_contradictions_are_told_at_once(problems, with_lines):
+    text = with_lines(
+        "setpoints: [70, 70]",
+        "policies: [{kind: random}, {kind: random}]",
+        "splits: {a: {setpoint: [71, 72], policy: safe}, b: {episodes: 9}}",
+    )
+    keys = [problem.split(": ")[1] for problem in problems(text)]
+    assert keys == [
+        "setpoints",
+        "policies.1",
+        *["splits.a.setpoint"] * 2,
+        "splits.a.policy",
+        "splits.b.episodes",
+    ]
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "[]", "3", "x", "null"])
+def test_a_file_without_a_mapping_is_refused(problems, text):
+    assert problems(text) == ["x.yaml:1:1: found no mapping, expected an experiment such as 'name: …'"]
+
+
+def test_what_is_missing_is_told_at_the_start(problems):
+    missing = [f"x.yaml:1:1: {key}: missing, expected a value" for key in ("name", "setpoints", "policies")]
+    assert problems("steps: 3") == missing
+
+
+@pytest.mark.parametrize("line", ["steps:", "dynamics:", "output: {dtype: }", "name: # none"])
+def test_a_value_that_is_left_out_is_told_in_its_own_line(problems, with_lines, line):
+    [problem] = problems(with_lines(line, "seed: 3"))
+    assert problem.startswith("x.yaml:1:")
+    assert "found null, expected " in problem
+
+
+def test_an_error_of_the_yaml_has_its_place_too(problems):
+    assert problems("name: x\nname: y\n") == ["x.yaml:2:1: name: found twice, expected once"]
+
+
+@pytest.mark.parametrize(
+    ("line", "value"),
+    [("setpoints: 1e-1", 0.1), ("name: on", "on"), ("seed: 010", 10), ("steps: 1e3", 1000)],
+)
+def test_scalars_mean_what_yaml_1_2_says(loaded, with_lines, line, value):
+    assert getattr(loaded(with_lines(line)), line.split(":")[0]) == value
+
+
+@pytest.mark.parametrize(("text", "found"), [("NO", "'NO'"), ("12:30", "'12:30'"), ("1e3", "1000.0")])
+def test_what_is_no_name_is_shown_as_it_was_understood(problems, with_lines, text, found):
+    [problem] = problems(with_lines(f"name: {text}"))
+    assert problem.startswith(f"x.yaml:1:7: name: found {found}, expected ")
+
+
+@pytest.mark.parametrize(
+    "splits",
+    [
+        "{a: {episodes: 2}, b: {episodes: {start: 2, stop: 3}}}",
+        "{a: {setpoint: 70, policy: safe}, b: {setpoint: 70, policy: random}}",
+        "{a: {setpoint: 70}, b: {setpoint: [10]}}",
+        "{a: {}, b: {overlap: true}}",
+        "{a: {overlap: true}, b: {}}",
+    ],
+)
+def test_splits_may_be_disjoint_in_any_way_or_share_episodes_where_they_say_so(loaded, with_lines, splits):
+    policies = "policies: [{kind: random}, {kind: safe}]"
+    text = with_lines(f"splits: {splits}", "episodes: 4", "setpoints: [10, 70]", policies)
+    assert list(loaded(text).splits) == ["a", "b"]
+
+
+def test_find_takes_a_path_and_else_a_shipped_name(tmp_path, monkeypatch, with_lines):
+    monkeypatch.chdir(tmp_path)
+    assert find("random") == find("random.yaml") == shipped()["random"]
+    (tmp_path / "random.yaml").write_text(with_lines())
+    assert find("random.yaml").resolve() == (tmp_path / "random.yaml").resolve()
+    assert load(tmp_path / "random.yaml").setpoints == 70.0
+
+
+@pytest.mark.parametrize(("config", "near"), [("randm.yaml", "; did you mean 'random'?"), ("zzzzzz", "")])
+def test_a_config_that_is_nowhere_is_told_with_the_shipped_names(config, near):
+    with pytest.raises(UsageError, match=r"^config: found ") as caught:
+        load(config)
+    names = ", ".join(shipped())
+    assert str(caught.value) == f"config: found {config!r}, expected a file or one of {names}{near}"
+
+
+@pytest.mark.parametrize("config", ["x" * 300, "a\0b", ".", ""], ids=["long", "NUL", "folder", "empty"])
+def test_a_path_that_cannot_be_read_is_a_usage_error(config, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError) as caught:
+        load(config)
+    assert not isinstance(caught.value, ConfigError)

@@ -1,0 +1,260 @@
+"""Cells: their order, labels, setpoints and variants, and the digest that their random numbers hang on.
+
+The golden digests are the SHA-256 of the forms beside them, by
+
+    printf %s 'FORM' | sha256sum
+
+and must never change, nor may the forms: every dataset that was made hangs on them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from ibdata.dynamics import PAPER, SIEMENS, Variant
+from ibdata.experiment import Experiment
+
+RANDOM = {"kind": "random"}
+SAFE = {"kind": "safe"}
+NUDGE = {"kind": "constant", "action": [0.5, -1, 0.1]}
+
+# dynamics, setpoints, policy, start: the canonical form as JSON, and its SHA-256.
+GOLDEN = {
+    "random": (
+        ("siemens", 70, RANDOM, "default"),
+        '{"dynamics": "siemens", "policy": {"kind": "random"}, "setpoint": "0x1.1800000000000p+6", '
+        '"start": "default"}',
+        "42783eeed6ee54d3380f85ab8b691a1f9b5ebe334180a048cc70643d9fa7c861",
+    ),
+    "the paper's equations": (
+        ("paper", 0, SAFE, "uniform"),
+        '{"dynamics": "paper", "policy": {"kind": "safe"}, "setpoint": "0x0.0p+0", "start": "uniform"}',
+        "572f0e367b53126da23fa7e7bfbb685099b8fb1abf8b97232b90d01f4a6635e6",
+    ),
+    "drifting": (
+        ("siemens", {"drifting": 0.1}, RANDOM, "default"),
+        '{"dynamics": "siemens", "policy": {"kind": "random"}, '
+        '"setpoint": {"drifting": "0x1.999999999999ap-4"}, "start": "default"}',
+        "801034c286d136e01336a6113f8256069757bd25a2a44ef3557d6590177e3c8d",
+    ),
+    "everything else": (
+        ({"base": "paper", "drift_length": 7, "eta_mean": 1}, 100, NUDGE, {"burn_in": [15, 64]}),
+        '{"dynamics": {"base": "paper", "drift_length": 7, "eta_mean": 1.0}, '
+        '"policy": {"action": [0.5, -1.0, 0.1], "kind": "constant"}, '
+        '"setpoint": "0x1.9000000000000p+6", "start": {"burn_in": [15, 64]}}',
+        "e98625a22f9bc0c1419149b209a3c67e23a6fd961a3c53ebbb80dd06cee43e0d",
+    ),
+}
+
+
+def experiment(**fields):
+    return Experiment(**{"name": "x", "setpoints": 70, "policies": [RANDOM], **fields})
+
+
+def digests(**fields):
+    return [cell.digest for cell in experiment(**fields).cells]
+
+
+def setpoints(value):
+    return [cell.setpoint for cell in experiment(setpoints=value).cells]
+
+
+@pytest.mark.parametrize(("fields", "form", "digest"), GOLDEN.values(), ids=GOLDEN)
+def test_the_digest_of_a_cell_never_changes(fields, form, digest):
+    dynamics, setpoint, policy, start = fields
+    made = digests(dynamics=dynamics, setpoints=setpoint, policies=[policy], start=start)
+    assert [x.hex() for x in made] == [digest]
+    assert hashlib.sha256(form.encode()).hexdigest() == digest
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": "other"},
+        {"seed": 5},
+        {"episodes": 9},
+        {"steps": 3},
+        {"output": {"dtype": "float64", "latent": "next", "shard_rows": 5}},
+        {"splits": {"a": {"setpoint": 70}}},
+        {"version": 1},
+        {"policies": [{"kind": "random", "name": "explorer"}]},
+        {"setpoints": 70.0},
+        {"setpoints": [70]},
+        {"setpoints": {"start": 70, "stop": 70, "step": 1}},
+        {"dynamics": "siemens"},
+        {"dynamics": {"base": "siemens"}},
+        {"dynamics": {"base": "siemens", "eta_mean": 0.1, "drift_rate": [-1, 1]}},
+        {"start": "default"},
+    ],
+    ids=str,
+)
+def test_what_is_no_part_of_a_cell_leaves_its_digest(change):
+    assert digests(**change) == digests()
+
+
+def test_an_option_given_at_its_default_leaves_the_digest():
+    spelt_out = {"kind": "constant", "action": [0, 0, 0], "name": "still"}
+    assert digests(policies=[spelt_out]) == digests(policies=[{"kind": "constant"}])
+
+
+def test_the_other_cells_of_an_experiment_leave_a_digest():
+    many = experiment(setpoints=[10, 70], policies=[SAFE, NUDGE, RANDOM])
+    [cell] = [cell for cell in many.cells if (cell.setpoint, cell.label) == (70.0, "random")]
+    assert [cell.digest] == digests()
+
+
+def test_whatever_changes_the_cell_changes_its_digest():
+    changes = [
+        {},
+        {"setpoints": 71},
+        {"setpoints": math.nextafter(70.0, 71.0)},
+        {"setpoints": {"drifting": 70}},
+        {"setpoints": {"drifting": 71}},
+        {"policies": [SAFE]},
+        {"policies": [{"kind": "constant"}]},
+        {"policies": [NUDGE]},
+        {"policies": [{**NUDGE, "action": [0.5, -1, 0.2]}]},
+        {"start": "uniform"},
+        {"start": {"burn_in": [0, 0]}},
+        {"start": {"burn_in": [0, 1]}},
+        {"dynamics": "paper"},
+        {"dynamics": {"base": "paper", "eta_mean": 0.1}},
+        {"dynamics": {"base": "siemens", "eta_mean": 0.2}},
+        {"dynamics": {"base": "siemens", "drift_rate": [-1, 0.5]}},
+    ]
+    assert len({digests(**change)[0] for change in changes}) == len(changes)
+
+
+def test_both_zeros_are_one_setpoint():
+    """They give the same data, so they must have the same random numbers."""
+    assert digests(setpoints=-0.0) == digests(setpoints=0.0)
+
+
+def test_the_policy_is_slowest_in_the_order_of_the_cells():
+    cells = experiment(setpoints=[30, 10], policies=[SAFE, RANDOM]).cells
+    assert [(cell.label, cell.setpoint) for cell in cells] == [
+        ("safe", 30.0),
+        ("safe", 10.0),
+        ("random", 30.0),
+        ("random", 10.0),
+    ]
+
+
+def test_every_cell_has_the_dynamics_the_start_and_whether_the_setpoint_moves():
+    made = experiment(setpoints={"drifting": [1, 2]}, dynamics="paper", start="uniform")
+    assert [(cell.dynamics, cell.start, cell.drifting) for cell in made.cells] == [
+        ("paper", "uniform", True)
+    ] * 2
+    assert made.drifting
+    assert not experiment().drifting
+
+
+def constants(*names):
+    return [
+        {"kind": "constant", "action": [i / 10, 0, 0]} | ({"name": name} if name else {})
+        for i, name in enumerate(names)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        ((None, None, None), ("constant", "constant-2", "constant-3")),
+        (("a", None, "a"), ("a", "constant", "a-2")),
+        ((None, "constant"), ("constant", "constant-2")),
+        (("a", "a-2", "a"), ("a", "a-2", "a-3")),
+        (("a", "a", "a-2"), ("a", "a-2", "a-2-2")),
+    ],
+)
+def test_later_policies_with_the_same_label_are_numbered(names, labels):
+    assert experiment(policies=constants(*names)).labels == labels
+
+
+@given(st.lists(st.sampled_from([None, "a", "a-2", "a-3", "constant-2"]), min_size=1, max_size=8))
+@settings(derandomize=True, deadline=None)
+def test_no_two_policies_share_a_label(names):
+    labels = experiment(policies=constants(*names)).labels
+    assert len(set(labels)) == len(names)
+    assert all(label.startswith(name or "constant") for label, name in zip(labels, names, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (70, [70.0]),
+        ([30, 10.5], [30.0, 10.5]),
+        ("drifting", [50.0]),
+        ({"drifting": 20}, [20.0]),
+        ({"drifting": [10, 50]}, [10.0, 50.0]),
+        ({"start": 10, "stop": 100, "step": 10}, [10.0 * i for i in range(1, 11)]),
+        ({"start": 10, "stop": 35, "step": 10}, [10.0, 20.0, 30.0]),
+        ({"start": 10, "stop": 10, "step": 3}, [10.0]),
+        ({"start": 0, "stop": 100, "step": 1e308}, [0.0]),
+        ({"start": 0, "stop": 1, "step": 0.25}, [0.0, 0.25, 0.5, 0.75, 1.0]),
+    ],
+    ids=str,
+)
+def test_each_form_of_setpoints_gives_its_numbers(value, expected):
+    assert setpoints(value) == expected
+    assert {type(x) for x in setpoints(value)} == {float}
+
+
+def test_a_range_in_tenths_has_the_numbers_that_one_would_write():
+    """A split or another config names 0.3, not 0.30000000000000004; the digests must agree."""
+    assert setpoints({"start": 0, "stop": 1, "step": 0.1}) == [i / 10 for i in range(11)]
+
+
+@pytest.mark.parametrize(
+    ("start", "step"), [(0, 33.3333333334), (19.2, 0.4), (25.2, 1.1), (9.7, 7.525), (0, 100 / 3)]
+)
+def test_no_setpoint_of_a_range_lies_beyond_its_stop(start, step):
+    assert max(setpoints({"start": start, "stop": 100, "step": step})) <= 100.0
+
+
+@given(start=st.integers(0, 500), steps=st.integers(1, 500), count=st.integers(0, 50))
+@settings(derandomize=True, deadline=None)
+def test_a_range_of_tenths_includes_its_stop(start, steps, count):
+    stop = (start + steps * count) / 10
+    if stop <= 100.0:
+        values = setpoints({"start": start / 10, "stop": stop, "step": steps / 10})
+        assert len(values) == count + 1
+        assert values[-1] == pytest.approx(stop, abs=1e-12)
+
+
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(Variant)])
+def test_any_field_of_the_dynamics_can_be_replaced_alone(field):
+    value = getattr(PAPER, field)
+    made = experiment(dynamics={"base": "siemens", field: value})
+    assert made.variant == dataclasses.replace(SIEMENS, **{field: value})
+    assert made.cells[0].dynamics == {"base": "siemens", field: value}
+
+
+def test_the_published_variants_are_meant_by_their_names():
+    assert experiment().variant is SIEMENS
+    assert experiment(dynamics="paper").variant is PAPER
+    assert experiment(dynamics={"base": "paper"}).variant == PAPER
+
+
+def test_rows_are_cells_times_episodes_times_steps():
+    assert experiment(setpoints=[1, 2, 3], policies=[SAFE, RANDOM], episodes=5, steps=7).rows == 3 * 2 * 5 * 7
+
+
+def test_an_experiment_never_changes():
+    made = experiment()
+    with pytest.raises(ValidationError, match="frozen"):
+        made.seed = 1
+    with pytest.raises(ValidationError, match="frozen"):
+        made.output.latent = False
+
+
+def test_two_equal_cells_are_refused():
+    for twice in ({"setpoints": [1, 1]}, {"policies": [RANDOM, {**RANDOM, "name": "a"}]}):
+        with pytest.raises(ValidationError, match=r"twice|same policy"):
+            experiment(**twice)

@@ -1,0 +1,115 @@
+"""`--set key.sub=value` and `--seed`: the same scalars, the same models, and errors that name the option."""
+
+from __future__ import annotations
+
+import pytest
+
+from ibdata.errors import IbdataError, UsageError
+from ibdata.policies import POLICIES
+
+KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
+PROBLEMS = {
+    "steps=0": "steps: found 0, expected a whole number of at least 1",
+    "steps=": "steps: found null, expected a whole number",
+    "name=1e3": "name: found 1000.0, expected text",
+    "stpes=3": "stpes: no such option; did you mean 'steps'?",
+    "output={dtype: int}": "output.dtype: found 'int', expected one of float32, float64",
+    "output.laten=full": "output.laten: no such option; did you mean 'latent'?",
+    "splits.a.setpoint=71": ("splits.a.setpoint: found 71, expected one of the setpoints of the experiment"),
+    "policies.0.kind=saef": (
+        f"policies.0.kind: found 'saef', expected one of {', '.join(POLICIES)}; did you mean 'safe'?"
+    ),
+    "foo.bar=1": f"foo: no such option; expected one of {KEYS}",
+    "0=1": f"0: no such option; expected one of {KEYS}",
+    "name.foo=1": 'name: found {"foo": 1}, expected text',
+    "start.burn_in=[3, 1]": "start.burn_in: found [3, 1], expected [fewest, most] steps",
+}
+REFUSED = {
+    "steps": "--set: found 'steps', expected key=value",
+    "": "--set: found '', expected key=value",
+    "=5": "--set: found '=5', expected key=value",
+    "a..b=1": "--set: found 'a..b=1', expected key=value",
+    "policies.1.kind=safe": "--set policies.1.kind=safe: there is no policies.1 to set",
+    "policies.x=1": "--set policies.x=1: there is no policies.x to set",
+    "steps=&a 1": "--set steps=&a 1: found an anchor or alias, expected plain data",
+    "steps=!!int 1": "--set steps=!!int 1: found the tag tag:yaml.org,2002:int, expected plain data",
+    "steps=[1": "--set steps=[1: not valid YAML: expected ',' or ']', but got '<stream end>'",
+}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "attribute", "value"),
+    [
+        (["steps=5"], "steps", 5),
+        ([" steps = 5 # five"], "steps", 5),
+        (["steps=5", "steps=1e3"], "steps", 1000),
+        (["seed=010"], "seed", 10),
+        (["name=on"], "name", "on"),
+        (["output.dtype=float64"], "output.dtype", "float64"),
+        (["output={dtype: float64}", "output.latent=full"], "output.dtype", "float64"),
+        (["setpoints=[10, 20]"], "setpoints", [10.0, 20.0]),
+        (["setpoints=[10, 20]", "setpoints.1=30"], "setpoints", [10.0, 30.0]),
+        (["policies.0.kind=safe"], "labels", ("safe",)),
+        (["policies=[{kind: safe}, {kind: random}]"], "labels", ("safe", "random")),
+        (["start.burn_in=[1, 2]"], "start.burn_in", [1, 2]),
+        (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
+        (["splits.1.episodes=1"], "splits.keys", {"1"}),
+    ],
+    ids=str,
+)
+def test_overrides_replace_what_the_file_says(loaded, with_lines, overrides, attribute, value):
+    found = loaded(with_lines(), overrides)
+    for part in attribute.split("."):
+        found = getattr(found, part)
+    assert (found() if callable(found) else found) == value
+
+
+@pytest.mark.parametrize(("override", "problem"), PROBLEMS.items(), ids=PROBLEMS)
+def test_an_override_that_does_not_fit_names_itself(problems, with_lines, override, problem):
+    assert problems(with_lines(), [override]) == [f"--set {override}: {problem}"]
+
+
+def test_what_an_override_leaves_out_names_it_too(problems, with_lines):
+    found = problems(with_lines(), ["setpoints.start=3"])
+    assert [problem.split(": ")[1] for problem in found] == ["setpoints.stop", "setpoints.step"]
+    assert {problem.split(": ")[0] for problem in found} == {"--set setpoints.start=3"}
+
+
+def test_problems_of_the_file_and_of_the_overrides_are_told_at_once(problems, with_lines):
+    assert problems(with_lines("episodes: 0"), ["steps=0", "output.dtype=float64"]) == [
+        "x.yaml:1:11: episodes: found 0, expected a whole number of at least 1",
+        "--set steps=0: steps: found 0, expected a whole number of at least 1",
+    ]
+
+
+def test_the_last_override_of_a_key_is_the_one_that_is_named(problems, with_lines):
+    assert problems(with_lines(), ["steps=0", "steps=-1"]) == [
+        "--set steps=-1: steps: found -1, expected a whole number of at least 1"
+    ]
+
+
+@pytest.mark.parametrize(("override", "message"), REFUSED.items(), ids=REFUSED)
+def test_an_override_that_cannot_be_meant_is_refused(loaded, with_lines, override, message):
+    with pytest.raises(UsageError) as caught:
+        loaded(with_lines(), [override])
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["²=1", "policies.²=1", "policies.-1.kind=safe", "policies.0.kind=[a]", "a\0=1", "__class__=1", "a=\0"],
+)
+def test_no_override_ends_in_anything_but_an_error_for_users(loaded, with_lines, override):
+    with pytest.raises(IbdataError):
+        loaded(with_lines(), [override])
+
+
+def test_the_seed_given_wins_over_file_and_overrides(loaded, with_lines):
+    assert loaded(with_lines("seed: 3"), ["seed=4"], seed=2**64 - 1).seed == 2**64 - 1
+    assert loaded(with_lines("seed: 3"), ["seed=4"]).seed == 4
+    assert loaded(with_lines("seed: 3"), seed=0).seed == 0
+
+
+def test_the_seed_given_is_checked(problems, with_lines):
+    [problem] = problems(with_lines(), seed=-1)
+    assert problem.endswith("seed: found -1, expected a whole number of at least 0")

@@ -1,0 +1,112 @@
+"""The resolved experiment is read back as it was, and the JSON Schema agrees with the loader."""
+
+from __future__ import annotations
+
+import jsonschema
+import pytest
+
+from ibdata.errors import ConfigError
+from ibdata.experiment import Experiment, as_yaml, load, shipped
+from ibdata.experiment.strict_yaml import Document
+
+SPECIAL = {
+    "least": ["version: 1"],
+    "names that look like something else": [
+        "name: '1e3'",
+        "policies: [{kind: constant, action: [0.1, -1, 1e-7], name: 'null'}, {kind: safe, name: '0'}]",
+        "splits: {'1': {policy: 'null'}, 'true': {policy: '0'}, on: {overlap: true}}",
+    ],
+    "drifting": ["name: 'on'", "setpoints: drifting", "start: uniform"],
+    "drifting from several": ["setpoints: {drifting: [10, 0.1]}", "start: {burn_in: [0, 64]}"],
+    "numbers at their ends": [
+        "setpoints: [1e-300, 100, 0.30000000000000004, 0]",
+        "seed: 18446744073709551615",
+        "steps: 2147483647",
+        "output: {latent: next, dtype: float64, shard_rows: 100000000}",
+    ],
+    "a range": ["setpoints: {start: 0, stop: 1, step: 0.1}", "output: {latent: false}"],
+    "dynamics of one's own": [
+        "dynamics: {base: paper, convolution_weights: [0, 0, 1, 0, 0], drift_length: 7, eta_mean: 1}",
+        "episodes: 5",
+        "splits: {a: {episodes: {start: 1, stop: 2}}, b: {episodes: 1, setpoint: 70}}",
+    ],
+}
+BAD = [
+    "steps: 0", "steps: 1.5", "steps: true", "seed: 18446744073709551616", "epsiodes: 3", "dynamics: simens",
+    "dynamics: {base: paper, eta_man: 1}", "start: {burn_in: [3]}", "output: {latent: yes}", "version: 2",
+    "splits: {A: {}}", "splits: {a: {overlap: 1}}", "setpoints: 101", "setpoints: '70'",
+    "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: []", "name: A", "version: true",
+    "output: {latent: 1}",
+]  # fmt: skip
+special = pytest.mark.parametrize("lines", SPECIAL.values(), ids=SPECIAL)
+
+
+@pytest.fixture(scope="module")
+def schema():
+    schema = Experiment.model_json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def is_read_back(experiment, loaded):
+    again = loaded(as_yaml(experiment))
+    assert again == experiment
+    assert again.plain() == experiment.plain()
+    assert [cell.digest for cell in again.cells] == [cell.digest for cell in experiment.cells]
+    assert again.labels == experiment.labels
+    assert as_yaml(again) == as_yaml(experiment)
+    assert Experiment.model_validate(experiment.plain()) == experiment
+
+
+@special
+def test_a_resolved_experiment_is_read_back_as_it_was(loaded, with_lines, lines):
+    is_read_back(loaded(with_lines(*lines)), loaded)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_experiment_is_read_back_as_it_was(loaded, name):
+    is_read_back(load(name), loaded)
+
+
+def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
+    plain = loaded(with_lines()).plain()
+    assert set(plain) == set(Experiment.model_fields)
+    assert plain["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_config_has_its_files_name_and_fits_the_schema(schema, name):
+    text = shipped()[name].read_bytes()
+    assert text.startswith(b"# yaml-language-server: $schema=")
+    assert load(name).name == name
+    schema.validate(Document(text).data)
+    schema.validate(load(name).plain())
+
+
+def test_the_configs_of_the_paper_are_shipped():
+    assert {"random", "random-paper", "safe", "drifting", "transfer"} <= set(shipped())
+
+
+def test_the_source_of_the_transfer_is_larger_than_the_target_and_leaves_episodes_to_test_on():
+    experiment = load("transfer")
+    episodes = {name: split.indices(experiment.episodes) for name, split in experiment.splits.items()}
+    assert {name: split.setpoint for name, split in experiment.splits.items()} == {"source": 50, "target": 75}
+    assert len(episodes["target"]) < len(episodes["source"]) == experiment.episodes
+
+
+@special
+def test_what_loads_fits_the_schema(schema, with_lines, lines):
+    schema.validate(Document(with_lines(*lines)).data)
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_neither_the_schema_nor_the_loader_takes_what_is_bad(schema, loaded, with_lines, line):
+    with pytest.raises(ConfigError):
+        loaded(with_lines(line))
+    assert not schema.is_valid(Document(with_lines(line)).data)
+
+
+def test_every_key_is_described_or_says_it_all_by_its_name(schema):
+    """What an editor shows beside a key."""
+    bare = {key for key, value in schema.schema["properties"].items() if "description" not in value}
+    assert bare <= {"name", "policies", "seed", "output"}
