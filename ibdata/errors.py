@@ -42,4 +42,4 @@ class Interrupted(IbdataError):
 
     def __init__(self, signal_number: int) -> None:
         self.exit_code = 128 + signal_number
-        super().__init__(f"stopped by signal {signal_number}; nothing unfinished is left behind")
+        super().__init__(f"stopped by signal {signal_number}; --resume goes on from the shards that are whole")

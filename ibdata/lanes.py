@@ -126,6 +126,9 @@ def advance_and_record(
     record_state(state, out, drifting)
 
 
+TILE = 16
+
+
 @compiled
 def assemble(
     record: AnyFloats,
@@ -145,12 +148,19 @@ def assemble(
     Lane i starts at row + i · steps; `now` and `after` are pairs (variable, column) taken at t and t + 1.
     """
     for i in range(record.shape[1]):
-        for t in range(count):
-            r = row + i * steps + t
+        r0 = row + i * steps
+        for t0 in range(0, count, TILE):
+            t1 = min(count, t0 + TILE)
             for j in range(now.shape[0]):
-                table[now[j, 1], r] = record[t, i, now[j, 0]]
+                k, c = now[j, 0], now[j, 1]
+                for t in range(t0, t1):
+                    table[c, r0 + t] = record[t, i, k]
             for j in range(after.shape[0]):
-                table[after[j, 1], r] = record[t + 1, i, after[j, 0]]
+                k, c = after[j, 0], after[j, 1]
+                for t in range(t0, t1):
+                    table[c, r0 + t] = record[t + 1, i, k]
             for j in range(3):
-                table[action_column + j, r] = actions[t, i, j]
-            table[log_prob_column, r] = log_prob[t, i]
+                for t in range(t0, t1):
+                    table[action_column + j, r0 + t] = actions[t, i, j]
+            for t in range(t0, t1):
+                table[log_prob_column, r0 + t] = log_prob[t, i]

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import BinaryIO, NamedTuple
 
 TEMPORARY = ".tmp-"
+BLOCK = 2**20
 
 
 class FileEntry(NamedTuple):
@@ -101,6 +102,25 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
     with committed(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
+
+
+def file_sha256(path: Path) -> str | None:
+    """The hex hash of a regular file; None where there is none, or it cannot be read."""
+    hasher = hashlib.sha256()
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        with os.fdopen(descriptor, "rb") as file:
+            while block := file.read(BLOCK):
+                hasher.update(block)
+    except OSError:
+        return None
+    return hasher.hexdigest()
+
+
+def sweep(folder: Path) -> None:
+    """Remove the temporary files of writers that were killed; call it only where none is running."""
+    for temporary in folder.glob(f"{TEMPORARY}*"):
+        temporary.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:

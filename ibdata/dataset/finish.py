@@ -20,17 +20,7 @@ from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.version import __version__
 
-FILES = (
-    manifest.PATH,
-    "meta/info.json",
-    "meta/episodes.parquet",
-    "meta/stats.json",
-    "meta/experiment.yaml",
-    "README.md",
-)
-
-
-def finish(experiment: Experiment, written: list[Written], folder: Path) -> dict[str, Any]:
+def finish(experiment: Experiment, written: list[Written], folder: Path, reproducible: bool) -> dict[str, Any]:
     """Commit card, metadata and, last, the manifest; the manifest."""
     written = sorted(written, key=lambda w: w.shard.number)
     root = _root(experiment, written)
@@ -39,10 +29,10 @@ def finish(experiment: Experiment, written: list[Written], folder: Path) -> dict
         "meta/episodes.parquet": metadata.episodes_parquet(experiment, written),
         "meta/stats.json": metadata.as_json(metadata.stats(experiment, layout(experiment).names, written)),
         "meta/experiment.yaml": as_yaml(experiment),
-        "README.md": card(experiment, written, root),
+        manifest.CARD: card(experiment, written, root),
     }
     entries = [w.entry for w in written] + [write(folder, path, data) for path, data in made.items()]
-    made_manifest = _manifest(experiment, written, entries, root)
+    made_manifest = _manifest(experiment, written, entries, root, reproducible)
     write(folder, manifest.PATH, metadata.as_json(made_manifest))
     return made_manifest
 
@@ -57,7 +47,7 @@ def _root(experiment: Experiment, written: list[Written]) -> str:
 
 
 def _manifest(
-    experiment: Experiment, written: list[Written], entries: list[FileEntry], root: str
+    experiment: Experiment, written: list[Written], entries: list[FileEntry], root: str, reproducible: bool
 ) -> dict[str, Any]:
     content = {
         "format": manifest.FORMAT,
@@ -65,6 +55,8 @@ def _manifest(
         "data_version": manifest.DATA_VERSION,
         "name": experiment.name,
         "content_root": root,
+        "reproducible": reproducible,
+        "experiment": experiment.plain(),
         "rows": experiment.rows,
         "clipped_actions": sum(w.content.clipped for w in written),
         "shards": [

@@ -55,7 +55,7 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = pq.read_table(self.path / "meta/episodes.parquet").to_pandas()
+        frame: pd.DataFrame = pq.read_table(manifest.locate(self.path, "meta/episodes.parquet")).to_pandas()
         return frame
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
@@ -112,7 +112,7 @@ class Dataset:
 
     def _json(self, path: str) -> dict[str, Any]:
         try:
-            data: dict[str, Any] = json.loads((self.path / path).read_bytes())
+            data: dict[str, Any] = json.loads(manifest.locate(self.path, path).read_bytes())
         except (OSError, ValueError) as error:
             raise DatasetError(f"{self.path / path}: cannot be read: {error}") from None
         return data
@@ -130,7 +130,7 @@ class Dataset:
         if split is not None:
             files = self.info["splits"][self._known(split)]["files"]
             shards = [path for path in shards if path in files]
-        return [self.path / path for path in shards]
+        return [manifest.locate(self.path, path) for path in shards]
 
     def _known(self, split: str) -> str:
         """The split itself, if the dataset has it."""

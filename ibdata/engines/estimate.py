@@ -20,11 +20,15 @@ SAMPLE_ROWS = 100_000
 
 
 def estimate(
-    experiment: Experiment, folder: Path, workers: int | None = None, overwrite: bool = False
+    experiment: Experiment,
+    folder: Path,
+    workers: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
     processes = worker_count(workers)
-    target.check(folder, overwrite)
+    target.check(folder, experiment, resume, overwrite)
     warm_up(experiment)
     shards = plan(experiment)
     busy = min(processes, len(shards))

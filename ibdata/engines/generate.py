@@ -1,21 +1,25 @@
-"""Generating a dataset: plan, refuse or clear the folder, run the shards, finish."""
+"""Generating a dataset: plan, claim the folder, run the shards that are not there, finish."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from tqdm import tqdm
 
-from ibdata.dataset.finish import FILES, finish
+from ibdata.dataset import manifest, receipt
+from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.engines import local, target
+from ibdata.engines.lock import locked
+from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.plan import Shard, plan
+from ibdata.experiment.plan import plan
 
 MAX_WORKERS = 1024
 
@@ -27,6 +31,7 @@ def generate(
     workers: int | None = None,
     seed: int | None = None,
     overrides: Sequence[str] = (),
+    resume: bool = False,
     overwrite: bool = False,
     progress: bool | None = False,
 ) -> Dataset:
@@ -34,32 +39,26 @@ def generate(
 
     config is a YAML file, the name of a shipped one, or an Experiment; out defaults to data/<name>,
     workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
-    workers. progress None shows a bar on stderr if that is a terminal. A script that uses several workers
-    needs multiprocessing's `if __name__ == "__main__":`.
+    workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
+    stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
+    that uses several workers needs multiprocessing's `if __name__ == "__main__":`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
-    else (overwrite replaces datasets of ibdata only), IbdataError where the system refuses.
+    else, BusyError where another process writes to it, IbdataError where the system refuses.
     """
     experiment = resolve(config, overrides, seed)
     processes = worker_count(workers)
     folder = Path(out) if out is not None else default_folder(experiment)
-    target.check(folder, overwrite)
-    warm_up(experiment)
-    shards = plan(experiment)
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        target.clear(folder)
-        written = _run(experiment, shards, folder, processes, progress)
-        finish(experiment, written, folder)
-    except BaseException as error:
-        target.remove(folder, [*FILES, *(shard.file for shard in shards)])
-        for path in missing:
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
-        if isinstance(error, OSError):
-            raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
-        raise
+    target.check(folder, experiment, resume, overwrite)
+    with stoppable(), _refusals(folder):
+        reproducible = warm_up(experiment)
+        with _made(folder), locked(folder):
+            root = target.check(folder, experiment, resume, overwrite)
+            manifest.settle(folder)
+            if not (folder == root and (folder / manifest.PATH).is_file()):
+                _run(experiment, root, processes, overwrite, progress, reproducible)
+                if root != folder:
+                    manifest.promote(folder)
     return Dataset(folder)
 
 
@@ -89,12 +88,51 @@ def default_folder(experiment: Experiment) -> Path:
 
 
 def _run(
-    experiment: Experiment, shards: list[Shard], folder: Path, workers: int, progress: bool | None
-) -> list[Written]:
-    disable = None if progress is None else not progress
-    written = []
-    with tqdm(total=experiment.rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
-        for w in local.run(experiment, shards, folder, workers):
-            written.append(w)
-            bar.update((w.shard.stop - w.shard.first) * experiment.steps)
-    return written
+    experiment: Experiment,
+    root: Path,
+    workers: int,
+    overwrite: bool,
+    progress: bool | None,
+    reproducible: bool,
+) -> None:
+    """Write the shards that have no receipt into root, then finish it."""
+    target.begin(root, experiment, overwrite)
+    try:
+        identity = target.identity(experiment)
+        shards = plan(experiment)
+        written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
+        done = {w.shard.number for w in written}
+        missing = [shard for shard in shards if shard.number not in done]
+        disable = None if progress is None else not progress
+        with tqdm(total=experiment.rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
+            bar.update(sum(w.content.moments.rows for w in written))
+            for w in local.run(experiment, missing, root, identity, workers):
+                written.append(w)
+                bar.update(w.content.moments.rows)
+        finish(experiment, written, root, reproducible)
+    except BaseException:
+        target.abandon(root)
+        raise
+    target.end(root)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make the folder and its parents; those that are empty afterwards go again."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    finally:
+        for path in missing:
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+
+
+@contextmanager
+def _refusals(folder: Path) -> Iterator[None]:
+    """What the system refuses, as one line."""
+    try:
+        yield
+    except OSError as error:
+        raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error

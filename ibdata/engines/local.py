@@ -1,50 +1,116 @@
-"""Shards on this machine: in this process, or in a pool of fresh ones."""
+"""Shards on this machine: in this process, or in a pool of fresh ones that survives a killed worker."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
+from ibdata.dataset import receipt
 from ibdata.dataset.shard import Written, write_shard
+from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 
+MAX_DEATHS = 3  # of workers, without a shard finished in between
 
-def run(experiment: Experiment, shards: list[Shard], folder: Path, workers: int) -> Iterator[Written]:
-    """Write the shards, yielding each when it is on the disk; their order depends on the workers."""
-    if workers == 1 or len(shards) == 1:
+
+def run(
+    experiment: Experiment, shards: list[Shard], root: Path, identity: str, workers: int
+) -> Iterator[Written]:
+    """Write the shards, yielding each when it and its receipt are on the disk, in any order.
+
+    A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
+    row.
+    """
+    if workers == 1 or len(shards) <= 1:
         for shard in shards:
-            yield write_shard(experiment, shard, folder)
+            yield _written(experiment, shard, root, identity)
         return
-    # spawn: a forked child would inherit threads and open files of whoever calls the library
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        min(workers, len(shards)), context, initializer=_open, initargs=(experiment.plain(), folder)
-    ) as pool:
-        waiting = list(shards)
-        running = {pool.submit(_write, waiting.pop(0)) for _ in range(min(2 * workers, len(waiting)))}
+    missing = {shard.number: shard for shard in shards}
+    deaths = 0
+    while missing:
         try:
-            while running:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    if waiting:
-                        running.add(pool.submit(_write, waiting.pop(0)))
-                    yield future.result()
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+            for written in _pool(experiment, list(missing.values()), root, identity, workers):
+                del missing[written.shard.number]
+                deaths = 0
+                yield written
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths == MAX_DEATHS:
+                first = next(iter(missing.values()))
+                raise IbdataError(
+                    f"{root / first.file}: found {deaths} dead worker processes in a row, expected none; "
+                    "use fewer --workers if memory is short, then --resume"
+                ) from None
 
 
-_job: list[Any] = []  # a worker's experiment and folder, set once when it starts
+def _pool(
+    experiment: Experiment, shards: list[Shard], root: Path, identity: str, workers: int
+) -> Iterator[Written]:
+    before = set(multiprocessing.active_children())
+    # spawn: a forked child would inherit threads, open files and the lock of whoever calls the library
+    pool = ProcessPoolExecutor(
+        min(workers, len(shards)),
+        multiprocessing.get_context("spawn"),
+        initializer=_start,
+        initargs=(experiment.plain(), root, identity),
+    )
+    waiting = iter(shards)
+    running: set[Future[Written]] = set()
+    try:
+        for shard in waiting:
+            running.add(pool.submit(_work, shard))
+            if len(running) == 2 * workers:
+                break
+        while running:
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+                running.update(pool.submit(_work, shard) for shard in _one(waiting))
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _open(plain: dict[str, Any], folder: Path) -> None:
-    _job[:] = [Experiment.model_validate(plain), folder]
+def _one(shards: Iterator[Shard]) -> list[Shard]:
+    return [shard for _, shard in zip(range(1), shards, strict=False)]
 
 
-def _write(shard: Shard) -> Written:
-    experiment, folder = _job
-    return write_shard(experiment, shard, folder)
+_job: list[Any] = []  # a worker's experiment, folder and identity, set once when it starts
+
+
+def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    _job[:] = [Experiment.model_validate(plain), root, identity]
+
+
+def _end_with_parent() -> None:
+    """Executor workers would live on, and write on, when their parent is killed (cpython#111873)."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _work(shard: Shard) -> Written:
+    experiment, root, identity = _job
+    return _written(experiment, shard, root, identity)
+
+
+def _written(experiment: Experiment, shard: Shard, root: Path, identity: str) -> Written:
+    written = write_shard(experiment, shard, root)
+    receipt.put(root, identity, written)
+    return written

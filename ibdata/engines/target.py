@@ -1,49 +1,113 @@
-"""The output folder: what may be written where, and what is taken away again."""
+"""The output folder: what it holds, what may be written there, and what is taken away again."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Iterable
 from pathlib import Path
 
-from ibdata.dataset import manifest
-from ibdata.dataset.files import TEMPORARY
-from ibdata.errors import DatasetError, UsageError
+from ibdata.dataset import manifest, receipt
+from ibdata.dataset.files import sweep, write
+from ibdata.engines import lock
+from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.experiment import Experiment, as_yaml
+
+EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
 
 
-def check(folder: Path, overwrite: bool) -> None:
-    """UsageError unless the folder is new, empty, or a dataset that may be overwritten."""
+def identity(experiment: Experiment) -> str:
+    """What a run must share with another to be resumed by it."""
+    return hashlib.sha256(as_yaml(experiment) + bytes([manifest.DATA_VERSION])).hexdigest()
+
+
+def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    """Where the run is to be written: the folder, or `.next` in it where a dataset is to be replaced.
+
+    Raises UsageError for a folder that may not be written to, BusyError where another process writes.
+    """
+    if resume and overwrite:
+        raise UsageError("found --resume with --overwrite, expected one of them")
     if not os.path.lexists(folder):
-        return
+        return folder
     if not folder.is_dir():
         raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
-    if not any(folder.iterdir()):
-        return
-    if not overwrite:
+    if lock.busy(folder):
+        raise BusyError(f"{folder}: another process is writing here; wait for it, or choose another --out")
+    if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
+        return _unfinished(folder, experiment, resume, overwrite)
+    if not any(path.name != lock.NAME for path in folder.iterdir()):
+        return folder
+    return _finished(folder, experiment, resume, overwrite)
+
+
+def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    if overwrite:
+        return folder
+    if not resume:
         raise UsageError(
-            f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset"
+            f"{folder}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
         )
+    if (folder / EXPERIMENT).read_bytes() != as_yaml(experiment):
+        raise UsageError(f"{folder}: holds an unfinished run of another experiment; --overwrite to start again")
+    return folder
+
+
+def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    if not (resume or overwrite):
+        raise UsageError(f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset")
     try:
         manifest.read(folder)
     except DatasetError as error:
-        raise UsageError(f"{folder}: not a dataset of ibdata, not overwritten ({error})") from None
+        raise UsageError(f"{folder}: not a dataset of ibdata, left as it is ({error})") from None
+    if overwrite:
+        return folder / manifest.NEXT
+    if manifest.locate(folder, "meta/experiment.yaml").read_bytes() != as_yaml(experiment):
+        raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
+    return folder
 
 
-def clear(folder: Path) -> None:
-    """Remove the finished dataset in the folder, if there is one: the files that its manifest lists."""
-    if not (folder / manifest.PATH).exists():
-        return
-    listed = [file["path"] for file in manifest.read(folder)["files"]]
-    remove(folder, [manifest.PATH, *listed])
+def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
+    """Make the run's folder, take away what does not belong to this experiment, and say whose it is."""
+    root.mkdir(exist_ok=True)
+    mine = root / EXPERIMENT
+    if mine.is_file() and (overwrite and root.name != manifest.NEXT or mine.read_bytes() != as_yaml(experiment)):
+        discard(root)
+    for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
+        sweep(part)
+    if not mine.is_file():
+        write(root, EXPERIMENT, as_yaml(experiment))
 
 
-def remove(folder: Path, files: Iterable[str]) -> None:
-    """Remove these files, ibdata's temporary ones beside them, and the folders that become empty."""
-    for file in files:
-        (folder / file).unlink(missing_ok=True)
-    for part in (folder / "data", folder / "meta", folder):
-        if part.is_dir() and not part.is_symlink():
-            for temporary in part.glob(f"{TEMPORARY}*"):
-                temporary.unlink(missing_ok=True)
-            if part != folder and not any(part.iterdir()):
-                part.rmdir()
+def end(root: Path) -> None:
+    """Take the receipts away: the manifest has what they say."""
+    _empty(root / receipt.FOLDER)
+
+
+def abandon(root: Path) -> None:
+    """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
+    for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
+        sweep(part)
+    if not list((root / receipt.FOLDER).glob("*.receipt")):
+        discard(root)
+
+
+def discard(root: Path) -> None:
+    """Remove an unfinished run: its shards, metadata and receipts; nothing else."""
+    for part in ("data", "meta"):
+        folder = root / part
+        for pattern in ("part-*.parquet", *(Path(path).name for path in manifest.METADATA)):
+            for path in folder.glob(pattern) if not folder.is_symlink() else ():
+                path.unlink()
+        if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):
+            folder.rmdir()
+    (root / manifest.CARD).unlink(missing_ok=True)
+    _empty(root / receipt.FOLDER)
+    if root.name == manifest.NEXT:
+        root.rmdir()
+
+
+def _empty(folder: Path) -> None:
+    if folder.is_dir() and not folder.is_symlink():
+        for path in folder.iterdir():
+            path.unlink()
+        folder.rmdir()

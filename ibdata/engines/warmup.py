@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from ibdata.engines import known_answer
 from ibdata.dataset.statistics import moments, sums
 from ibdata.experiment import Experiment
 from ibdata.rollout import rollout
@@ -14,13 +15,23 @@ from ibdata.rollout import rollout
 PATIENCE = 2.0  # seconds; loading what is compiled takes less
 
 
-def warm_up(experiment: Experiment) -> None:
-    """Run everything compiled that the experiment needs on two rows."""
+def warm_up(experiment: Experiment) -> bool:
+    """Run everything compiled that the experiment needs on two rows; whether this machine's bits are right.
+
+    If they are not, says so on stderr.
+    """
     small = experiment.model_copy(update={"steps": 2, "episodes": 1})
     with _announced("ibdata: compiling the simulator; this happens once and takes up to a minute"):
         floats = rollout(small, 0, 1)
         moments(floats.table)
         sums(floats.table[0], 2)
+        right = known_answer.matches()
+    if not right:
+        print(
+            "ibdata: this machine computes other bits than expected; the manifest will say reproducible: false",
+            file=sys.stderr,
+        )
+    return right
 
 
 @contextmanager
