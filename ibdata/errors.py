@@ -24,6 +24,9 @@ class ConfigError(UsageError):
         self.problems = tuple(problems)
         super().__init__("\n".join(self.problems))
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:
+        return type(self), (self.problems,)  # as it comes back from a worker process
+
 
 class DatasetError(IbdataError):
     """A folder does not hold the finished dataset that was expected."""
@@ -41,5 +44,11 @@ class Interrupted(IbdataError):
     """A signal asked to stop; the exit code is 128 plus the signal's number."""
 
     def __init__(self, signal_number: int) -> None:
+        self.signal_number = signal_number
         self.exit_code = 128 + signal_number
-        super().__init__(f"stopped by signal {signal_number}; --resume goes on from the shards that are whole")
+        super().__init__(
+            f"stopped by signal {signal_number}; --resume goes on from the shards that are whole"
+        )
+
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[int]]:
+        return type(self), (self.signal_number,)

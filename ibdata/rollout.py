@@ -167,12 +167,36 @@ class Block:
         for t in range(count):
             uniforms(policy_raw, t, u)
             clipped += self._act(seen, u, actions[t], t0 + t)
-            log_prob[t] = self.policy.log_prob(seen, actions[t])
+            log_prob[t] = self._log_prob(seen, actions[t], t0 + t)
             lanes.advance_and_record(
                 self.state, actions[t], raw, drift, t, self.noise, self.parameters,
                 history, record[t + 1], self.experiment.drifting,
             )  # fmt: skip
         return clipped
+
+    def _log_prob(
+        self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
+    ) -> npt.NDArray[np.float64]:
+        """The log density (n,) of the actions taken."""
+        taken = action.view()
+        taken.flags.writeable = False
+        return self._answer(self.policy.log_prob(seen, taken), (self.n,), "log densities", t)
+
+    def _answer(
+        self, given: npt.ArrayLike, shape: tuple[int, ...], what: str, t: int
+    ) -> npt.NDArray[np.float64]:
+        """What a policy returned, as numbers of the right shape."""
+        try:
+            answer = np.asarray(given, dtype=np.float64)
+            found = f"{what} of shape {answer.shape}"
+        except (TypeError, ValueError):
+            answer, found = np.empty(0), repr(given)[:60]
+        if answer.shape != shape:
+            raise PolicyError(
+                f"policy {self.label}: episode {self.first}: step {t}: found {found}, expected {what} of "
+                f"shape {shape}"
+            )
+        return answer
 
     def _act(
         self,
@@ -182,12 +206,7 @@ class Block:
         t: int,
     ) -> int:
         """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped."""
-        action = np.asarray(self.policy.act(seen, u), dtype=np.float64)
-        if action.shape != out.shape:
-            raise PolicyError(
-                f"policy {self.label}: episode {self.first}: step {t}: found actions of shape "
-                f"{action.shape}, expected {out.shape}"
-            )
+        action = self._answer(self.policy.act(seen, u), out.shape, "actions", t)
         clipped = lanes.to_action(action, out)
         if clipped < 0:
             lane = -1 - clipped

@@ -26,7 +26,8 @@ from ibdata.cli._shared import (
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
 @seed_option
 @set_option
-@click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR.")
+@click.option("--resume", is_flag=True, help="Go on with a run that was stopped, or start one.")
+@click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR, which stays whole until then.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and write nothing.")
 @click.option("--quiet", "-q", is_flag=True, help="No progress bar.")
 @json_option
@@ -36,6 +37,7 @@ def command(
     workers: int | None,
     seed: int | None,
     overrides: tuple[str, ...],
+    resume: bool,
     overwrite: bool,
     dry_run: bool,
     quiet: bool,
@@ -56,7 +58,7 @@ def command(
     if dry_run:
         from ibdata.experiment import as_yaml
 
-        made = estimate(experiment, folder, workers, overwrite)
+        made = estimate(experiment, folder, workers, resume, overwrite)
         if as_json:
             print_json({"experiment": experiment.plain(), **made})
             return
@@ -77,7 +79,12 @@ def command(
         return
     start = time.perf_counter()
     dataset = generate(
-        experiment, folder, workers=workers, overwrite=overwrite, progress=False if quiet else None
+        experiment,
+        folder,
+        workers=workers,
+        resume=resume,
+        overwrite=overwrite,
+        progress=False if quiet else None,
     )
     seconds = time.perf_counter() - start
     counts = dataset.info["counts"]

@@ -13,8 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy.typing as npt
-
-from ibdata.columns import Column
+import pyarrow as pa
 
 Run = npt.NDArray[Any] | list[bytes]
 
@@ -47,12 +46,25 @@ def _little_endian(run: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return run.astype(run.dtype.newbyteorder("<"), copy=False)
 
 
-def content_root(described: list[Column], episodes: Iterable[tuple[bytes, int, bytes]]) -> str:
-    """The hex root over (cell digest, index in the cell, episode digest)."""
+def content_root(described: Iterable[tuple[str, str]], episodes: Iterable[tuple[bytes, int, bytes]]) -> str:
+    """The hex root over names and types of columns, and (cell digest, index in the cell, episode digest)."""
     hasher = hashlib.sha256()
-    for column in described:
-        if column.name != "episode":
-            hasher.update(f"{column.name}:{column.dtype}\n".encode())
+    for name, dtype in described:
+        if name != "episode":
+            hasher.update(f"{name}:{dtype}\n".encode())
     for cell, index, digest in sorted(episodes):
         hasher.update(cell + index.to_bytes(8, "little") + digest)
     return hasher.hexdigest()
+
+
+def table_runs(table: pa.Table, described: list[dict[str, Any]], first_rows: list[int]) -> list[Run]:
+    """The columns of a table as `episode_digests` takes them, given the first row of each episode."""
+    runs: list[Run] = []
+    for column in described:
+        if column["name"] == "episode":
+            continue
+        if column["dtype"] == "string":
+            runs.append([text(value) for value in table[column["name"]].take(first_rows).to_pylist()])
+        else:
+            runs.append(table[column["name"]].to_numpy().reshape(1, -1))
+    return runs

@@ -20,7 +20,10 @@ from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.version import __version__
 
-def finish(experiment: Experiment, written: list[Written], folder: Path, reproducible: bool) -> dict[str, Any]:
+
+def finish(
+    experiment: Experiment, written: list[Written], folder: Path, reproducible: bool
+) -> dict[str, Any]:
     """Commit card, metadata and, last, the manifest; the manifest."""
     written = sorted(written, key=lambda w: w.shard.number)
     root = _root(experiment, written)
@@ -41,7 +44,7 @@ def _root(experiment: Experiment, written: list[Written]) -> str:
     digests = [digest for w in written for digest in w.content.digests]
     cells = experiment.cells
     return content_root(
-        columns(experiment),
+        ((c.name, c.dtype) for c in columns(experiment)),
         ((cells[i // experiment.episodes].digest, i % experiment.episodes, d) for i, d in enumerate(digests)),
     )
 

@@ -48,7 +48,8 @@ def read(folder: Path) -> dict[str, Any]:
         )
     if data.get("checksum") != checksum(data):
         raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
-    unsafe = [file["path"] for file in data["files"] if not SAFE_PATH.fullmatch(file["path"])]
+    paths = [entry["path"] for key in ("files", "shards") for entry in data[key]]
+    unsafe = [path for path in paths if not SAFE_PATH.fullmatch(path)]
     if unsafe:
         raise DatasetError(f"{path}: found the path {unsafe[0]!r}, expected paths in data/ and meta/")
     return data

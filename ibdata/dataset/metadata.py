@@ -54,6 +54,7 @@ def info(experiment: Experiment, written: list[Written]) -> dict[str, Any]:
         "version": VERSION,
         "name": experiment.name,
         "dynamics": experiment.plain()["dynamics"],
+        "drifting": experiment.drifting,
         "counts": {
             "rows": experiment.rows,
             "episodes": len(experiment.cells) * experiment.episodes,
@@ -137,4 +138,5 @@ def _described(names: tuple[str, ...], written: list[Written]) -> dict[str, Any]
     parts = written[0].content.moments
     for w in written[1:]:
         parts = merged(parts, w.content.moments)
-    return described(names, parts, np.concatenate([w.content.sample for w in written], axis=1))
+    samples = [w.content.sample for w in written]
+    return described(names, parts, samples, [w.content.moments.rows for w in written])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,7 +56,7 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = pq.read_table(manifest.locate(self.path, "meta/episodes.parquet")).to_pandas()
+        frame: pd.DataFrame = _read(manifest.locate(self.path, "meta/episodes.parquet"), None).to_pandas()
         return frame
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
@@ -64,8 +65,7 @@ class Dataset:
         Raises UsageError for a column or a split that the dataset does not have.
         """
         names = self._columns(columns)
-        parts = [pq.read_table(file, columns=names) for file in self._files(split)]
-        return pa.concat_tables(parts).unify_dictionaries()
+        return pa.concat_tables([_read(file, names) for file in self._files(split)]).unify_dictionaries()
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
         """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
@@ -78,10 +78,7 @@ class Dataset:
         """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        names = self._columns(columns)
-        for file in self._files(split):
-            with pq.ParquetFile(file) as parquet:
-                yield from parquet.iter_batches(batch_rows, columns=names)
+        return _batches(self._files(split), self._columns(columns), batch_rows)
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
         """Arrays as learning libraries take them.
@@ -95,12 +92,14 @@ class Dataset:
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
         groups = self.info["groups"]
-        table = self.table(None, split)
+        roles = ("observation", "action", "reward", "next_observation")
+        names = ["episode", "step", "terminated", "truncated"]
+        table = self.table([*names, *(name for role in roles for name in groups[role])], split)
 
         def stack(role: str) -> npt.NDArray[Any]:
             return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
 
-        out = {name: table[name].to_numpy() for name in ("episode", "step", "terminated", "truncated")}
+        out = {name: table[name].to_numpy() for name in names}
         observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
         return {
             "observations": observations,
@@ -119,10 +118,14 @@ class Dataset:
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column["name"] for column in self.info["columns"]]
-        unknown = [name for name in columns or [] if name not in known]
+        if columns is None:
+            return known
+        if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
+            raise UsageError(f"columns: found {columns!r}, expected a list of different names")
+        unknown = [name for name in columns if name not in known]
         if unknown:
             raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
-        return known if columns is None else list(columns)
+        return list(columns)
 
     def _files(self, split: str | None) -> list[Path]:
         """The files of the dataset, or of a split, in order."""
@@ -139,3 +142,24 @@ class Dataset:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
             raise UsageError(f"split: found {split!r}, expected {known}")
         return split
+
+
+@contextmanager
+def _readable(file: Path) -> Iterator[None]:
+    """What cannot be read, as one line."""
+    try:
+        yield
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0]
+        raise DatasetError(f"{file}: cannot be read, see ibdata validate: {reason}") from None
+
+
+def _read(file: Path, names: list[str] | None) -> pa.Table:
+    with _readable(file):
+        return pq.read_table(file, columns=names, page_checksum_verification=True)
+
+
+def _batches(files: list[Path], names: list[str], batch_rows: int) -> Iterator[pa.RecordBatch]:
+    for file in files:
+        with _readable(file), pq.ParquetFile(file, page_checksum_verification=True) as parquet:
+            yield from parquet.iter_batches(batch_rows, columns=names)

@@ -22,6 +22,7 @@ class Rows(NamedTuple):
     lengths: Array
     episodes: Array
     setpoints: Array
+    drifting: bool
 
     def group(self, role: str) -> list[str]:
         """The names of the columns with a role."""
@@ -32,7 +33,9 @@ def finite(rows: Rows) -> Found:
     """Every float is finite; action_log_prob may be NaN, where a custom policy knows no density."""
     for column in rows.described:
         if column["dtype"].startswith("float") and column["role"] != "log_prob":
-            yield from _where(~np.isfinite(rows.columns[column["name"]]), column["name"], rows, "a finite number")
+            yield from _where(
+                ~np.isfinite(rows.columns[column["name"]]), column["name"], rows, "a finite number"
+            )
 
 
 def bounds(rows: Rows) -> Found:
@@ -79,15 +82,19 @@ def reward(rows: Rows) -> Found:
         for name in ("next_obs_consumption", "next_obs_fatigue", "reward")
     )
     tolerance = 2.0**-23 * (np.abs(c) + 3.0 * np.abs(f) + np.abs(r))
-    yield from _where(np.abs(r + c + 3.0 * f) > tolerance, "reward", rows, "-consumption - 3 fatigue at t + 1")
+    yield from _where(
+        np.abs(r + c + 3.0 * f) > tolerance, "reward", rows, "-consumption - 3 fatigue at t + 1"
+    )
 
 
 def setpoint(rows: Rows) -> Found:
     """A constant setpoint is the one that episodes.parquet gives the episode."""
-    if "latent_drift_rate" in rows.columns or np.ptp(rows.columns["obs_setpoint"][: rows.lengths[0]]) > 0:
+    if rows.drifting:
         return
     expected = np.repeat(rows.setpoints, rows.lengths).astype(rows.columns["obs_setpoint"].dtype)
-    yield from _where(rows.columns["obs_setpoint"] != expected, "obs_setpoint", rows, "the episode's setpoint")
+    yield from _where(
+        rows.columns["obs_setpoint"] != expected, "obs_setpoint", rows, "the episode's setpoint"
+    )
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

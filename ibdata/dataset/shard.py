@@ -61,13 +61,11 @@ def describe(experiment: Experiment, shard: Shard, floats: Columns) -> Content:
     if not finite.all():
         name = floats.names[int(np.argmin(finite))]
         raise IbdataError(f"{shard.file}: {name}: found a value that is not finite, expected finite numbers")
-    stride = sample_stride(experiment.rows)
-    offset = -(shard.first * experiment.steps) % stride
     episodes = shard.stop - shard.first
     return Content(
         episode_digests(digest_runs(experiment, shard, floats), [experiment.steps] * episodes),
         sums(floats.table[floats.names.index("reward")], experiment.steps),
         parts,
-        np.ascontiguousarray(floats.table[:, offset::stride]),
+        np.ascontiguousarray(floats.table[:, :: sample_stride(parts.rows, experiment.rows)]),
         floats.clipped,
     )

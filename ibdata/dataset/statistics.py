@@ -12,7 +12,8 @@ from ibdata.compiling import compiled
 
 Floats = npt.NDArray[np.float64]
 
-SAMPLE_ROWS = 100_000
+SAMPLE_ROWS = 100_000  # of a dataset
+SAMPLE_LEAST = 200  # of a shard, so that small splits have some
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 
@@ -46,29 +47,46 @@ def merged(a: Moments, b: Moments) -> Moments:
     )
 
 
-def sample_stride(rows: int) -> int:
-    """The distance of sampled rows: 1 up to SAMPLE_ROWS rows, beyond that an odd number.
+def sample_stride(rows: int, total: int) -> int:
+    """The distance of sampled rows in a shard of so many rows, of a dataset with so many in total.
 
-    >>> sample_stride(10_000), sample_stride(1_000_000)
-    (1, 11)
+    1 where the dataset has at most SAMPLE_ROWS rows, beyond that an odd number.
+
+    >>> sample_stride(10_000, 10_000), sample_stride(1_000_000, 1_000_000), sample_stride(1000, 10**9)
+    (1, 11, 5)
     """
-    return 1 if rows <= SAMPLE_ROWS else (-(-rows // SAMPLE_ROWS)) | 1
+    if total <= SAMPLE_ROWS:
+        return 1
+    return -(-rows // max(SAMPLE_LEAST, SAMPLE_ROWS * rows // total)) | 1
 
 
-def described(names: tuple[str, ...], parts: Moments, sample: Table) -> dict[str, dict[str, Any]]:
-    """count, mean, std (of the population), min, max and quantiles of each column, as plain numbers."""
-    quantiles = np.quantile(sample.astype(np.float64), QUANTILES, axis=1, method="lower")
+def described(
+    names: tuple[str, ...], parts: Moments, samples: list[Table], rows: list[int]
+) -> dict[str, dict[str, Any]]:
+    """count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
+
+    A sample stands for the rows of its shard. None takes the place of what is not a number.
+    """
+    sample = np.concatenate(samples, axis=1).astype(np.float64)
+    weights = np.concatenate(
+        [np.full(s.shape[1], n / s.shape[1]) for s, n in zip(samples, rows, strict=True)]
+    )
+    quantiles = np.quantile(sample, QUANTILES, axis=1, weights=weights, method="inverted_cdf")
     return {
         name: {
             "count": parts.rows,
-            "mean": float(parts.mean[i]),
-            "std": float(np.sqrt(parts.squares[i] / parts.rows)),
-            "min": float(parts.low[i]),
-            "max": float(parts.high[i]),
-            "quantiles": {f"{q:g}": float(x) for q, x in zip(QUANTILES, quantiles[:, i], strict=True)},
+            "mean": _number(parts.mean[i]),
+            "std": _number(np.sqrt(parts.squares[i] / parts.rows)),
+            "min": _number(parts.low[i]),
+            "max": _number(parts.high[i]),
+            "quantiles": {f"{q:g}": _number(x) for q, x in zip(QUANTILES, quantiles[:, i], strict=True)},
         }
         for i, name in enumerate(names)
     }
+
+
+def _number(x: float) -> float | None:
+    return float(x) if np.isfinite(x) else None
 
 
 def sums(rows: Table, lengths: int) -> Floats:
@@ -85,15 +103,16 @@ def _moments(table: Table, mean: Floats, squares: Floats, low: Floats, high: Flo
         x = table[c]
         s0 = s1 = s2 = s3 = 0.0
         least = greatest = x[0]
+        o = np.float64(x[0])  # taken away first, so that a constant has no spread
         whole = n - n % 4
         for i in range(0, whole, 4):
-            s0, s1, s2, s3 = s0 + x[i], s1 + x[i + 1], s2 + x[i + 2], s3 + x[i + 3]
+            s0, s1, s2, s3 = s0 + (x[i] - o), s1 + (x[i + 1] - o), s2 + (x[i + 2] - o), s3 + (x[i + 3] - o)
         for i in range(n):
             least = min(least, x[i])
             greatest = max(greatest, x[i])
         for i in range(whole, n):
-            s0 = s0 + x[i]
-        m = ((s0 + s1) + (s2 + s3)) / n
+            s0 = s0 + (x[i] - o)
+        m = o + ((s0 + s1) + (s2 + s3)) / n
         s0 = s1 = s2 = s3 = 0.0
         for i in range(0, whole, 4):
             d0, d1, d2, d3 = x[i] - m, x[i + 1] - m, x[i + 2] - m, x[i + 3] - m

@@ -56,10 +56,15 @@ def _files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     for entry in listed["files"]:
         path = manifest.locate(folder, entry["path"])
         if path.is_symlink() or not path.is_file():
-            yield Problem(entry["path"], None, "file", "found none, expected the file that the manifest lists")
+            yield Problem(
+                entry["path"], None, "file", "found none, expected the file that the manifest lists"
+            )
         elif file_sha256(path) != entry["sha256"]:
             yield Problem(
-                entry["path"], None, "hash", f"found other content than the manifest lists ({entry['sha256'][:12]}…)"
+                entry["path"],
+                None,
+                "hash",
+                f"found other content than the manifest lists ({entry['sha256'][:12]}…)",
             )
     known = {entry["path"] for entry in listed["files"]}
     for path in sorted((folder / "data").glob("*")):
@@ -93,9 +98,7 @@ def _metadata(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) 
     described = [(column["name"], column["dtype"]) for column in info["columns"]]
     root = content_root(described, zip(cells, episodes["index"].to_pylist(), digests, strict=True))
     if root != listed["content_root"]:
-        yield Problem(
-            manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}"
-        )
+        yield Problem(manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}")
 
 
 def _shard(path: Path, shard: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> Iterator[Problem]:
@@ -108,13 +111,18 @@ def _shard(path: Path, shard: dict[str, Any], info: dict[str, Any], episodes: pa
     found = [(field.name, _plain_type(field.type)) for field in table.schema]
     expected = [(column["name"], column["dtype"]) for column in described]
     if found != expected:
-        wrong = next((pair for pair in zip(found, expected, strict=False) if pair[0] != pair[1]), (found, expected))
+        wrong = next(
+            (pair for pair in zip(found, expected, strict=False) if pair[0] != pair[1]), (found, expected)
+        )
         yield Problem(shard["path"], None, "schema", f"found {wrong[0]}, expected {wrong[1]}")
         return
     lengths = episodes["length"].to_numpy()
     if table.num_rows != lengths.sum() or table.num_rows != shard["rows"]:
         yield Problem(
-            shard["path"], None, "rows", f"found {table.num_rows}, expected {shard['rows']} rows of whole episodes"
+            shard["path"],
+            None,
+            "rows",
+            f"found {table.num_rows}, expected {shard['rows']} rows of whole episodes",
         )
         return
     missing = [Problem(shard["path"], row, "nulls", message) for row, message in nulls(table)]
@@ -157,7 +165,9 @@ def _digests(
     wrong = ~np.isclose(returns, episodes["return"].to_numpy(), rtol=1e-9, atol=1e-9)
     if wrong.any():
         row = int(rows.starts[np.argmax(wrong)])
-        yield Problem(shard["path"], row, "return", "found another sum of rewards than episodes.parquet lists")
+        yield Problem(
+            shard["path"], row, "return", "found another sum of rewards than episodes.parquet lists"
+        )
 
 
 def _plain_type(kind: pa.DataType) -> str:

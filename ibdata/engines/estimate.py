@@ -17,6 +17,7 @@ from ibdata.experiment.plan import Shard, plan
 from ibdata.rollout import rollout
 
 SAMPLE_ROWS = 100_000
+PARTS = 8
 
 
 def estimate(
@@ -45,15 +46,22 @@ def estimate(
 
 
 def _sample(experiment: Experiment) -> tuple[float, float]:
-    """Bytes and seconds a row, from evenly many steps of the first episodes of some cells."""
-    steps = min(experiment.steps, SAMPLE_ROWS)
-    episodes = min(len(experiment.cells) * experiment.episodes, SAMPLE_ROWS // steps)
-    small = experiment.model_copy(update={"steps": steps})
-    shard = Shard(0, 0, episodes, ())
-    file = HashingFile(io.BytesIO())
-    start = time.perf_counter()
-    floats = rollout(small, 0, episodes)
-    encode(small, shard, floats, file)
-    describe(small, shard, floats)
-    rows = steps * episodes
-    return file.size / rows, (time.perf_counter() - start) / rows
+    """Bytes and seconds a row, from parts that are spread evenly over the cells."""
+    steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
+    budget = max(1, SAMPLE_ROWS // steps)
+    episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))
+    small = experiment.model_copy(update={"steps": steps, "episodes": episodes})
+    total = episodes * len(experiment.cells)
+    parts = 1 if total <= budget else min(PARTS, budget)
+    width = min(total, budget) // parts
+    size, start = 0, time.perf_counter()
+    for part in range(parts):
+        first = part * (total - width) // max(1, parts - 1)
+        shard = Shard(part, first, first + width, ())
+        file = HashingFile(io.BytesIO())
+        floats = rollout(small, shard.first, shard.stop)
+        encode(small, shard, floats, file)
+        describe(small, shard, floats)
+        size += file.size
+    rows = parts * width * steps
+    return size / rows, (time.perf_counter() - start) / rows

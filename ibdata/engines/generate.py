@@ -10,14 +10,14 @@ from pathlib import Path
 from tqdm import tqdm
 
 from ibdata.dataset import manifest, receipt
+from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.shard import Written
 from ibdata.engines import local, target
 from ibdata.engines.lock import locked
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import plan
 
@@ -70,7 +70,11 @@ def resolve(
         return load(config, overrides, seed)
     if overrides:
         raise UsageError("overrides: found an Experiment as config, expected a file or a name with them")
-    return config if seed is None else Experiment.model_validate({**config.plain(), "seed": seed})
+    if seed is None:
+        return config
+    if not 0 <= seed < 2**64:
+        raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
+    return config.model_copy(update={"seed": seed})
 
 
 def worker_count(workers: int | None) -> int:
@@ -119,13 +123,15 @@ def _run(
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """Make the folder and its parents; those that are empty afterwards go again."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in missing:
+            sync_folder(path.parent)
         yield
     finally:
         for path in missing:
-            if path.is_dir() and not any(path.iterdir()):
+            if os.path.isdir(path) and not any(path.iterdir()):
                 path.rmdir()
 
 

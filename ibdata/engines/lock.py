@@ -42,7 +42,9 @@ def _acquire(path: Path) -> int:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         if not _try(descriptor):
             os.close(descriptor)
-            raise BusyError(f"{path.parent}: another process is writing here; wait for it, or choose another --out")
+            raise BusyError(
+                f"{path.parent}: another process is writing here; wait for it, or choose another --out"
+            )
         if _is(path, descriptor):
             return descriptor
         os.close(descriptor)  # its holder removed the file in between; take the new one

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
 from ibdata.dataset import manifest, receipt
 from ibdata.dataset.files import sweep, write
@@ -27,6 +28,8 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     """
     if resume and overwrite:
         raise UsageError("found --resume with --overwrite, expected one of them")
+    if "\0" in str(folder):
+        raise UsageError(f"--out: found {str(folder)!r}, expected a path without NUL")
     if not os.path.lexists(folder):
         return folder
     if not folder.is_dir():
@@ -48,29 +51,46 @@ def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: b
             f"{folder}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
         )
     if (folder / EXPERIMENT).read_bytes() != as_yaml(experiment):
-        raise UsageError(f"{folder}: holds an unfinished run of another experiment; --overwrite to start again")
+        raise UsageError(
+            f"{folder}: holds an unfinished run of another experiment; --overwrite to start again"
+        )
     return folder
 
 
 def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
     if not (resume or overwrite):
-        raise UsageError(f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset")
+        raise UsageError(
+            f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset"
+        )
     try:
-        manifest.read(folder)
+        listed = manifest.read(folder)
     except DatasetError as error:
         raise UsageError(f"{folder}: not a dataset of ibdata, left as it is ({error})") from None
     if overwrite:
+        _refuse_strangers(folder, listed)
         return folder / manifest.NEXT
     if manifest.locate(folder, "meta/experiment.yaml").read_bytes() != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
     return folder
 
 
+def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
+    known = {file["path"] for file in listed["files"]}
+    for part in (folder / "data", folder / manifest.NEW / "data"):
+        for path in part.glob("*"):
+            if f"data/{path.name}" not in known and not path.name.startswith("."):
+                raise UsageError(
+                    f"{path}: found a file that is not the dataset's, expected none; move it away"
+                )
+
+
 def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     """Make the run's folder, take away what does not belong to this experiment, and say whose it is."""
     root.mkdir(exist_ok=True)
     mine = root / EXPERIMENT
-    if mine.is_file() and (overwrite and root.name != manifest.NEXT or mine.read_bytes() != as_yaml(experiment)):
+    if mine.is_file() and (
+        (overwrite and root.name != manifest.NEXT) or mine.read_bytes() != as_yaml(experiment)
+    ):
         discard(root)
     for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
         sweep(part)

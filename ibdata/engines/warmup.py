@@ -7,8 +7,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from ibdata.engines import known_answer
 from ibdata.dataset.statistics import moments, sums
+from ibdata.engines import known_answer
 from ibdata.experiment import Experiment
 from ibdata.rollout import rollout
 

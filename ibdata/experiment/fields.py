@@ -34,10 +34,17 @@ def _not_reserved(name: str) -> str:
     return name
 
 
+def _not_default(name: str) -> str:
+    if name == "default":
+        raise ValueError("found 'default', the name of the whole dataset, expected another")
+    return name
+
+
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Setpoint = Annotated[Real, Field(ge=0.0, le=100.0)]
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda p: p + 0.0)]  # no -0.0
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
+SplitName = Annotated[FileName, AfterValidator(_not_default)]
 SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]
 
 
@@ -194,7 +201,11 @@ class Split(Plugin):
 
     setpoint: SetpointOrList | None = None
     policy: (
-        Annotated[Annotated[str, Tag("name")] | Annotated[list[str], Tag("list")], _list_or("name")] | None
+        Annotated[
+            Annotated[str, Tag("name")] | Annotated[list[str], Field(min_length=1), Tag("list")],
+            _list_or("name"),
+        ]
+        | None
     ) = None
     episodes: (
         Annotated[

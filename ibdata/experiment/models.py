@@ -17,6 +17,7 @@ from ibdata.experiment.fields import (
     Output,
     Setpoints,
     Split,
+    SplitName,
     Start,
     setpoint_values,
 )
@@ -25,6 +26,7 @@ from ibdata.policies import AnyPolicy
 from ibdata.policies.base import Plugin
 
 MAX_CELLS = 1_000_000
+MAX_SHARDS = 10_000_000
 
 
 class Problems(ValueError):
@@ -57,7 +59,7 @@ class Experiment(Plugin):
     )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = 0
     output: Output = Output()
-    splits: dict[FileName, Split] = Field(default={}, description="named sets of episodes")
+    splits: dict[SplitName, Split] = Field(default={}, description="named sets of episodes")
 
     @cached_property
     def variant(self) -> Variant:
@@ -108,6 +110,11 @@ class Experiment(Plugin):
     def _check(self) -> Experiment:
         if len(setpoint_values(self.setpoints)[0]) * len(self.policies) > MAX_CELLS:
             raise Problems([(("setpoints",), f"found more than {MAX_CELLS} cells, expected fewer")])
+        per_shard = max(1, self.output.shard_rows // self.steps)
+        if len(self.cells) * self.episodes / per_shard > MAX_SHARDS:
+            raise Problems(
+                [(("output", "shard_rows"), f"found more than {MAX_SHARDS} files, expected fewer")]
+            )
         found = [*self._equal_cells(), *self._unknown_in_splits()] or list(self._shared_episodes())
         if found:
             raise Problems(found)
