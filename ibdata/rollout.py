@@ -188,15 +188,13 @@ class Block:
         """What a policy returned, as numbers of the right shape."""
         try:
             answer = np.asarray(given, dtype=np.float64)
-            found = f"{what} of shape {answer.shape}"
         except (TypeError, ValueError):
-            answer, found = np.empty(0), repr(given)[:60]
-        if answer.shape != shape:
-            raise PolicyError(
-                f"policy {self.label}: episode {self.first}: step {t}: found {found}, expected {what} of "
-                f"shape {shape}"
-            )
-        return answer
+            answer, wrong = None, f"found {repr(given)[:60]}, expected {what} of shape {shape}"
+        if answer is not None and answer.shape == shape:
+            return answer
+        if answer is not None:
+            wrong = f"found {what} of shape {answer.shape}, expected {shape}"
+        raise PolicyError(f"policy {self.label}: episode {self.first}: step {t}: {wrong}")
 
     def _act(
         self,

@@ -11,6 +11,7 @@ from ibdata.dataset.files import HashingFile
 from ibdata.dataset.shard import describe, encode
 from ibdata.engines import target
 from ibdata.engines.generate import worker_count
+from ibdata.engines.lock import refuse_busy
 from ibdata.engines.warmup import warm_up
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard, plan
@@ -29,6 +30,7 @@ def estimate(
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
     processes = worker_count(workers)
+    refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
     warm_up(experiment)
     shards = plan(experiment)

@@ -14,7 +14,7 @@ from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.engines import local, target
-from ibdata.engines.lock import locked
+from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
@@ -49,6 +49,7 @@ def generate(
     experiment = resolve(config, overrides, seed)
     processes = worker_count(workers)
     folder = Path(out) if out is not None else default_folder(experiment)
+    refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
     with stoppable(), _refusals(folder):
         reproducible = warm_up(experiment)
@@ -100,8 +101,8 @@ def _run(
     reproducible: bool,
 ) -> None:
     """Write the shards that have no receipt into root, then finish it."""
-    target.begin(root, experiment, overwrite)
     try:
+        target.begin(root, experiment, overwrite)
         identity = target.identity(experiment)
         shards = plan(experiment)
         written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]

@@ -25,14 +25,15 @@ def locked(folder: Path, name: str = NAME) -> Iterator[None]:
         os.close(descriptor)
 
 
-def busy(folder: Path, name: str = NAME) -> bool:
-    """Whether another process holds the folder's lock."""
+def refuse_busy(folder: Path, name: str = NAME) -> None:
+    """BusyError where another process holds the folder's lock; nothing is written."""
     try:
         descriptor = os.open(folder / name, os.O_RDWR | os.O_NOFOLLOW)
-    except OSError:
-        return False
+    except (OSError, ValueError):
+        return
     try:
-        return not _try(descriptor)
+        if not _try(descriptor):
+            raise _busy(folder)
     finally:
         os.close(descriptor)
 
@@ -42,9 +43,7 @@ def _acquire(path: Path) -> int:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         if not _try(descriptor):
             os.close(descriptor)
-            raise BusyError(
-                f"{path.parent}: another process is writing here; wait for it, or choose another --out"
-            )
+            raise _busy(path.parent)
         if _is(path, descriptor):
             return descriptor
         os.close(descriptor)  # its holder removed the file in between; take the new one
@@ -63,3 +62,7 @@ def _is(path: Path, descriptor: int) -> bool:
         return os.path.samestat(os.lstat(path), os.fstat(descriptor))
     except FileNotFoundError:
         return False
+
+
+def _busy(folder: Path) -> BusyError:
+    return BusyError(f"{folder}: another process is writing here; wait for it, or choose another --out")

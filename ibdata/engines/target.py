@@ -10,7 +10,7 @@ from typing import Any
 from ibdata.dataset import manifest, receipt
 from ibdata.dataset.files import sweep, write
 from ibdata.engines import lock
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
@@ -24,7 +24,7 @@ def identity(experiment: Experiment) -> str:
 def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
     """Where the run is to be written: the folder, or `.next` in it where a dataset is to be replaced.
 
-    Raises UsageError for a folder that may not be written to, BusyError where another process writes.
+    Raises UsageError for a folder that may not be written to.
     """
     if resume and overwrite:
         raise UsageError("found --resume with --overwrite, expected one of them")
@@ -34,8 +34,6 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
         return folder
     if not folder.is_dir():
         raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
-    if lock.busy(folder):
-        raise BusyError(f"{folder}: another process is writing here; wait for it, or choose another --out")
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
     if not any(path.name != lock.NAME for path in folder.iterdir()):

@@ -28,7 +28,7 @@ def warm_up(experiment: Experiment) -> bool:
         right = known_answer.matches()
     if not right:
         print(
-            "ibdata: this machine computes other bits than expected; the manifest will say reproducible: false",
+            "ibdata: this machine computes other bits than others; the manifest says reproducible: false",
             file=sys.stderr,
         )
     return right

@@ -31,7 +31,7 @@ def shipped() -> dict[str, Path]:
 def find(config: str | os.PathLike[str]) -> Path:
     """The config file meant: a path, else a shipped name with or without '.yaml'; UsageError if neither."""
     path = Path(config)
-    if path.exists():
+    if os.path.exists(path):  # False where the system refuses the name
         return path
     configs = shipped()
     name = os.fspath(config).removesuffix(".yaml")
@@ -83,19 +83,24 @@ def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str
     places: dict[Loc, str] = {}
     for override in overrides:
         key, equals, text = override.partition("=")
-        loc: Loc = tuple(int(part) if part.isdigit() else part for part in key.strip().split("."))
+        loc: Loc = tuple(
+            int(part) if part.isascii() and part.isdigit() else part for part in key.strip().split(".")
+        )
         if not equals or not all(part != "" for part in loc):
             raise UsageError(f"--set: found {override!r}, expected key=value")
         try:
             value = Document(text).data
         except StrictYamlError as error:
             raise UsageError(f"--set {override}: {error.message}") from None
-        _put(document.data, loc, value, override)
-        places[loc] = f"--set {override}"
+        for put in _put(document.data, loc, value, override):
+            places[put] = f"--set {override}"
     return places
 
 
-def _put(data: Any, loc: Loc, value: Any, override: str) -> None:
+def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
+    """Put a value into the data; the paths of what is new there."""
+    new: list[Loc] = []
+    path: Loc = ()
     for i, part in enumerate(loc):
         last = i == len(loc) - 1
         if isinstance(data, list) and isinstance(part, int) and part < len(data):
@@ -104,11 +109,14 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> None:
             part = str(part)
             if not last and not isinstance(data.get(part), dict | list):
                 data[part] = {}
+                new.append((*path, part))
         else:
             raise UsageError(f"--set {override}: there is no {'.'.join(map(str, loc[: i + 1]))} to set")
+        path = (*path, part)
         if last:
             data[part] = value
         data = data[part]
+    return [*new, path]
 
 
 def _lines(error: Any, document: Document, path: str, places: dict[Loc, str]) -> list[str]:
@@ -139,6 +147,8 @@ def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
         here = (isinstance(data, dict) and part in data) or (
             isinstance(data, list) and isinstance(part, int) and part < len(data)
         )
+        if i == 2 and loc[0] == "policies":
+            here = False  # the kind, which may be a key as well
         if here:
             data = data[part]
         if here or (keep_last and i == len(loc) - 1):

@@ -25,12 +25,12 @@ EXPECTED = {
     "dict_type": "a mapping",
     "model_type": "a mapping",
     "model_attributes_type": "a mapping",
-    "greater_than": "a {number} above {gt:g}",
-    "greater_than_equal": "a {number} of at least {ge:g}",
-    "less_than": "a {number} below {lt:g}",
-    "less_than_equal": "a {number} of at most {le:g}",
-    "too_short": "at least {min_length} items",
-    "too_long": "at most {max_length} items",
+    "greater_than": "a {number} above {bound}",
+    "greater_than_equal": "a {number} of at least {bound}",
+    "less_than": "a {number} below {bound}",
+    "less_than_equal": "a {number} of at most {bound}",
+    "too_short": "at least {min_length} {items}",
+    "too_long": "at most {max_length} {items}",
     "string_pattern_mismatch": "a name of a-z, 0-9, _ and -, at most 64 characters",
 }
 
@@ -38,7 +38,7 @@ EXPECTED = {
 def suggestion(word: str, known: Iterable[str]) -> str:
     """', did you mean …' where a known word is near, else nothing."""
     near = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    return f"; did you mean {near[0]!r}?" if near and near[0] != word else ""
 
 
 def shown(value: Any) -> str:
@@ -65,9 +65,13 @@ def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     if kind in ("value_error", "assertion_error"):
         return str(context["error"])
     if kind in EXPECTED:
-        bound = next(iter(context.values()), None)
-        number = "whole number" if isinstance(bound, int) else "number"
-        return f"found {shown(value)}, expected {EXPECTED[kind].format(number=number, **context)}"
+        bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
+        filled = {
+            "number": "whole number" if isinstance(bound, int) else "number",
+            "bound": f"{bound:g}" if isinstance(bound, float) else bound,
+            "items": "item" if bound == 1 else "items",
+        }
+        return f"found {shown(value)}, expected {EXPECTED[kind].format(**filled, **context)}"
     return f"found {shown(value)}, expected: {error['msg']}"
 
 
@@ -75,7 +79,7 @@ def keys_at(model: type[BaseModel], data: Any, loc: Loc, kinds: Mapping[str, typ
     """The option names that the mapping at `loc` may hold, found by walking the models."""
     if loc and loc[0] == "policies" and len(loc) > 1:
         block = data["policies"][loc[1]] if isinstance(data.get("policies"), list) else {}
-        policy = kinds.get(block.get("kind", "")) if isinstance(block, dict) else None
+        policy = kinds.get(str(block.get("kind"))) if isinstance(block, dict) else None
         return list(policy.model_fields) if policy else []
     for part in loc:
         field = model.model_fields.get(str(part))

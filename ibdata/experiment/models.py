@@ -6,21 +6,15 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.experiment.cells import Cell, variant_form
-from ibdata.experiment.fields import (
-    WHOLE,
-    Dynamics,
-    FileName,
-    Output,
-    Setpoints,
-    Split,
-    SplitName,
-    Start,
-    setpoint_values,
-)
+from ibdata.experiment.dynamics import Dynamics
+from ibdata.experiment.fields import Output, Split, Start
+from ibdata.experiment.messages import shown, suggestion
+from ibdata.experiment.scalars import WHOLE, FileName, SplitName
+from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.experiment.strict_yaml import Loc
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import Plugin
@@ -37,10 +31,18 @@ class Problems(ValueError):
         super().__init__("; ".join(f"{'.'.join(map(str, loc))}: {message}" for loc, message in found))
 
 
+def _no_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"found {shown(value)}, expected 1")
+    return value
+
+
 class Experiment(Plugin):
     """One dataset: cells are every combination of policy and setpoint, each with `episodes` episodes."""
 
-    version: Literal[1] = Field(default=1, description="version of this format")
+    version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
+        default=1, description="version of this format"
+    )
     name: FileName
     dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
     setpoints: Setpoints = Field(
@@ -59,7 +61,9 @@ class Experiment(Plugin):
     )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = 0
     output: Output = Output()
-    splits: dict[SplitName, Split] = Field(default={}, description="named sets of episodes")
+    splits: dict[SplitName, Split] = Field(
+        default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
+    )
 
     @cached_property
     def variant(self) -> Variant:
@@ -108,10 +112,11 @@ class Experiment(Plugin):
 
     @model_validator(mode="after")
     def _check(self) -> Experiment:
-        if len(setpoint_values(self.setpoints)[0]) * len(self.policies) > MAX_CELLS:
+        cells = len(setpoint_values(self.setpoints)[0]) * len(self.policies)
+        if cells > MAX_CELLS:
             raise Problems([(("setpoints",), f"found more than {MAX_CELLS} cells, expected fewer")])
         per_shard = max(1, self.output.shard_rows // self.steps)
-        if len(self.cells) * self.episodes / per_shard > MAX_SHARDS:
+        if cells * self.episodes / per_shard > MAX_SHARDS:
             raise Problems(
                 [(("output", "shard_rows"), f"found more than {MAX_SHARDS} files, expected fewer")]
             )
@@ -146,7 +151,8 @@ class Experiment(Plugin):
                 if label not in self.labels:
                     yield (
                         ("splits", name, "policy"),
-                        f"found {label!r}, expected one of {', '.join(self.labels)}",
+                        f"found {label!r}, expected one of {', '.join(self.labels)}"
+                        f"{suggestion(label, self.labels)}",
                     )
             indices = split.indices(self.episodes)
             if not indices or indices.stop > self.episodes:

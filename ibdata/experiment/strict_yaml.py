@@ -21,6 +21,7 @@ from ruamel.yaml.events import (
     ScalarEvent,
 )
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
 
 Loc = tuple[str | int, ...]
 
@@ -58,6 +59,9 @@ class Document:
             mark = error.problem_mark or error.context_mark
             place = _place(mark) if mark else (1, 1)
             raise StrictYamlError(*place, f"not valid YAML: {error.problem or error.context}") from None
+        except ReaderError as error:
+            line = decoded.count("\n", 0, error.position) + 1
+            raise StrictYamlError(line, 1, f"not valid YAML: {str(error).splitlines()[0]}") from None
         except (YAMLError, ValueError, RecursionError) as error:
             if isinstance(error, StrictYamlError):
                 raise
@@ -74,9 +78,14 @@ class Document:
         return self.values.get(loc, (1, 1))
 
     def _plain(self, node: Node, loc: Loc) -> Any:
-        self.values[loc] = _place(node.start_mark)
+        place = _place(node.start_mark)
         if isinstance(node, ScalarNode):
+            if node.style is None and node.value == "":
+                place = self.keys.get(loc, place)  # the parser puts what is left out at what follows
+            self.values[loc] = place
+            _encodable(node.value, place)
             return scalar(node.value) if node.style is None else node.value
+        self.values[loc] = place
         if isinstance(node, SequenceNode):
             return [self._plain(child, (*loc, i)) for i, child in enumerate(node.value)]
         assert isinstance(node, MappingNode)
@@ -86,11 +95,19 @@ class Document:
             if not isinstance(key_node, ScalarNode):
                 raise StrictYamlError(*place, "found a list or mapping as a key, expected text")
             key = key_node.value
+            _encodable(key, place)
             if key in out:
                 raise StrictYamlError(*place, f"{key}: found twice, expected once")
             self.keys[(*loc, key)] = place
             out[key] = self._plain(child, (*loc, key))
         return out
+
+
+def _encodable(text: str, place: tuple[int, int]) -> None:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise StrictYamlError(*place, "found half of a character, expected Unicode text") from None
 
 
 def scalar(text: str) -> bool | int | float | str | None:

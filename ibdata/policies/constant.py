@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ibdata.policies.base import Floats, History, Policy
 
-Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True)]
+Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True), AfterValidator(lambda value: value + 0.0)]
 
 
 class Constant(Policy):

@@ -18,6 +18,9 @@ LOG_SD_SQRT_2PI = float.fromhex("0x1.7a80e9b6f7754p-2")
 LOG_MASS_TOWARDS = float.fromhex("-0x1.a4d22e1380293p+0")  # log P(z >= 1)
 LOG_MASS_AWAY = float.fromhex("-0x1.57396f7dee539p+2")  # log P(z <= -1)
 LOG_UNIFORM = float.fromhex("-0x1.62e42fefa39efp-1")  # log ½
+LOG_EDGE = float.fromhex(
+    "-0x1.205966f2b4f12p+4"
+)  # log 2⁻²⁶: what float32 rounds to 1, and to -1, of U(-1, 1)
 
 
 class Safe(Policy):
@@ -64,14 +67,19 @@ def _act(history: History, u: Floats, action: Floats) -> None:
 
 
 @compiled
+def _log_uniform(x: float) -> float:
+    return LOG_EDGE if abs(x) == 1.0 else LOG_UNIFORM
+
+
+@compiled
 def _log_prob(history: History, action: npt.NDArray[np.float32], out: Floats) -> None:
     for i in range(history.shape[0]):
-        total = LOG_UNIFORM
+        total = _log_uniform(action[i, 2])
         for j, column in ((0, VELOCITY), (1, GAIN)):
             side = _region(history[i, 0, column])
             z = side * np.float64(action[i, j])
             if side == 0.0:
-                total += LOG_UNIFORM
+                total += _log_uniform(action[i, j])
             elif z >= 1.0:
                 total += LOG_MASS_TOWARDS
             elif z <= -1.0:

@@ -126,5 +126,5 @@ def test_damaged_metadata_are_an_error_that_names_the_file(copied, name, damage)
         "stats.json": lambda d: d.statistics(),
         "episodes.parquet": lambda d: d.episodes,
     }
-    with pytest.raises(DatasetError, match=f"{name}: cannot be read: "):
+    with pytest.raises(DatasetError, match=f"{name}: cannot be read"):
         calls[name](dataset)

@@ -66,7 +66,7 @@ def test_a_constant_column_has_a_standard_deviation_of_exactly_zero(value, cuts,
     found = moments(np.full((1, cuts[0]), value, dtype=dtype))
     for rows in cuts[1:]:
         found = merged(found, moments(np.full((1, rows), value, dtype=dtype)))
-    assert described(("x",), found, np.full((1, 3), value))["x"]["std"] == 0.0
+    assert described(("x",), found, [np.full((1, 3), value)], [3])["x"]["std"] == 0.0
     assert found.mean[0] == dtype(value)
 
 
@@ -90,19 +90,28 @@ def test_values_that_are_not_finite_show_in_the_squares():
 
 
 @pytest.mark.parametrize(
-    ("rows", "stride"),
-    [(1, 1), (100_000, 1), (100_001, 3), (200_001, 3), (300_001, 5), (10**6, 11), (10**9, 10_001)],
+    ("rows", "total", "stride"),
+    [
+        (1, 1, 1),
+        (100_000, 100_000, 1),
+        (1, 100_001, 1),
+        (100_001, 100_001, 3),
+        (10**6, 10**6, 11),
+        (10**6, 10**9, 5001),
+        (1000, 10**9, 5),
+        (100, 10**9, 1),
+    ],
 )
-def test_the_sample_is_every_row_or_every_odd_number_of_rows(rows, stride):
-    assert sample_stride(rows) == stride
-    assert math.ceil(rows / stride) <= statistics.SAMPLE_ROWS
+def test_a_shard_gives_every_row_or_every_odd_number_of_rows(rows, total, stride):
+    assert sample_stride(rows, total) == stride
+    assert math.ceil(rows / stride) <= max(statistics.SAMPLE_ROWS, statistics.SAMPLE_LEAST)
 
 
 def test_described_statistics_are_plain_numbers():
     table = np.array([[4.0, 1.0, 3.0, 2.0]])
-    found = described(("x",), moments(table), table)["x"]
+    found = described(("x",), moments(table), [table], [4])["x"]
     assert found.pop("quantiles") == {
-        "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 3.0, "0.99": 3.0,
+        "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 4.0, "0.99": 4.0,
     }  # fmt: skip
     assert found == {"count": 4, "mean": 2.5, "std": math.sqrt(1.25), "min": 1.0, "max": 4.0}
     assert {type(value) for value in found.values()} == {int, float}
@@ -110,20 +119,20 @@ def test_described_statistics_are_plain_numbers():
 
 def test_the_standard_deviation_is_that_of_the_population():
     parts = Moments(3, np.array([2.0]), np.array([2.0]), np.array([1.0]), np.array([3.0]))
-    assert described(("x",), parts, np.array([[2.0]]))["x"]["std"] == math.sqrt(2 / 3)
+    assert described(("x",), parts, [np.array([[2.0]])], [3])["x"]["std"] == math.sqrt(2 / 3)
 
 
-@pytest.mark.parametrize("shard_rows", [1, 7, 1000])
-def test_the_sample_does_not_depend_on_the_shards(monkeypatch, describe, tmp_path, shard_rows):
-    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 70)
-    made = ibdata.generate(describe(output={"shard_rows": shard_rows}), tmp_path / "x", workers=1)
-    rewards = made.table()["reward"].to_numpy().astype(np.float64)[::7]
-    expected = np.quantile(rewards, statistics.QUANTILES, method="lower")
-    assert list(made.statistics()["reward"]["quantiles"].values()) == expected.tolist()
+def test_a_sample_stands_for_the_rows_of_its_shard():
+    """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
+    samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
+    parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
+    quantiles = described(("x",), parts, samples, [300, 1])["x"]["quantiles"]
+    assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
 
 
 def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypatch, describe, tmp_path):
     monkeypatch.setattr(statistics, "SAMPLE_ROWS", 10)
+    monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)
     one = {"one": {"setpoint": 70, "policy": "calm", "episodes": {"start": 1, "stop": 1}}}
     made = ibdata.generate(describe(steps=1, episodes=9, splits=one), tmp_path / "x", workers=1)
     (row,) = made.table(split="one").to_pylist()
@@ -138,3 +147,4 @@ def test_a_policy_without_density_leaves_a_dataset_with_statistics(monkeypatch, 
     made = ibdata.generate(describe(), tmp_path / "x", workers=1)
     assert np.isnan(made.table()["action_log_prob"].to_numpy()[:240]).all()
     assert made.statistics()["reward"]["count"] == 480
+    assert made.statistics()["action_log_prob"]["mean"] is None

@@ -1,4 +1,4 @@
-"""What a failed run says and leaves behind: nothing."""
+"""What a failed run says and leaves behind: what can be resumed, or nothing."""
 
 from __future__ import annotations
 
@@ -68,9 +68,27 @@ PLACES = [
 ]
 
 
+def assert_resumable_or_nothing(before, tiny, monkeypatch):
+    """What is left: nothing new, or shards with receipts, from which the same dataset comes out."""
+    left = contents(".")
+    assert not [path for path in left if ".tmp-" in path or ".lock" in path or path.endswith("manifest.json")]
+    if left == before:
+        return False
+    receipts = [path for path in left if path.endswith(".receipt")]
+    assert receipts
+    assert [path for path in left if path.endswith(".parquet")]
+    monkeypatch.undo()
+    resumed = ibdata.generate(tiny, "a/b", workers=1, resume=True)
+    assert resumed.content_root == ibdata.generate(tiny, "whole", workers=1).content_root
+    assert not Path("a/b/.run").exists()
+    return True
+
+
 @pytest.mark.parametrize("existing", [False, True])
 @pytest.mark.parametrize(("place", "call"), PLACES)
-def test_a_failed_run_leaves_nothing_behind(monkeypatch, tiny, place, call, existing):
+def test_a_failed_run_leaves_what_can_be_resumed_or_nothing(
+    monkeypatch, tmp_path, tiny, place, call, existing
+):
     if existing:
         Path("a/b").mkdir(parents=True)
     before = contents(".")
@@ -81,18 +99,30 @@ def test_a_failed_run_leaves_nothing_behind(monkeypatch, tiny, place, call, exis
         ibdata.generate(tiny, "a/b", workers=1)
     assert str(error.value) == "a/b: cannot be written: No space left on device"
     assert error.value.exit_code == 1
-    assert contents(".") == before
+    left = assert_resumable_or_nothing(before, tiny, _Folder(monkeypatch, tmp_path))
+    assert left == (place.endswith("finish") or ".finish." in place or call > 1)
+
+
+class _Folder:
+    """Undoes the patches but stays in the folder of the test."""
+
+    def __init__(self, monkeypatch, folder):
+        self.monkeypatch, self.folder = monkeypatch, folder
+
+    def undo(self):
+        self.monkeypatch.undo()
+        self.monkeypatch.chdir(self.folder)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, ZeroDivisionError])
-def test_other_exceptions_pass_and_leave_nothing_either(monkeypatch, tiny, error):
+def test_other_exceptions_pass_and_leave_what_can_be_resumed(monkeypatch, tmp_path, tiny, error):
     monkeypatch.setattr("ibdata.engines.generate.finish", failing_at(0, error)(None))
     with pytest.raises(error):
         ibdata.generate(tiny, "a/b", workers=1)
-    assert contents(".") == {}
+    assert assert_resumable_or_nothing({}, tiny, _Folder(monkeypatch, tmp_path))
 
 
-def test_a_failing_policy_is_an_error_and_leaves_nothing(monkeypatch, tiny):
+def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatch, tiny):
     """After the first run, which warms up, the second shard's policy fails at step 3."""
     calls = iter(range(1000))
 
@@ -104,7 +134,10 @@ def test_a_failing_policy_is_an_error_and_leaves_nothing(monkeypatch, tiny):
     monkeypatch.setattr("ibdata.policies.random.Random.act", act)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):
         ibdata.generate(tiny, "a/b", workers=1)
-    assert contents(".") == {}
+    assert [Path(path).name for path in contents(".") if "part-" in path] == [
+        "part-00000.receipt",
+        "part-00000.parquet",
+    ]
 
 
 def test_a_config_with_errors_makes_nothing():

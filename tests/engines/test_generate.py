@@ -151,7 +151,7 @@ def test_an_existing_dataset_is_replaced_only_when_asked_for(tiny):
 
 def test_overwriting_removes_the_files_of_the_dataset_and_no_others(tiny):
     ibdata.generate(tiny, "target", workers=1)
-    own = {"target/notes.txt": b"a", "target/data/mine.csv": b"b", "target/figures/one.png": b"c"}
+    own = {"target/notes.txt": b"a", "target/meta/mine.csv": b"b", "target/figures/one.png": b"c"}
     for path, data in own.items():
         Path(path).parent.mkdir(exist_ok=True)
         Path(path).write_bytes(data)
@@ -165,12 +165,21 @@ def test_overwriting_removes_the_files_of_the_dataset_and_no_others(tiny):
     assert made.content_root == alone.content_root
 
 
+def test_a_file_that_is_not_the_datasets_among_its_data_is_never_overwritten(tiny):
+    ibdata.generate(tiny, "target", workers=1)
+    Path("target/data/part-00009.parquet").write_bytes(b"mine")
+    before = contents(".")
+    with pytest.raises(UsageError, match=r"part-00009\.parquet: found a file that is not the dataset's"):
+        ibdata.generate(tiny, "target", overwrite=True, workers=1)
+    assert contents(".") == before
+
+
 def test_overwriting_a_damaged_dataset_is_refused_and_changes_nothing(tiny):
     ibdata.generate(tiny, "target", workers=1)
     manifest = Path("target/meta/manifest.json")
     manifest.write_text(manifest.read_text().replace("data/part-00000", "data/part-00009"))
     before = contents(".")
-    with pytest.raises(UsageError, match="not a dataset of ibdata, not overwritten"):
+    with pytest.raises(UsageError, match="not a dataset of ibdata, left as it is"):
         ibdata.generate(tiny, "target", overwrite=True, workers=1)
     assert contents(".") == before
 

@@ -1,0 +1,65 @@
+"""The dynamics of an experiment: a published variant, or one with single fields replaced."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
+
+from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
+from ibdata.experiment.scalars import WHOLE, Real
+from ibdata.policies.base import Plugin
+
+
+class Overrides(Plugin):
+    """A published variant with single fields replaced; `CustomDynamics` adds a field of each."""
+
+    base: Literal["siemens", "paper"]
+
+    def variant(self) -> Variant:
+        """The variant; ValueError if the fields do not fit together."""
+        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
+        return dataclasses.replace(VARIANTS[self.base], **{k: v for k, v in given.items() if v is not None})
+
+
+def _fitting(name: str) -> AfterValidator:
+    """Refuses what `Variant` refuses; each of its rules is about one field."""
+
+    def check(value: Any) -> Any:
+        try:
+            dataclasses.replace(SIEMENS, **{name: value})
+        except ValueError as error:
+            rule = str(error).split("; found ")[0].removeprefix(f"variant: {name} must ")
+            raise ValueError(f"found {value}, expected it to {rule}") from None
+        return value
+
+    return AfterValidator(check)
+
+
+def _strict(hint: Any) -> Any:
+    """The type with its numbers strict, as everywhere else."""
+    if get_origin(hint) is tuple:
+        return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]
+    return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
+
+
+CustomDynamics = create_model(
+    "CustomDynamics",
+    __base__=Overrides,
+    __doc__="A published variant with single fields replaced.",
+    **{
+        name: (
+            Annotated[_strict(hint), _fitting(name)] | None,
+            Field(
+                default=None, description=f"paper: {getattr(PAPER, name)}; siemens: {getattr(SIEMENS, name)}"
+            ),
+        )
+        for name, hint in get_type_hints(Variant).items()
+    },
+)  # type: ignore[call-overload]  # the fields are those of Variant, known at run time only
+
+Dynamics = Annotated[
+    Annotated[Literal["siemens", "paper"], Tag("<word>")] | Annotated[CustomDynamics, Tag("<mapping>")],
+    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | Plugin) else "<word>"),
+]

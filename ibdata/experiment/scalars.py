@@ -1,0 +1,36 @@
+"""Numbers and names as experiments write them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+MAX_SETPOINTS = 10_000
+
+
+def _whole(value: Any) -> Any:
+    """1e3 is a whole number too; true is none, which strict integers see to."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _not_reserved(name: str) -> str:
+    stem = name.split(".")[0]
+    if stem in {"con", "prn", "aux", "nul"} or (stem[:3] in {"com", "lpt"} and stem[3:].isdigit()):
+        raise ValueError(f"found {name!r}, a reserved name on some systems, expected another")
+    return name
+
+
+def _not_default(name: str) -> str:
+    if name == "default":
+        raise ValueError("found 'default', the name of the whole dataset, expected another")
+    return name
+
+
+WHOLE = BeforeValidator(_whole)
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+# -0.0 becomes 0.0: one setpoint, one digest.
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
+SplitName = Annotated[FileName, AfterValidator(_not_default)]
+SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]

@@ -1,0 +1,95 @@
+"""Setpoints: a number, a list, a range, or moving ones."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from ibdata.experiment.messages import shown, suggestion
+from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
+from ibdata.policies.base import Plugin
+
+
+class SetpointRange(Plugin):
+    """start, start + step, …, stop; the stop is included."""
+
+    start: Setpoint
+    stop: Setpoint
+    step: Annotated[Real, Field(gt=0.0)]
+
+    def values(self) -> list[float]:
+        """The setpoints of the range."""
+        # In the decimals as they are written: 0.3, and no number beyond the stop.
+        start, stop, step = (Fraction(repr(x)) for x in (self.start, self.stop, self.step))
+        return [float(start + i * step) for i in range(math.floor((stop - start) / step) + 1)]
+
+    @model_validator(mode="after")
+    def _check(self) -> SetpointRange:
+        if self.stop < self.start:
+            raise ValueError(f"found stop {self.stop:g} below start {self.start:g}, expected at least start")
+        if (self.stop - self.start) / self.step >= MAX_SETPOINTS:
+            raise ValueError(f"found more than {MAX_SETPOINTS} setpoints, expected fewer")
+        return self
+
+
+def list_or(other: str) -> Discriminator:
+    """Tells a list from the other form of the same field."""
+    return Discriminator(lambda value: "<list>" if isinstance(value, list) else other)
+
+
+SetpointOrList = Annotated[
+    Annotated[Setpoint, Tag("<number>")] | Annotated[SetpointList, Tag("<list>")], list_or("<number>")
+]
+
+
+class Drifting(Plugin):
+    """Moving setpoints, by where they start."""
+
+    drifting: SetpointOrList
+
+    def values(self) -> list[float]:
+        """The setpoints at the start."""
+        return self.drifting if isinstance(self.drifting, list) else [self.drifting]
+
+
+def _drifting(value: Any) -> Any:
+    if isinstance(value, str) and value != "drifting":
+        raise ValueError(
+            f"found {shown(value)}, expected a number, a list, {{start, stop, step}} or drifting"
+            f"{suggestion(value, ['drifting'])}"
+        )
+    return value
+
+
+def _setpoints_form(value: Any) -> str:
+    if isinstance(value, dict):
+        return "<drifting>" if "drifting" in value else "<range>"
+    if isinstance(value, Plugin):
+        return "<drifting>" if isinstance(value, Drifting) else "<range>"
+    return "<list>" if isinstance(value, list) else "<word>" if isinstance(value, str) else "<number>"
+
+
+Setpoints = Annotated[
+    Annotated[Setpoint, Tag("<number>")]
+    | Annotated[Literal["drifting"], BeforeValidator(_drifting), Tag("<word>")]
+    | Annotated[SetpointList, Tag("<list>")]
+    | Annotated[Drifting, Tag("<drifting>")]
+    | Annotated[SetpointRange, Tag("<range>")],
+    Discriminator(_setpoints_form),
+]
+
+
+def setpoint_values(setpoints: Any) -> tuple[list[float], bool]:
+    """The setpoints in order, and whether they move.
+
+    >>> setpoint_values("drifting"), setpoint_values(70.0)
+    (([50.0], True), ([70.0], False))
+    """
+    if setpoints == "drifting":
+        return [50.0], True
+    if isinstance(setpoints, Drifting | SetpointRange):
+        return setpoints.values(), isinstance(setpoints, Drifting)
+    return (setpoints if isinstance(setpoints, list) else [setpoints]), False
