@@ -23,21 +23,18 @@ def test_the_two_commands_come_first_and_are_what_ci_runs():
 
 def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
     env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
-    tables = re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)
-    ran = 0
-    for line in tables:
-        subprocess.run(line, shell=True, cwd=tmp_path, env=env, check=True, capture_output=True)
-        ran += 1
-    for language, block in BLOCKS[2:]:
+    lines: list[list[str]] = [["sh", "-c", line] for line in re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)]
+    for number, (language, block) in enumerate(BLOCKS[2:]):
         if language == "python":
-            script = tmp_path / "snippet.py"
+            script = tmp_path / f"snippet_{number}.py"
             script.write_text(block)
-            subprocess.run([sys.executable, script], cwd=tmp_path, env=env, check=True, capture_output=True)
-            ran += 1
-        for line in block.splitlines() if language == "sh" else ():
-            subprocess.run(line, shell=True, cwd=tmp_path, env=env, check=True, capture_output=True)
-            ran += 1
-    assert ran >= 15
+            lines.append([sys.executable, str(script)])
+        if language == "sh":
+            lines += [["sh", "-c", line] for line in block.splitlines()]
+    for line in lines:
+        done = subprocess.run(line, cwd=tmp_path, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, (line, done.stderr)
+    assert len(lines) >= 15
 
 
 def test_the_experiment_shown_is_valid(tmp_path: Path):

@@ -12,10 +12,10 @@ from importlib import import_module
 
 import click
 
+from ibdata.cli._shared import MAX_LINES
 from ibdata.errors import ConfigError, IbdataError
 from ibdata.version import __version__
 
-MAX_LINES = 12
 INTERRUPTED = 130
 
 

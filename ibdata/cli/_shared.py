@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+MAX_LINES = 12  # of messages
+
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 config_option = click.option(
     "--config", "config", required=True, metavar="C", help="A YAML file, or the name of a shipped experiment."
@@ -34,6 +36,24 @@ def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
     width = max(len(name) for name, _ in pairs)
     for name, value in pairs:
         click.echo(f"{name.ljust(width)}  {value}")
+
+
+def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:
+    """Problems as JSON, each with the file, row and rule."""
+    return [problem._asdict() for problem in problems]
+
+
+def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
+    """Say that all is fine, or what is not, on stderr, and end with exit code 3."""
+    if not problems:
+        if not quiet:
+            click.echo(fine)
+        return
+    for problem in problems[:MAX_LINES]:
+        click.echo(problem, err=True)
+    if len(problems) > MAX_LINES:
+        click.echo(f"and {len(problems) - MAX_LINES} more", err=True)
+    raise SystemExit(3)
 
 
 def size(count: float) -> str:

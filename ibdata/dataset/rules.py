@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -9,8 +10,23 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata.dataset.digest import episode_digests, table_runs
+
 Array = npt.NDArray[Any]
 Found = Iterator[tuple[int, str]]
+
+
+class Problem(NamedTuple):
+    """One broken rule: the file, the row in it if there is one, the rule, what was found and expected."""
+
+    path: str
+    row: int | None
+    rule: str
+    message: str
+
+    def __str__(self) -> str:
+        place = self.path if self.row is None else f"{self.path}: row {self.row}"
+        return f"{place}: {self.rule}: {self.message}"
 
 
 class Rows(NamedTuple):
@@ -41,9 +57,9 @@ def finite(rows: Rows) -> Found:
 def bounds(rows: Rows) -> Found:
     """Every number lies within the bounds that info.json gives its column."""
     for column in rows.described:
-        values, low, high = rows.columns[column["name"]], column["low"], column["high"]
-        if column["dtype"] == "bool":
+        if column["dtype"] in ("bool", "string"):
             continue
+        values, low, high = rows.columns[column["name"]], column["low"], column["high"]
         if low is not None:
             yield from _where(values < low, column["name"], rows, f"at least {low:g}")
         if high is not None:
@@ -108,6 +124,55 @@ def nulls(table: pa.Table) -> Found:
         if table[name].null_count:
             row = int(np.argmax(table[name].is_null().to_numpy()))
             yield row, f"{name}: found no value, expected one"
+
+
+def check_shard(
+    table: pa.Table, shard: dict[str, Any], info: dict[str, Any], episodes: pa.Table
+) -> Iterator[Problem]:
+    """Every rule of the rows of a shard, given its part of the table of episodes."""
+    lengths = episodes["length"].to_numpy()
+    if table.num_rows != lengths.sum() or table.num_rows != shard["rows"]:
+        message = f"found {table.num_rows}, expected {shard['rows']} rows of whole episodes"
+        yield Problem(shard["path"], None, "rows", message)
+        return
+    rows = Rows(
+        {c["name"]: table[c["name"]].to_numpy() for c in info["columns"] if c["dtype"] != "string"},
+        info["columns"],
+        np.cumsum(lengths) - lengths,
+        lengths,
+        episodes["episode"].to_numpy(),
+        episodes["setpoint"].to_numpy(),
+        info["drifting"],
+    )
+    for name, rule in RULES.items():
+        for row, message in rule(rows):
+            yield Problem(shard["path"], row, name, message)
+    yield from _labels_and_digests(table, shard, rows, episodes)
+
+
+def _labels_and_digests(
+    table: pa.Table, shard: dict[str, Any], rows: Rows, episodes: pa.Table
+) -> Iterator[Problem]:
+    labels = np.repeat(np.array(episodes["policy"].to_pylist(), dtype=object), rows.lengths)
+    policy = np.array(table["policy"].to_pylist(), dtype=object)
+    if (labels != policy).any():
+        row = int(np.argmax(labels != policy))
+        yield Problem(shard["path"], row, "policy", f"found {policy[row]}, expected {labels[row]}")
+        return
+    starts = rows.starts.tolist()
+    digests = episode_digests(table_runs(table, rows.described, starts), rows.lengths.tolist())
+    for start, digest, expected in zip(starts, digests, episodes["digest"].to_pylist(), strict=True):
+        if digest != expected:
+            yield Problem(shard["path"], start, "digest", "found other content than episodes.parquet lists")
+    if hashlib.sha256(b"".join(digests)).hexdigest() != shard["content"]:
+        yield Problem(shard["path"], None, "digest", "found other content than the manifest lists")
+    returns = np.add.reduceat(rows.columns["reward"].astype(np.float64), rows.starts)
+    wrong = ~np.isclose(returns, episodes["return"].to_numpy(), rtol=1e-9, atol=1e-9)
+    if wrong.any():
+        row = starts[int(np.argmax(wrong))]
+        yield Problem(
+            shard["path"], row, "return", "found another sum of rewards than episodes.parquet lists"
+        )
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator
+from functools import reduce
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest
-from ibdata.dataset.digest import content_root, episode_digests, table_runs
+from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import file_sha256
-from ibdata.dataset.rules import RULES, Rows, nulls
+from ibdata.dataset.rules import Problem, check_shard, nulls
+from ibdata.dataset.statistics import Moments, merged, moments
 from ibdata.errors import DatasetError
-
-
-class Problem(NamedTuple):
-    """One broken rule: the file, the row in it if there is one, the rule, what was found and expected."""
-
-    path: str
-    row: int | None
-    rule: str
-    message: str
-
-    def __str__(self) -> str:
-        place = self.path if self.row is None else f"{self.path}: row {self.row}"
-        return f"{place}: {self.rule}: {self.message}"
 
 
 def validate(folder: Path, quick: bool = False) -> list[Problem]:
@@ -54,18 +43,14 @@ def validate(folder: Path, quick: bool = False) -> list[Problem]:
 def _files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     """Files that are missing, changed, or not listed."""
     for entry in listed["files"]:
-        path = manifest.locate(folder, entry["path"])
-        if path.is_symlink() or not path.is_file():
+        found = file_sha256(manifest.locate(folder, entry["path"]))
+        if found is None:
             yield Problem(
                 entry["path"], None, "file", "found none, expected the file that the manifest lists"
             )
-        elif file_sha256(path) != entry["sha256"]:
-            yield Problem(
-                entry["path"],
-                None,
-                "hash",
-                f"found other content than the manifest lists ({entry['sha256'][:12]}…)",
-            )
+        elif found != entry["sha256"]:
+            message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
+            yield Problem(entry["path"], None, "hash", message)
     known = {entry["path"] for entry in listed["files"]}
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
@@ -78,10 +63,20 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
     episodes = pq.read_table(manifest.locate(folder, "meta/episodes.parquet"))
     yield from _metadata(listed, info, episodes)
     shard_of = episodes["shard"].to_numpy()
+    parts: list[tuple[dict[str, Any], Moments]] = []
     for number, shard in enumerate(listed["shards"]):
-        if shard["path"] not in damaged:
+        if shard["path"] in damaged:
+            continue
+        table, problems = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
+        yield from problems
+        if table is not None:
             own = episodes.filter(pa.array(shard_of == number))
-            yield from _shard(manifest.locate(folder, shard["path"]), shard, info, own)
+            yield from check_shard(table, shard, info, own)
+            floats = [c["name"] for c in info["columns"] if c["dtype"].startswith("float")]
+            parts.append((shard, moments(np.stack([table[name].to_numpy() for name in floats]))))
+    if len(parts) == len(listed["shards"]):
+        stats = json.loads(manifest.locate(folder, "meta/stats.json").read_bytes())
+        yield from _statistics(stats, floats, parts)
 
 
 def _metadata(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> Iterator[Problem]:
@@ -101,73 +96,42 @@ def _metadata(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) 
         yield Problem(manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}")
 
 
-def _shard(path: Path, shard: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> Iterator[Problem]:
-    described = info["columns"]
+def _readable(
+    path: Path, shard: dict[str, Any], described: list[dict[str, Any]]
+) -> tuple[pa.Table | None, list[Problem]]:
+    """The table of a shard that has the columns it should have, or why there is none."""
     try:
         table = pq.read_table(path, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
-        yield Problem(shard["path"], None, "parquet", f"cannot be read: {str(error).splitlines()[0]}")
-        return
+        reason = f"cannot be read: {str(error).splitlines()[0]}"
+        return None, [Problem(shard["path"], None, "parquet", reason)]
     found = [(field.name, _plain_type(field.type)) for field in table.schema]
     expected = [(column["name"], column["dtype"]) for column in described]
     if found != expected:
-        wrong = next(
-            (pair for pair in zip(found, expected, strict=False) if pair[0] != pair[1]), (found, expected)
-        )
-        yield Problem(shard["path"], None, "schema", f"found {wrong[0]}, expected {wrong[1]}")
-        return
-    lengths = episodes["length"].to_numpy()
-    if table.num_rows != lengths.sum() or table.num_rows != shard["rows"]:
-        yield Problem(
-            shard["path"],
-            None,
-            "rows",
-            f"found {table.num_rows}, expected {shard['rows']} rows of whole episodes",
-        )
-        return
+        pairs = zip_longest(found, expected)
+        wrong, right = next((f, e) for f, e in pairs if f != e)
+        return None, [Problem(shard["path"], None, "schema", f"found column {wrong}, expected {right}")]
     missing = [Problem(shard["path"], row, "nulls", message) for row, message in nulls(table)]
-    yield from missing
-    if missing:
-        return
-    rows = Rows(
-        {c["name"]: table[c["name"]].to_numpy() for c in described if c["dtype"] != "string"},
-        described,
-        np.cumsum(lengths) - lengths,
-        lengths,
-        episodes["episode"].to_numpy(),
-        episodes["setpoint"].to_numpy(),
-        info["drifting"],
-    )
-    for name, rule in RULES.items():
-        for row, message in rule(rows):
-            yield Problem(shard["path"], row, name, message)
-    yield from _digests(shard, table, described, episodes, rows)
+    return (None if missing else table), missing
 
 
-def _digests(
-    shard: dict[str, Any], table: pa.Table, described: list[dict[str, Any]], episodes: pa.Table, rows: Rows
+def _statistics(
+    stats: dict[str, Any], names: list[str], parts: list[tuple[dict[str, Any], Moments]]
 ) -> Iterator[Problem]:
-    """Labels, digests and returns of the episodes of a shard."""
-    labels = np.repeat(np.array(episodes["policy"].to_pylist(), dtype=object), rows.lengths)
-    policy = np.array(table["policy"].to_pylist(), dtype=object)
-    if (labels != policy).any():
-        row = int(np.argmax(labels != policy))
-        yield Problem(shard["path"], row, "policy", f"found {policy[row]}, expected {labels[row]}")
-        return
-    first_rows = rows.starts.tolist()
-    digests = episode_digests(table_runs(table, described, first_rows), rows.lengths.tolist())
-    for start, digest, expected in zip(first_rows, digests, episodes["digest"].to_pylist(), strict=True):
-        if digest != expected:
-            yield Problem(shard["path"], start, "digest", "found other content than episodes.parquet lists")
-    if hashlib.sha256(b"".join(digests)).hexdigest() != shard["content"]:
-        yield Problem(shard["path"], None, "digest", "found other content than the manifest lists")
-    returns = np.add.reduceat(rows.columns["reward"].astype(np.float64), rows.starts)
-    wrong = ~np.isclose(returns, episodes["return"].to_numpy(), rtol=1e-9, atol=1e-9)
-    if wrong.any():
-        row = int(rows.starts[np.argmax(wrong)])
-        yield Problem(
-            shard["path"], row, "return", "found another sum of rewards than episodes.parquet lists"
-        )
+    """Counts, means, deviations and ranges in stats.json, over all rows and over each split."""
+    for split, listed in {None: stats["all"], **stats["splits"]}.items():
+        own = [part for shard, part in parts if split is None or split in shard["splits"]]
+        total = reduce(merged, own)
+        for i, name in enumerate(names):
+            std = np.sqrt(total.squares[i] / total.rows)
+            expected = {"count": total.rows, "mean": total.mean[i], "std": std, "min": total.low[i]}
+            expected["max"] = total.high[i]
+            for key, value in expected.items():
+                found = listed[name][key]
+                if np.isfinite(value) and not np.isclose(found, value, rtol=1e-9, atol=1e-9):
+                    where = name if split is None else f"split {split}: {name}"
+                    message = f"{where}: {key}: found {found}, expected {value}"
+                    yield Problem("meta/stats.json", None, "statistics", message)
 
 
 def _plain_type(kind: pa.DataType) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import time
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,13 @@ PARTS = 8
 
 def estimate(
     experiment: Experiment,
-    folder: Path,
+    out: str | os.PathLike[str],
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
-    processes = worker_count(workers)
+    processes, folder = worker_count(workers), Path(out)
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
     warm_up(experiment)

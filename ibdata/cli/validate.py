@@ -1,0 +1,28 @@
+"""ibdata validate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json, problems_json, report_problems
+
+
+@click.command("validate")
+@folder_argument
+@click.option("--quick", is_flag=True, help="Compare the hashes of the files only.")
+@json_option
+def command(folder: Path, quick: bool, as_json: bool) -> None:
+    """Check every file, row and rule of a dataset; exit code 3 names what is broken.
+
+    \b
+    ibdata validate data/random
+    ibdata validate data/random --quick
+    """
+    from ibdata.dataset.validation import validate
+
+    problems = validate(folder, quick)
+    if as_json:
+        print_json({"path": str(folder), "valid": not problems, "problems": problems_json(problems)})
+    report_problems(problems, f"{folder}: valid" + (" (hashes only)" if quick else ""), as_json)

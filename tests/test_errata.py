@@ -1,0 +1,215 @@
+"""docs/errata.md against the code it describes, and the script that measures its tables.
+
+The tables hold means over 2,000 episodes with seed 0; here some are measured again over fewer, with another
+seed. Bounds are 5 standard errors of both together: a false alarm has a chance of 6e-7, and is excluded by
+the fixed seed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from dataclasses import fields
+from fractions import Fraction
+from functools import cache
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ibdata.dynamics import PAPER, SIEMENS, Variant
+from ibdata.dynamics.miscalibration import Z
+from ibdata.dynamics.operational_cost import operational_cost
+from ibdata.dynamics.steering import D_H
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
+FIELDS = [field.name for field in fields(Variant)]
+SEED, SIGMAS = 1, 5.0
+
+
+@pytest.fixture(scope="module")
+def script():
+    loader = SourceFileLoader("ibdata_scripts_errata", str(ROOT / "scripts" / "errata"))
+    module = module_from_spec(spec_from_loader(loader.name, loader))
+    sys.modules[loader.name] = module
+    loader.exec_module(module)
+    module.measure = cache_by_value(module.measure)
+    return module
+
+
+def cache_by_value(function):
+    """One run for each set of arguments, although a mapping cannot be hashed."""
+    done = {}
+
+    def run(*args, **kwargs):
+        key = repr((args, kwargs))
+        if key not in done:
+            done[key] = function(*args, **kwargs)
+        return done[key]
+
+    return run
+
+
+@cache
+def table_of_differences():
+    """Field → (cell of the paper, cell of the code)."""
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines()]
+    return {row[1].strip("`"): (row[3], row[4]) for row in rows if len(row) == 5 and row[1].startswith("`")}
+
+
+def numbers(value):
+    """The numbers of a value, or of a cell in which 1/9 is a number, in order."""
+    if isinstance(value, str):
+        return [float(Fraction(x)) for x in re.findall(r"-?\d+(?:\.\d+)?(?:/\d+)?", value)]
+    return [float(value)] if isinstance(value, int | float) else [x for part in value for x in numbers(part)]
+
+
+def test_the_table_of_differences_has_every_field_of_the_variants_in_their_order():
+    assert list(table_of_differences()) == FIELDS
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_field_stands_in_the_table_with_the_values_of_both_variants(name):
+    paper, code = table_of_differences()[name]
+    assert numbers(paper) == numbers(getattr(PAPER, name))
+    assert numbers(code) == numbers(getattr(SIEMENS, name))
+    assert numbers(paper) != numbers(code)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_field_has_a_section_with_its_evidence_and_a_belief(name):
+    _, _, section = TEXT.partition(f"### `{name}`: ")
+    section = section.partition("\n#")[0]
+    for part in ("Paper [P]", "Code [C]", "Corroboration [H]"):
+        assert part in section
+    assert re.search(r"[Ww]e believe|is unknown", section)
+
+
+def test_every_field_has_a_measured_row_of_its_own_kind_of_setpoint(script):
+    measured = script.parse(TEXT)
+    for name in FIELDS:
+        moving = name.startswith("drift")
+        for p in script.SETPOINTS:
+            assert ((name, f"reward, from {p}") in measured) == moving
+            assert ((name, f"reward, p = {p}") in measured) != moving
+            assert ((name, f"setpoint, from {p}") in measured) == moving
+
+
+def test_the_markers_stand_once_each_and_in_order(script):
+    assert [TEXT.count(marker) for marker in (script.OPEN, script.CLOSE)] == [1, 1]
+    assert TEXT.index(script.OPEN) < TEXT.index(script.CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("printed", "value"),
+    [
+        ("mean 0.0498", np.tanh(-0.05 * np.log((np.arange(100_000) + 0.5) / 100_000)).mean()),
+        ("1.196 at n = 12", 5 / 3 * (1 - 0.9**12)),
+        ("1.243 at n = 13", 5 / 3 * (1 - 0.9**13)),
+        ("= 15.0 steps", math.log(5 / 1.2) / math.log(1.1)),
+        ("≈ 0.1294", Z),
+        ("0.1309 is 15° in radians, halved", math.radians(15) / 2),
+        ("≈ 5.7515", D_H),
+        ("≈ 4915", operational_cost(100.0, 100.0, 100.0)),
+        ("exactly 0.99999 times", sum(SIEMENS.convolution_weights)),
+        ("is 2.25 in the code", 1 + SIEMENS.consumption_noise * 250),
+        ("and 6 in the paper", 1 + PAPER.consumption_noise * 250),
+        ("adds 0.125 to", 25 * SIEMENS.consumption_noise),
+    ],
+)
+def test_a_number_of_the_prose_is_what_the_code_computes(printed, value):
+    assert re.sub(r"\s+", " ", TEXT).count(printed) == 1
+    digits = re.search(r"\d+(?:\.(\d+))?", printed)
+    assert round(float(value), len(digits[1] or "")) == float(digits[0])
+
+
+def test_what_is_rendered_is_read_back_to_the_last_digit(script):
+    rng = np.random.Generator(np.random.PCG64(0))
+    names = ("siemens", "paper", "eta_mean")
+    measured = {
+        (name, p): {q: script.Sample(rng.normal(0, 100), rng.uniform(0, 9)) for q in ("reward", "fatigue")}
+        for name in names
+        for p in script.SETPOINTS
+    }
+    lines = script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
+    assert lines == script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
+    read = script.parse("\n".join(lines))
+    for p in script.SETPOINTS:
+        for q in ("reward", "fatigue"):
+            base, other = measured["siemens", p][q], measured["eta_mean", p][q]
+            assert read["siemens", f"{q}, p = {p}"] == pytest.approx(base, abs=0.0501)
+            assert read["eta_mean", f"{q}, p = {p}"] == pytest.approx(other.minus(base), abs=0.0501)
+            assert other.minus(base).error == pytest.approx(math.hypot(base.error, other.error))
+
+
+def block_of(script):
+    return TEXT.split(f"{script.OPEN}\n")[1].split(f"\n{script.CLOSE}")[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "change", "code", "written"),
+    [
+        (["--check"], False, 0, False),
+        (["--check"], True, 1, False),
+        ([], True, 0, True),
+        (["--chekc"], True, 2, False),
+    ],
+    ids=["check equal", "check other", "write", "unknown option"],
+)
+def test_the_script_checks_without_writing_and_writes_between_the_markers_only(
+    script, monkeypatch, tmp_path, capsys, arguments, change, code, written
+):
+    document = tmp_path / "errata.md"
+    document.write_text(TEXT, encoding="utf-8")
+    block = block_of(script).replace("± 0", "± 1", 1) if change else block_of(script)
+    monkeypatch.setattr(script, "DOCUMENT", document)
+    monkeypatch.setattr(script, "everything", lambda: block)
+    monkeypatch.setattr(sys, "argv", ["errata", *arguments])
+    assert script.main() == code
+    assert bool(capsys.readouterr().err) == (code != 0)
+    expected = TEXT.replace(block_of(script), block) if written else TEXT
+    assert document.read_text(encoding="utf-8") == expected
+    assert (block_of(script) != block) == change
+
+
+def measured_again(script, name, p, quantity, drifting, episodes):
+    """A difference to `siemens`, or `siemens` itself, measured with another seed."""
+    base = script.measure("siemens", p, drifting, episodes=episodes, seed=SEED)[quantity]
+    if name == "siemens":
+        return base
+    changed = script.measure(script.with_field_of_paper(name), p, drifting, episodes=episodes, seed=SEED)
+    return changed[quantity].minus(base)
+
+
+@pytest.mark.parametrize(
+    ("name", "p", "quantity", "drifting", "episodes"),
+    [
+        ("siemens", 10, "reward", False, 400),
+        ("siemens", 10, "fatigue", False, 400),
+        ("eta_squash", 10, "reward", False, 400),
+        ("eta_squash", 10, "fatigue", False, 400),
+        ("consumption_offset", 10, "reward", False, 400),
+        ("drift_rate", 50, "setpoint", True, 200),
+        ("drift_rate", 50, "reward", True, 200),
+    ],
+)
+def test_a_number_of_the_tables_is_measured_again_and_no_other_sign_or_size_would_pass(
+    script, name, p, quantity, drifting, episodes
+):
+    start = "from" if drifting else "p ="
+    table = script.parse(TEXT)[name, f"{quantity}, {start} {p}"]
+    again = measured_again(script, name, p, quantity, drifting, episodes)
+    bound = SIGMAS * math.hypot(table.error, again.error)
+    assert abs(again.mean - table.mean) < bound
+    for wrong in (0.0, -table.mean, 2 * table.mean):
+        assert abs(again.mean - wrong) > bound
+
+
+def test_a_field_without_effect_on_the_mean_is_measured_as_none(script):
+    again = measured_again(script, "consumption_offset", 10, "fatigue", False, 400)
+    assert abs(again.mean) < SIGMAS * again.error
+    assert script.measure("siemens", 10, False, episodes=400, seed=SEED)["setpoint"] == (10.0, 0.0)
