@@ -24,21 +24,21 @@ PARTS = 8
 
 def estimate(
     experiment: Experiment,
-    out: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
-    processes, folder = worker_count(workers), Path(out)
-    refuse_busy(folder)
-    target.check(folder, experiment, resume, overwrite)
+    processes, out = worker_count(workers), Path(folder)
+    refuse_busy(out)
+    target.check(out, experiment, resume, overwrite)
     warm_up(experiment)
     shards = plan(experiment)
     busy = min(processes, len(shards))
     size, seconds = _sample(experiment)
     return {
-        "out": str(folder),
+        "out": str(out),
         "episodes": len(experiment.cells) * experiment.episodes,
         "rows": experiment.rows,
         "shards": len(shards),
