@@ -14,7 +14,9 @@ from ibdata.cli._shared import folder_argument, json_option, print_json, problem
 @click.option("--quick", is_flag=True, help="Compare the hashes of the files only.")
 @json_option
 def command(folder: Path, quick: bool, as_json: bool) -> None:
-    """Check every file, row and rule of a dataset; exit code 3 names what is broken.
+    """Check every file, row and rule of a dataset.
+
+    Exit code 3 names what is broken: file, row, rule, what was found, what was expected.
 
     \b
     ibdata validate data/random

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ibdata.dataset import manifest, metadata
 from ibdata.dataset.card import card
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
-from ibdata.dataset.shard import Written
+from ibdata.dataset.shard import Written, content_of
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.version import __version__
 
@@ -26,21 +26,41 @@ def finish(
 ) -> dict[str, Any]:
     """Commit card, metadata and, last, the manifest; the manifest."""
     written = sorted(written, key=lambda w: w.shard.number)
-    root = _root(experiment, written)
-    made = {
-        "meta/info.json": metadata.as_json(metadata.info(experiment, written)),
-        "meta/episodes.parquet": metadata.episodes_parquet(experiment, written),
-        "meta/stats.json": metadata.as_json(metadata.stats(experiment, layout(experiment).names, written)),
-        "meta/experiment.yaml": as_yaml(experiment),
-        manifest.CARD: card(experiment, written, root),
-    }
-    entries = [w.entry for w in written] + [write(folder, path, data) for path, data in made.items()]
+    root = root_of(experiment, written)
+    entries = [w.entry for w in written]
+    entries += [write(folder, path, make()) for path, make in documents(experiment, written, root).items()]
     made_manifest = _manifest(experiment, written, entries, root, reproducible)
     write(folder, manifest.PATH, metadata.as_json(made_manifest))
     return made_manifest
 
 
-def _root(experiment: Experiment, written: list[Written]) -> str:
+def documents(experiment: Experiment, written: list[Written], root: str) -> dict[str, Callable[[], bytes]]:
+    """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
+    return {
+        "meta/info.json": lambda: metadata.as_json(metadata.info(experiment, written)),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(experiment, written),
+        "meta/stats.json": lambda: metadata.as_json(
+            metadata.stats(experiment, layout(experiment).names, written)
+        ),
+        "meta/experiment.yaml": lambda: as_yaml(experiment),
+        manifest.CARD: lambda: card(experiment, written, root),
+    }
+
+
+def versions() -> dict[str, str]:
+    """What the bytes of files may depend on; the content does not."""
+    return {
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "ibdata": __version__,
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "pyarrow": pa.__version__,
+    }
+
+
+def root_of(experiment: Experiment, written: list[Written]) -> str:
+    """The content root of shards in order."""
     digests = [digest for w in written for digest in w.content.digests]
     cells = experiment.cells
     return content_root(
@@ -68,18 +88,11 @@ def _manifest(
                 "rows": (w.shard.stop - w.shard.first) * experiment.steps,
                 "episodes": [w.shard.first, w.shard.stop],
                 "splits": list(w.shard.splits),
-                "content": hashlib.sha256(b"".join(w.content.digests)).hexdigest(),
+                "content": content_of(w.content.digests),
             }
             for w in written
         ],
         "files": [entry._asdict() for entry in entries],
-        "versions": {
-            "python": platform.python_version(),
-            "platform": f"{platform.system()} {platform.machine()}",
-            "ibdata": __version__,
-            "numpy": np.__version__,
-            "numba": numba.__version__,
-            "pyarrow": pa.__version__,
-        },
+        "versions": versions(),
     }
     return {**content, "checksum": manifest.checksum(content)}

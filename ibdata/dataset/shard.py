@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,6 +52,11 @@ def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingF
     described = columns(experiment)
     with pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as writer:
         writer.write_table(arrow_table(experiment, shard, floats), row_group_size=ROW_GROUP_ROWS)
+
+
+def content_of(digests: list[bytes]) -> str:
+    """The hex digest of a shard's content, from those of its episodes."""
+    return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
 def describe(experiment: Experiment, shard: Shard, floats: Columns) -> Content:

@@ -31,7 +31,7 @@ def validate(folder: Path, quick: bool = False) -> list[Problem]:
         listed = manifest.read(folder)
     except DatasetError as error:
         return [Problem(manifest.PATH, None, "manifest", str(error))]
-    problems = list(_files(folder, listed))
+    problems = list(check_files(folder, listed))
     if quick:
         return problems
     damaged = {problem.path for problem in problems}
@@ -40,7 +40,7 @@ def validate(folder: Path, quick: bool = False) -> list[Problem]:
     return [*problems, *_contents(folder, listed, damaged)]
 
 
-def _files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
+def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     """Files that are missing, changed, or not listed."""
     for entry in listed["files"]:
         found = file_sha256(manifest.locate(folder, entry["path"]))
@@ -63,16 +63,17 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
     episodes = pq.read_table(manifest.locate(folder, "meta/episodes.parquet"))
     yield from _metadata(listed, info, episodes)
     shard_of = episodes["shard"].to_numpy()
+    floats = [c["name"] for c in info["columns"] if c["dtype"].startswith("float")]
     parts: list[tuple[dict[str, Any], Moments]] = []
     for number, shard in enumerate(listed["shards"]):
         if shard["path"] in damaged:
             continue
         table, problems = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
-        yield from problems
         if table is not None:
             own = episodes.filter(pa.array(shard_of == number))
-            yield from check_shard(table, shard, info, own)
-            floats = [c["name"] for c in info["columns"] if c["dtype"].startswith("float")]
+            problems += check_shard(table, shard, info, own)
+        yield from problems
+        if table is not None and not problems:
             parts.append((shard, moments(np.stack([table[name].to_numpy() for name in floats]))))
     if len(parts) == len(listed["shards"]):
         stats = json.loads(manifest.locate(folder, "meta/stats.json").read_bytes())

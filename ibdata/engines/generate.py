@@ -51,7 +51,7 @@ def generate(
     folder = Path(out) if out is not None else default_folder(experiment)
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
-    with stoppable(), _refusals(folder):
+    with stoppable(), refusals(folder):
         reproducible = warm_up(experiment)
         with _made(folder), locked(folder):
             root = target.check(folder, experiment, resume, overwrite)
@@ -137,7 +137,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _refusals(folder: Path) -> Iterator[None]:
+def refusals(folder: Path) -> Iterator[None]:
     """What the system refuses, as one line."""
     try:
         yield

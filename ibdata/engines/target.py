@@ -111,16 +111,20 @@ def abandon(root: Path) -> None:
 
 def discard(root: Path) -> None:
     """Remove an unfinished run: its shards, metadata and receipts; nothing else."""
+    if not root.is_dir() or root.is_symlink():
+        return
+    staged = root.name == manifest.NEXT
     for part in ("data", "meta"):
         folder = root / part
-        for pattern in ("part-*.parquet", *(Path(path).name for path in manifest.METADATA)):
+        names = (*manifest.METADATA, *([manifest.PATH] if staged else []))
+        for pattern in ("part-*.parquet", *(Path(path).name for path in names)):
             for path in folder.glob(pattern) if not folder.is_symlink() else ():
                 path.unlink()
         if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):
             folder.rmdir()
     (root / manifest.CARD).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
-    if root.name == manifest.NEXT:
+    if staged:
         root.rmdir()
 
 

@@ -1,0 +1,33 @@
+"""ibdata diff."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import json_option, print_json
+
+
+@click.command("diff")
+@click.argument("first", metavar="A", type=click.Path(path_type=Path))
+@click.argument("second", metavar="B", type=click.Path(path_type=Path))
+@json_option
+def command(first: Path, second: Path, as_json: bool) -> None:
+    """Say how two datasets differ; exit code 3 if they do.
+
+    Compares experiment, columns and counts, and finds the first episode, step and column.
+
+    \b
+    ibdata diff data/random data/random-paper
+    """
+    from ibdata.dataset.difference import difference
+    from ibdata.dataset.reader import Dataset
+
+    lines = difference(Dataset(first), Dataset(second))
+    if as_json:
+        print_json({"same": not lines, "differences": lines})
+    else:
+        click.echo("\n".join(lines) if lines else "the same content")
+    if lines:
+        raise SystemExit(3)

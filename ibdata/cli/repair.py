@@ -1,0 +1,34 @@
+"""ibdata repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json
+
+
+@click.command("repair")
+@folder_argument
+@click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@json_option
+def command(folder: Path, workers: int | None, as_json: bool) -> None:
+    """Make damaged or missing files again.
+
+    Only those are touched, and only if they get the content that the manifest lists.
+
+    \b
+    ibdata repair data/random
+    """
+    from ibdata.dataset.reader import Dataset
+    from ibdata.engines.repair import repair
+
+    repaired = repair(folder, workers)
+    root = Dataset(folder).content_root
+    if as_json:
+        print_json({"path": str(folder), "repaired": repaired, "content_root": root})
+        return
+    for path in repaired:
+        click.echo(f"repaired {path}")
+    click.echo(f"{folder}: {len(repaired)} files repaired, content root {root}")

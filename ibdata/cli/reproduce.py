@@ -1,0 +1,33 @@
+"""ibdata reproduce."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json, problems_json, report_problems
+
+
+@click.command("reproduce")
+@folder_argument
+@click.option("--episodes", metavar="N|A-B", help="So many, spread evenly, or this range; default: all.")
+@json_option
+def command(folder: Path, episodes: str | None, as_json: bool) -> None:
+    """Make a dataset again in memory and compare.
+
+    Exit code 3 names the episodes that differ. Nothing is written.
+
+    \b
+    ibdata reproduce data/random
+    ibdata reproduce data/random --episodes 3
+    """
+    from ibdata.engines.reproduce import reproduce
+
+    count, problems = reproduce(folder, episodes)
+    if as_json:
+        same = not problems
+        print_json(
+            {"path": str(folder), "episodes": count, "same": same, "problems": problems_json(problems)}
+        )
+    report_problems(problems, f"{folder}: {count} episodes made again, all the same", as_json)

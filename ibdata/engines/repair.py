@@ -1,0 +1,162 @@
+"""Repairing a dataset: what is damaged or missing is made again, and the content root proves it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ibdata.columns import columns
+from ibdata.dataset import manifest, metadata
+from ibdata.dataset.digest import episode_digests, table_runs
+from ibdata.dataset.files import FileEntry, file_sha256, write
+from ibdata.dataset.finish import documents, finish, versions
+from ibdata.dataset.shard import Content, Written, content_of, describe
+from ibdata.dataset.statistics import Moments
+from ibdata.dataset.validation import check_files
+from ibdata.engines import local, target
+from ibdata.engines.generate import refusals, worker_count
+from ibdata.engines.lock import locked, refuse_busy
+from ibdata.engines.signals import stoppable
+from ibdata.engines.warmup import warm_up
+from ibdata.errors import DatasetError
+from ibdata.experiment import Experiment, load
+from ibdata.experiment.plan import Shard, plan
+from ibdata.rollout import rollout
+
+EMPTY = Moments(0, *(np.empty(0) for _ in range(4)))
+NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
+
+
+def repair(folder: str | os.PathLike[str], workers: int | None = None) -> list[str]:
+    """Make the damaged and missing files of a dataset again; their paths.
+
+    Only those are touched, and only if what was made again has the content that the manifest lists. A
+    damaged manifest is made again from meta/experiment.yaml, if the shards prove that it is theirs. Where
+    pyarrow writes other bytes than the version that made the dataset, the manifest gets the new hashes.
+
+    Raises DatasetError where there is no dataset, or what was made again is not what was there.
+    """
+    path, processes = Path(folder), worker_count(workers)
+    if not (path / "meta").is_dir():
+        raise DatasetError(f"{path}: no dataset here: meta is missing")
+    refuse_busy(path)
+    with stoppable(), refusals(path), locked(path), _nothing_left(path):
+        manifest.settle(path)
+        try:
+            listed = manifest.read(path)
+        except DatasetError:
+            return _rebuild(path, processes)
+        return _mend(path, listed, processes)
+
+
+@contextmanager
+def _nothing_left(folder: Path) -> Iterator[None]:
+    """Take away what a repair that failed has made."""
+    try:
+        yield
+    except BaseException:
+        target.discard(folder / manifest.NEXT)
+        raise
+
+
+def _mend(folder: Path, listed: dict[str, Any], workers: int) -> list[str]:
+    """Make again the listed files that are damaged."""
+    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+    damaged = [problem.path for problem in check_files(folder, listed) if problem.path in entries]
+    if not damaged:
+        return []
+    experiment = Experiment.model_validate(listed["experiment"])
+    warm_up(experiment)
+    shards = plan(experiment)
+    made = _made_again(experiment, [s for s in shards if s.file in damaged], folder, workers)
+    for shard, was in zip(shards, listed["shards"], strict=True):
+        w = made.get(shard.number)
+        if w is not None and content_of(w.content.digests) != was["content"]:
+            raise DatasetError(
+                f"{folder / shard.file}: found other content when made again, expected what the manifest "
+                "lists; nothing was changed"
+            )
+        if w is not None:
+            entries[shard.file] = w.entry
+    lost = [path for path in damaged if not path.startswith("data/")]
+    simulate = bool(NEEDS_CONTENT & set(lost))
+    written = [
+        made.get(shard.number) or _known(experiment, shard, entries[shard.file], simulate) for shard in shards
+    ]
+    for path, make in documents(experiment, written, listed["content_root"]).items():
+        if path in lost:
+            entries[path] = write(folder / manifest.NEXT, path, make())
+    files = [entry._asdict() for entry in entries.values()]
+    content = {key: value for key, value in listed.items() if key != "checksum"}
+    if files != listed["files"]:
+        content |= {"files": files, "versions": versions()}
+    content["checksum"] = manifest.checksum(content)
+    write(folder / manifest.NEXT, manifest.PATH, metadata.as_json(content))
+    manifest.promote(folder)
+    return damaged
+
+
+def _rebuild(folder: Path, workers: int) -> list[str]:
+    """Make the manifest again, and the shards that do not have the experiment's content."""
+    experiment = load(folder / "meta/experiment.yaml")
+    reproducible = warm_up(experiment)
+    whole: list[Written] = []
+    wrong: list[Shard] = []
+    for shard in plan(experiment):
+        content = describe(experiment, shard, rollout(experiment, shard.first, shard.stop))
+        path = folder / shard.file
+        if _digests_on_disk(path, experiment, shard) == content.digests:
+            entry = FileEntry(shard.file, path.stat().st_size, file_sha256(path) or "")
+            whole.append(Written(shard, entry, content))
+        else:
+            wrong.append(shard)
+    if not whole:
+        raise DatasetError(
+            f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
+            "prove that it is the dataset's; nothing was changed"
+        )
+    made = _made_again(experiment, wrong, folder, workers)
+    finish(experiment, [*whole, *made.values()], folder / manifest.NEXT, reproducible)
+    manifest.promote(folder)
+    return [manifest.PATH, *(shard.file for shard in wrong)]
+
+
+def _made_again(
+    experiment: Experiment, shards: list[Shard], folder: Path, workers: int
+) -> dict[int, Written]:
+    """The shards, written under `.next`, by number."""
+    root = folder / manifest.NEXT
+    target.discard(root)
+    root.mkdir()
+    made = {
+        w.shard.number: w for w in local.run(experiment, shards, root, target.identity(experiment), workers)
+    }
+    target.end(root)
+    return made
+
+
+def _known(experiment: Experiment, shard: Shard, entry: FileEntry, simulate: bool) -> Written:
+    """A shard whose file is whole, with its content where that is needed."""
+    content = Content([], np.empty(0), EMPTY, np.empty((0, 0)), 0)
+    if simulate:
+        content = describe(experiment, shard, rollout(experiment, shard.first, shard.stop))
+    return Written(shard, entry, content)
+
+
+def _digests_on_disk(path: Path, experiment: Experiment, shard: Shard) -> list[bytes] | None:
+    """The digests of the episodes in a shard's file; None where it is not readable as such."""
+    count = shard.stop - shard.first
+    try:
+        table = pq.read_table(path, page_checksum_verification=True)
+        described = [column._asdict() for column in columns(experiment)]
+        firsts = list(range(0, count * experiment.steps, experiment.steps))
+        return episode_digests(table_runs(table, described, firsts), [experiment.steps] * count)
+    except (OSError, pa.ArrowException, KeyError, IndexError):
+        return None

@@ -1,0 +1,172 @@
+"""Repairing, reproducing and comparing datasets."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.dataset import manifest
+from ibdata.dataset.difference import difference
+from ibdata.dataset.validation import validate
+from ibdata.engines.repair import repair
+from ibdata.engines.reproduce import reproduce
+from ibdata.errors import DatasetError, UsageError
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 3,
+    "steps": 20,
+    "output": {"shard_rows": 40},
+    "splits": {"source": {"setpoint": 20}},
+}
+FILES = [
+    "data/part-00000.parquet",
+    "data/part-00003.parquet",
+    "meta/info.json",
+    "meta/episodes.parquet",
+    "meta/stats.json",
+    "meta/experiment.yaml",
+    "README.md",
+]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return ibdata.generate(
+        Experiment.model_validate(PLAIN), tmp_path_factory.mktemp("made") / "tiny", workers=1
+    )
+
+
+@pytest.fixture
+def copied(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made.path, tmp_path / "copied"))
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def damage(path: Path, how: str) -> None:
+    if how == "missing":
+        path.unlink()
+        return
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data[: len(data) // 2] if how == "cut" else data)
+
+
+@pytest.mark.parametrize("path", [*FILES, manifest.PATH])
+@pytest.mark.parametrize("how", ["missing", "cut", "flipped"])
+def test_any_one_file_is_made_again_as_it_was(copied, path, how):
+    before = contents(copied)
+    damage(copied / path, how)
+    assert repair(copied, workers=1) == [path]
+    assert contents(copied) == before
+    assert validate(copied) == []
+
+
+def test_several_files_are_made_again_at_once(copied):
+    before = contents(copied)
+    for path in FILES:
+        damage(copied / path, "missing")
+    assert sorted(repair(copied, workers=1)) == sorted(FILES)
+    assert contents(copied) == before
+
+
+def test_manifest_and_a_shard_are_made_again_from_the_experiment(copied):
+    before = contents(copied)
+    damage(copied / manifest.PATH, "flipped")
+    damage(copied / "data/part-00001.parquet", "cut")
+    assert repair(copied, workers=1) == [manifest.PATH, "data/part-00001.parquet"]
+    assert contents(copied) == before
+
+
+def test_a_whole_dataset_is_left_alone(copied):
+    before = {path: path.stat().st_mtime_ns for path in copied.rglob("*") if path.is_file()}
+    assert repair(copied, workers=1) == []
+    assert {path: path.stat().st_mtime_ns for path in copied.rglob("*") if path.is_file()} == before
+
+
+def test_what_is_made_again_with_other_content_changes_nothing(copied):
+    """The manifest is of another seed than its experiment says."""
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    listed["experiment"]["seed"] = 1
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_text(json.dumps(listed))
+    damage(copied / "data/part-00000.parquet", "cut")
+    before = contents(copied)
+    with pytest.raises(DatasetError, match="found other content when made again"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+def test_a_manifest_is_not_made_again_for_shards_of_another_experiment(copied):
+    path = copied / "meta/experiment.yaml"
+    path.write_text(path.read_text().replace("seed: 0", "seed: 1"))
+    (copied / manifest.PATH).unlink()
+    before = contents(copied)
+    with pytest.raises(DatasetError, match=r"found no shard with the content of meta/experiment\.yaml"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+def test_there_is_nothing_to_repair_where_no_dataset_is(tmp_path):
+    with pytest.raises(DatasetError, match="no dataset here: meta is missing"):
+        repair(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("episodes", "count"), [(None, 12), ("5", 5), ("3-7", 5), ("100", 12), ("11-11", 1)])
+def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
+    assert reproduce(made.path, episodes) == (count, [])
+
+
+def test_an_episode_that_is_not_reproduced_is_named(copied):
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    listed["experiment"]["seed"] = 1
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_text(json.dumps(listed))
+    count, problems = reproduce(copied, "4-5")
+    assert count == 2
+    assert [(p.path, p.row) for p in problems] == [
+        ("data/part-00002.parquet", 0),
+        ("data/part-00003.parquet", 0),
+    ] or [p.message for p in problems] == [
+        f"episode {i}: found other content when made again" for i in (4, 5)
+    ]
+
+
+@pytest.mark.parametrize("episodes", ["x", "-3", "3-", "7-3", "0-12", "٣"])
+def test_episodes_that_are_none_are_refused(made, episodes):
+    with pytest.raises(UsageError, match="--episodes: found "):
+        reproduce(made.path, episodes)
+
+
+def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
+    other = Experiment.model_validate({**PLAIN, "output": {"shard_rows": 1000}})
+    assert difference(made, ibdata.generate(other, tmp_path / "other", workers=1)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"seed": 1}, "experiment.seed: 0 and 1"),
+        ({"seed": 1}, "episode 0 and 0: step 0: "),
+        ({"dynamics": "paper"}, "experiment.dynamics: siemens and paper"),
+        ({"episodes": 4}, "episodes: 12 and 16"),
+        ({"episodes": 4}, "episodes of cells or indices that only the second has: 4"),
+        ({"steps": 30}, "rows: 240 and 360"),
+        ({"output": {"dtype": "float64"}}, "column reward: float32 and float64"),
+        ({"output": {"latent": False}}, "column latent_theta_1: float32 and none"),
+    ],
+)
+def test_a_difference_is_named(made, tmp_path, change, line):
+    other = ibdata.generate(Experiment.model_validate({**PLAIN, **change}), tmp_path / "other", workers=1)
+    assert any(found.startswith(line) for found in difference(made, other)), difference(made, other)
