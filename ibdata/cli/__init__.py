@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pkgutil
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from ibdata.errors import ConfigError, IbdataError
 from ibdata.version import __version__
 
 INTERRUPTED = 130
+PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
 class Commands(click.Group):
@@ -85,4 +87,11 @@ def _report(lines: list[str], code: int, as_json: bool, context: click.Context |
     if context is not None:
         click.echo(f"Try '{context.command_path} --help'.", err=True)
     if as_json:
-        click.echo(json.dumps({"version": 1, "error": {"code": code, "message": "\n".join(lines)}}))
+        place = PLACE.match(lines[0])
+        error = {
+            "code": code,
+            "message": "\n".join(lines),
+            "file": place["file"] if place else None,
+            "line": int(place["line"]) if place else None,
+        }
+        click.echo(json.dumps({"version": 1, "error": error}))

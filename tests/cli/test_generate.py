@@ -118,6 +118,13 @@ def test_an_error_is_json_too_when_asked_for(ibdata):
     error = json.loads(done.stdout)["error"]
     assert error["code"] == 2
     assert "did you mean 'random'?" in error["message"]
+    assert error["file"] is error["line"] is None
+
+
+def test_an_error_of_an_experiment_is_json_with_file_and_line(ibdata, tmp_path):
+    (tmp_path / "bad.yaml").write_text("name: bad\nsetpoints: [50]\npolicies: [{kind: random}]\nsteps: 0\n")
+    error = json.loads(ibdata("generate", "--config", "bad.yaml", "--json").stdout)["error"]
+    assert (error["code"], error["file"], error["line"]) == (2, "bad.yaml", 4)
 
 
 def test_out_defaults_to_the_experiments_name(ibdata, tmp_path: Path):
