@@ -11,6 +11,7 @@ import atexit
 import hashlib
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -33,6 +34,13 @@ def compiled(function: F) -> F:
         return cast(F, numba.njit(cache=True)(function))
     finally:
         config.CACHE_DIR = before
+
+
+def is_compiled() -> bool:
+    """Whether this Python finds machine code of the rollout's last function in `FOLDER`, or needs none."""
+    version = f"py{sys.version_info.major}{sys.version_info.minor}"
+    config: Any = numba.config
+    return bool(config.DISABLE_JIT) or any(Path(FOLDER).glob(f"*/lanes.assemble-*.{version}*.nbi"))
 
 
 def _folder() -> str:

@@ -17,7 +17,7 @@ class UsageError(IbdataError):
     exit_code = 2
 
 
-def _printable(line: str) -> str:
+def printable(line: str) -> str:
     """Keys come from files: escaped, none can forge a line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
@@ -26,7 +26,7 @@ class ConfigError(UsageError):
     """An experiment is not valid; `problems` holds one line for each reason."""
 
     def __init__(self, problems: Sequence[str]) -> None:
-        self.problems = tuple(map(_printable, problems))
+        self.problems = tuple(map(printable, problems))
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:

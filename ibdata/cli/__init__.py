@@ -6,15 +6,18 @@ import json
 import os
 import pkgutil
 import re
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from types import FrameType
 
 import click
 
 from ibdata.cli._shared import MAX_LINES
-from ibdata.errors import ConfigError, IbdataError
+from ibdata.errors import ConfigError, IbdataError, printable
 from ibdata.version import __version__
 
 INTERRUPTED = 130
@@ -49,6 +52,7 @@ def main(args: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; no traceback without --debug."""
     given = list(sys.argv[1:] if args is None else args)
     debug, as_json = "--debug" in given, "--json" in given
+    _end_at_signals()
     try:
         code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
         sys.stdout.flush()
@@ -72,12 +76,26 @@ def main(args: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
+def _end_at_signals() -> None:
+    """Where nothing is to be tidied, a signal ends the process: an exception could be lost in a callback."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        os.write(2, b"ibdata: stopped by signal %d\n" % number)
+        os._exit(128 + number)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, end)
+
+
 def _lines(error: Exception) -> list[str]:
     if isinstance(error, ConfigError):
         more = len(error.problems) - MAX_LINES
         return [*error.problems[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
     if isinstance(error, IbdataError):
-        return [str(error)]
+        return [printable(str(error))]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 

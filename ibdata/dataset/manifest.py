@@ -33,7 +33,7 @@ def read(folder: Path) -> dict[str, Any]:
     """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
     path = locate(folder, PATH)
     try:
-        data = json.loads(path.read_bytes())
+        data = json.loads(content(folder, PATH))
     except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(f"{folder}: no finished dataset here: {PATH} is missing") from None
     except OSError as error:
@@ -61,9 +61,22 @@ def locate(folder: Path, path: str) -> Path:
     return new if os.path.lexists(new) else folder / path
 
 
-def checksum(content: Mapping[str, Any]) -> str:
+def content(folder: Path, path: str) -> bytes:
+    """What is in a file of the dataset; also while a replacement moves it to its place."""
+    try:
+        return locate(folder, path).read_bytes()
+    except FileNotFoundError:
+        return locate(folder, path).read_bytes()
+
+
+def outgoing(folder: Path) -> set[str]:
+    """Files that are there because a replacement that counts has not been settled; it will remove them."""
+    return _listed(folder / PATH) if (folder / NEW / PATH).is_file() else set()
+
+
+def checksum(data: Mapping[str, Any]) -> str:
     """SHA-256 of the manifest without its checksum, as JSON with sorted keys."""
-    rest = {key: value for key, value in content.items() if key != "checksum"}
+    rest = {key: value for key, value in data.items() if key != "checksum"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 

@@ -111,7 +111,7 @@ class Dataset:
 
     def _json(self, path: str) -> dict[str, Any]:
         try:
-            data: dict[str, Any] = json.loads(manifest.locate(self.path, path).read_bytes())
+            data: dict[str, Any] = json.loads(manifest.content(self.path, path))
         except (OSError, ValueError) as error:
             raise DatasetError(f"{self.path / path}: cannot be read: {error}") from None
         return data

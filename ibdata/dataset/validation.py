@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import file_sha256
+from ibdata.dataset.metadata import as_json
 from ibdata.dataset.rules import Problem, check_shard, nulls
 from ibdata.dataset.statistics import Moments, merged, moments
 from ibdata.errors import DatasetError
@@ -31,6 +32,9 @@ def validate(folder: Path, quick: bool = False) -> list[Problem]:
         listed = manifest.read(folder)
     except DatasetError as error:
         return [Problem(manifest.PATH, None, "manifest", str(error))]
+    if manifest.content(folder, manifest.PATH) != as_json(listed):
+        message = "found the content in other bytes, expected those that ibdata writes"
+        return [Problem(manifest.PATH, None, "manifest", message)]
     problems = list(check_files(folder, listed))
     if quick:
         return problems
@@ -51,7 +55,7 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
         elif found != entry["sha256"]:
             message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
             yield Problem(entry["path"], None, "hash", message)
-    known = {entry["path"] for entry in listed["files"]}
+    known = {entry["path"] for entry in listed["files"]} | manifest.outgoing(folder)
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
         if name not in known and not path.name.startswith("."):

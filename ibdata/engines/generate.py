@@ -51,12 +51,14 @@ def generate(
     folder = Path(out) if out is not None else default_folder(experiment)
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
-    with stoppable(), refusals(folder):
-        reproducible = warm_up(experiment)
-        with _made(folder), locked(folder):
+    with refusals(folder):
+        reproducible = warm_up(experiment)  # nothing is to be tidied yet: a signal may end the process
+        with stoppable(), _made(folder), locked(folder):
             root = target.check(folder, experiment, resume, overwrite)
             manifest.settle(folder)
-            if not (folder == root and (folder / manifest.PATH).is_file()):
+            if folder == root and (folder / manifest.PATH).is_file():
+                target.end(folder)  # a run that was killed when it had finished
+            else:
                 _run(experiment, root, processes, overwrite, progress, reproducible)
                 if root != folder:
                     manifest.promote(folder)
@@ -143,3 +145,7 @@ def refusals(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except MemoryError:
+        raise IbdataError(
+            f"{folder}: memory is too short; use fewer --workers, or a smaller output.shard_rows"
+        ) from None

@@ -15,6 +15,7 @@ from typing import Any
 
 from ibdata.dataset import receipt
 from ibdata.dataset.shard import Written, write_shard
+from ibdata.engines.signals import check, held
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
@@ -33,6 +34,7 @@ def run(
     if workers == 1 or len(shards) <= 1:
         for shard in shards:
             yield _written(experiment, shard, root, identity)
+            check()
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
@@ -57,24 +59,28 @@ def _pool(
 ) -> Iterator[Written]:
     before = set(multiprocessing.active_children())
     # spawn: a forked child would inherit threads, open files and the lock of whoever calls the library
-    pool = ProcessPoolExecutor(
-        min(workers, len(shards)),
-        multiprocessing.get_context("spawn"),
-        initializer=_start,
-        initargs=(experiment.plain(), root, identity),
-    )
+    with held():
+        pool = ProcessPoolExecutor(
+            min(workers, len(shards)),
+            multiprocessing.get_context("spawn"),
+            initializer=_start,
+            initargs=(experiment.plain(), root, identity),
+        )
     waiting = iter(shards)
     running: set[Future[Written]] = set()
     try:
         for shard in waiting:
-            running.add(pool.submit(_work, shard))
+            with held():
+                running.add(pool.submit(_work, shard))
             if len(running) == 2 * workers:
                 break
         while running:
             done, running = wait(running, return_when=FIRST_COMPLETED)
+            check()
             for future in done:
                 yield future.result()
-                running.update(pool.submit(_work, shard) for shard in _one(waiting))
+                with held():
+                    running.update(pool.submit(_work, shard) for shard in _one(waiting))
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
@@ -93,6 +99,7 @@ _job: list[Any] = []  # a worker's experiment, folder and identity, set once whe
 def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _job[:] = [Experiment.model_validate(plain), root, identity]
 

@@ -47,6 +47,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None) -> list[s
     if not (path / "meta").is_dir():
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
+    target.refuse_links(path)
     with stoppable(), refusals(path), locked(path), _nothing_left(path):
         manifest.settle(path)
         try:

@@ -12,6 +12,24 @@ from ibdata.errors import Interrupted
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+_arrived: list[int] = []
+
+
+def check() -> None:
+    """Raise Interrupted for a signal that arrived where exceptions are swallowed, as in callbacks from C."""
+    if _arrived:
+        raise Interrupted(_arrived[0])
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Let signals wait, and keep them from the processes that are started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
 
 @contextmanager
 def stoppable() -> Iterator[None]:
@@ -27,6 +45,7 @@ def stoppable() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         for other in STOPPING:
             signal.signal(other, signal.SIG_IGN)
+        _arrived.append(number)
         raise Interrupted(number)
 
     for number, handler in before.items():
@@ -35,5 +54,6 @@ def stoppable() -> Iterator[None]:
     try:
         yield
     finally:
+        _arrived.clear()
         for number, handler in before.items():
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
-from ibdata.dataset.files import sweep, write
+from ibdata.dataset.files import TEMPORARY, sweep, write
 from ibdata.engines import lock
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
@@ -34,11 +34,28 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
         return folder
     if not folder.is_dir():
         raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
+    refuse_links(folder)
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
-    if not any(path.name != lock.NAME for path in folder.iterdir()):
+    if not any(_counts(path) for path in folder.iterdir()):
         return folder
     return _finished(folder, experiment, resume, overwrite)
+
+
+def _counts(path: Path) -> bool:
+    """Whether it is more than what a run leaves that was killed before it had said whose it is."""
+    if path.name == receipt.FOLDER and path.is_dir():
+        return any(not inner.name.startswith(TEMPORARY) for inner in path.iterdir())
+    return path.name != lock.NAME
+
+
+def refuse_links(folder: Path) -> None:
+    """A folder of ours that is a link would lead writing and deleting out of the dataset."""
+    inner = ("data", "meta", receipt.FOLDER)
+    parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
+    for path in (*parts[1:], *(part / name for part in parts for name in inner)):
+        if (folder / path).is_symlink():
+            raise UsageError(f"{folder / path}: found a link, expected a folder; remove it")
 
 
 def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
@@ -73,7 +90,7 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
 
 
 def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
-    known = {file["path"] for file in listed["files"]}
+    known = {file["path"] for file in listed["files"]} | manifest.outgoing(folder)
     for part in (folder / "data", folder / manifest.NEW / "data"):
         for path in part.glob("*"):
             if f"data/{path.name}" not in known and not path.name.startswith("."):
@@ -84,12 +101,14 @@ def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
 
 def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     """Make the run's folder, take away what does not belong to this experiment, and say whose it is."""
-    root.mkdir(exist_ok=True)
     mine = root / EXPERIMENT
-    if mine.is_file() and (
-        (overwrite and root.name != manifest.NEXT) or mine.read_bytes() != as_yaml(experiment)
+    if (
+        not mine.is_file()
+        or (overwrite and root.name != manifest.NEXT)
+        or mine.read_bytes() != as_yaml(experiment)
     ):
         discard(root)
+    root.mkdir(exist_ok=True)
     for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
         sweep(part)
     if not mine.is_file():
@@ -114,6 +133,8 @@ def discard(root: Path) -> None:
     if not root.is_dir() or root.is_symlink():
         return
     staged = root.name == manifest.NEXT
+    for place in (root, root / "data", root / "meta"):
+        sweep(place)
     for part in ("data", "meta"):
         folder = root / part
         names = (*manifest.METADATA, *([manifest.PATH] if staged else []))
@@ -130,6 +151,7 @@ def discard(root: Path) -> None:
 
 def _empty(folder: Path) -> None:
     if folder.is_dir() and not folder.is_symlink():
-        for path in folder.iterdir():
-            path.unlink()
+        said = folder / Path(EXPERIMENT).name  # last: it says whose run this is while anything is left of it
+        for inner in (*(inner for inner in folder.iterdir() if inner != said), said):
+            inner.unlink(missing_ok=True)
         folder.rmdir()

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 
+from ibdata.compiling import is_compiled
 from ibdata.dataset.statistics import moments, sums
 from ibdata.engines import known_answer
+from ibdata.engines.signals import check
 from ibdata.experiment import Experiment
 from ibdata.rollout import rollout
-
-PATIENCE = 2.0  # seconds; loading what is compiled takes less
 
 
 def warm_up(experiment: Experiment) -> bool:
@@ -21,25 +18,20 @@ def warm_up(experiment: Experiment) -> bool:
     If they are not, says so on stderr.
     """
     small = experiment.model_copy(update={"steps": 2, "episodes": 1})
-    with _announced("ibdata: compiling the simulator; this happens once and takes up to a minute"):
-        floats = rollout(small, 0, 1)
-        moments(floats.table)
-        sums(floats.table[0], 2)
-        right = known_answer.matches()
+    if not is_compiled():
+        print(
+            "ibdata: compiling the simulator; this happens once and takes up to a minute",
+            file=sys.stderr,
+            flush=True,
+        )
+    floats = rollout(small, 0, 1)
+    moments(floats.table)
+    sums(floats.table[0], 2)
+    right = known_answer.matches()
+    check()
     if not right:
         print(
             "ibdata: this machine computes other bits than others; the manifest says reproducible: false",
             file=sys.stderr,
         )
     return right
-
-
-@contextmanager
-def _announced(message: str) -> Iterator[None]:
-    timer = threading.Timer(PATIENCE, lambda: print(message, file=sys.stderr, flush=True))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

@@ -14,6 +14,7 @@ import pytest
 
 import ibdata
 from ibdata.dataset import manifest
+from ibdata.dataset.metadata import as_json
 from ibdata.dataset.validation import validate
 
 SHARD = "data/part-00001.parquet"
@@ -32,7 +33,7 @@ def sign(folder: Path, path: str) -> None:
         if file["path"] == path:
             file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     listed["checksum"] = manifest.checksum(listed)
-    (folder / manifest.PATH).write_text(json.dumps(listed))
+    (folder / manifest.PATH).write_bytes(as_json(listed))
 
 
 def change(folder: Path, name: str, row: int, value: object) -> None:
@@ -169,7 +170,7 @@ def test_a_content_root_that_is_not_that_of_the_episodes_is_named(copied):
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["content_root"] = "0" * 64
     listed["checksum"] = manifest.checksum(listed)
-    (copied / manifest.PATH).write_text(json.dumps(listed))
+    (copied / manifest.PATH).write_bytes(as_json(listed))
     assert [(p.path, p.rule) for p in validate(copied)] == [(manifest.PATH, "content root")]
 
 

@@ -114,10 +114,17 @@ class _Folder:
         self.monkeypatch.chdir(self.folder)
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, ZeroDivisionError])
-def test_other_exceptions_pass_and_leave_what_can_be_resumed(monkeypatch, tmp_path, tiny, error):
+@pytest.mark.parametrize(
+    ("error", "seen"),
+    [
+        (KeyboardInterrupt, KeyboardInterrupt),
+        (MemoryError, IbdataError),
+        (ZeroDivisionError, ZeroDivisionError),
+    ],
+)
+def test_other_exceptions_pass_and_leave_what_can_be_resumed(monkeypatch, tmp_path, tiny, error, seen):
     monkeypatch.setattr("ibdata.engines.generate.finish", failing_at(0, error)(None))
-    with pytest.raises(error):
+    with pytest.raises(seen):
         ibdata.generate(tiny, "a/b", workers=1)
     assert assert_resumable_or_nothing({}, tiny, _Folder(monkeypatch, tmp_path))
 

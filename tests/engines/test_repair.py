@@ -12,6 +12,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.difference import difference
+from ibdata.dataset.metadata import as_json
 from ibdata.dataset.validation import validate
 from ibdata.engines.repair import repair
 from ibdata.engines.reproduce import reproduce
@@ -99,7 +100,7 @@ def test_what_is_made_again_with_other_content_changes_nothing(copied):
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["experiment"]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
-    (copied / manifest.PATH).write_text(json.dumps(listed))
+    (copied / manifest.PATH).write_bytes(as_json(listed))
     damage(copied / "data/part-00000.parquet", "cut")
     before = contents(copied)
     with pytest.raises(DatasetError, match="found other content when made again"):
@@ -132,7 +133,7 @@ def test_an_episode_that_is_not_reproduced_is_named(copied):
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["experiment"]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
-    (copied / manifest.PATH).write_text(json.dumps(listed))
+    (copied / manifest.PATH).write_bytes(as_json(listed))
     count, problems = reproduce(copied, "4-5")
     assert count == 2
     assert [(p.path, p.row) for p in problems] == [
