@@ -7,7 +7,7 @@ record, then turn the record (step, lane, variable) into columns (episode, step)
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -180,12 +180,21 @@ class Block:
         """The log density (n,) of the actions taken."""
         taken = action.view()
         taken.flags.writeable = False
-        return self._answer(self.policy.log_prob(seen, taken), (self.n,), "log densities", t)
+        return self._answer(lambda: self.policy.log_prob(seen, taken), (self.n,), "log densities", t)
 
     def _answer(
-        self, given: npt.ArrayLike, shape: tuple[int, ...], what: str, t: int
+        self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
     ) -> npt.NDArray[np.float64]:
-        """What a policy returned, as numbers of the right shape."""
+        """What a policy returns, as numbers of the right shape."""
+        place = f"policy {self.label}: episode {self.first}: step {t}"
+        try:
+            given = ask()
+        except IbdataError:  # a signal, say
+            raise
+        except Exception as error:
+            raise PolicyError(
+                f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
+            ) from error
         try:
             answer = np.asarray(given, dtype=np.float64)
         except (TypeError, ValueError):
@@ -194,7 +203,7 @@ class Block:
             return answer
         if answer is not None:
             wrong = f"found {what} of shape {answer.shape}, expected {shape}"
-        raise PolicyError(f"policy {self.label}: episode {self.first}: step {t}: {wrong}")
+        raise PolicyError(f"{place}: {wrong}")
 
     def _act(
         self,
@@ -204,8 +213,8 @@ class Block:
         t: int,
     ) -> int:
         """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped."""
-        action = self._answer(self.policy.act(seen, u), out.shape, "actions", t)
-        clipped = lanes.to_action(action, out)
+        action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
+        clipped = int(lanes.to_action(action, out))
         if clipped < 0:
             lane = -1 - clipped
             raise PolicyError(

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
+import ibdata
 from ibdata.experiment import Experiment
 from ibdata.policies import Policy
 from ibdata.rollout import PolicyError, rollout
@@ -200,3 +201,15 @@ def test_there_is_no_negative_zero(dynamics, dtype):
     table = rollout(experiment, 0, 80).table
     assert (table == 0.0).any()
     assert not ((table == 0.0) & np.signbit(table)).any()
+
+
+def test_an_error_in_a_policy_is_an_error_that_names_its_place(monkeypatch):
+    def act(self, history, u):
+        raise KeyError("velocity")
+
+    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    with pytest.raises(PolicyError) as error:
+        rollout(ibdata.load("random", ["steps=3"]), 0, 2)
+    assert str(error.value) == (
+        "policy random: episode 0: step 0: found KeyError: 'velocity', expected actions of shape (2, 3)"
+    )

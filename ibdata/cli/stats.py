@@ -32,4 +32,5 @@ def command(folder: Path, split: str | None, as_json: bool) -> None:
     click.echo(" " * width + "".join(name.rjust(14) for name in (*SHOWN, "median")))
     for name, stat in columns.items():
         numbers = [*(stat[key] for key in SHOWN), stat["quantiles"]["0.5"]]
-        click.echo(name.ljust(width) + "".join(f"{x:.6g}".rjust(14) for x in numbers))
+        shown = ("-" if x is None else f"{x:.6g}" for x in numbers)
+        click.echo(name.ljust(width) + "".join(x.rjust(14) for x in shown))

@@ -127,5 +127,5 @@ def _sums(rows: Table, length: int, out: Floats) -> None:
     for e in range(out.shape[0]):
         total = 0.0
         for t in range(length):
-            total += rows[e * length + t]
+            total += np.float64(rows[e * length + t])
         out[e] = total

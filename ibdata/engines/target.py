@@ -86,6 +86,10 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         return folder / manifest.NEXT
     if manifest.locate(folder, "meta/experiment.yaml").read_bytes() != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
+    for file in listed["files"]:
+        path = manifest.locate(folder, file["path"])
+        if not path.is_file() or path.stat().st_size != file["bytes"]:
+            raise DatasetError(f"{path}: missing or of another size than listed; ibdata repair {folder}")
     return folder
 
 

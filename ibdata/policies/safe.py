@@ -24,7 +24,7 @@ LOG_EDGE = float.fromhex(
 
 
 class Safe(Policy):
-    """Keeps velocity and gain in the medium range [40, 60]; the shift moves at random.
+    """Steers velocity and gain back towards [40, 60] when they are outside; the shift moves at random.
 
         Δx =  z  if x < 40;   -z  if x > 60;   u  otherwise     for x = v and x = g
         Δh =  u

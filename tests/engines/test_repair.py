@@ -171,3 +171,9 @@ def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
 def test_a_difference_is_named(made, tmp_path, change, line):
     other = ibdata.generate(Experiment.model_validate({**PLAIN, **change}), tmp_path / "other", workers=1)
     assert any(found.startswith(line) for found in difference(made, other)), difference(made, other)
+
+
+def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied):
+    (copied / "data/part-00001.parquet").unlink()
+    with pytest.raises(DatasetError, match=r"part-00001\.parquet: missing or of another size than listed"):
+        ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)

@@ -1,0 +1,198 @@
+#!/usr/bin/env python3
+"""Generate the experiments of this folder in one setting, check the setting, and print JSON.
+
+    child.py SPEC    SPEC is JSON: size, folder, and optionally workers, lanes, chunk, shards, stop_after,
+                     known_answer, and expect: facts that must hold here and in every worker process
+
+The variables under test are read when numpy, numba and the C library are loaded, so each setting is a
+process of its own. The spec sets the sizes of blocks in the workers too, which import this file again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import json
+import math
+import os
+import platform
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+import pyarrow as pa
+from numpy._core import _multiarray_umath as umath
+from ruamel.yaml import YAML
+
+import ibdata
+from ibdata import rollout
+from ibdata.dataset import receipt
+from ibdata.engines import known_answer, local
+from ibdata.experiment import Experiment
+
+HERE = Path(__file__).resolve().parent
+STARTED = time.monotonic()
+
+
+def experiments(size: str, shards: float = 0) -> list[Experiment]:
+    """The experiments in a size; each in about so many shards (0: the usual number)."""
+    given = YAML(typ="safe", pure=True).load(HERE / "experiments.yaml")
+    made = []
+    for plain in given["experiments"]:
+        rows = Experiment.model_validate(plain | given["sizes"][size]).rows
+        output = plain["output"] | {"shard_rows": max(1, int(rows / (shards or given["shards"])))}
+        made.append(Experiment.model_validate(plain | given["sizes"][size] | {"output": output}))
+    return made
+
+
+def core_name() -> str | None:
+    """The processor for which the OpenBLAS that numpy brings has chosen its code."""
+    libraries = Path(np.__file__).parent.parent / "numpy.libs"
+    for path in libraries.glob("libscipy_openblas64_*"):
+        name = ctypes.CDLL(str(path)).scipy_openblas_get_corename64_
+        name.restype = ctypes.c_char_p
+        return str(name().decode())
+    return None
+
+
+@numba.njit(fastmath={"contract"})
+def _fused(a, b, out):
+    for i in range(len(a)):
+        out[i] = a[i] * b[i] + out[i]
+
+
+def fuses() -> bool:
+    """Whether numba's target has fused multiply-add, seen in the machine code of a loop that allows it."""
+    _fused(np.ones(8), np.ones(8), np.ones(8))
+    return any(x in asm for asm in _fused.inspect_asm().values() for x in ("vfmadd", "fmla", "fmadd"))
+
+
+def facts() -> dict[str, object]:
+    """What a setting is to change, as this process has it."""
+    inputs = [i * 0.00137 - 13.0 for i in range(20_000)]
+    config = numba.config
+    return {
+        "machine": platform.machine(),
+        "libc exp": hashlib.sha256(struct.pack("<20000d", *map(math.exp, inputs))).hexdigest(),
+        "numpy exp": hashlib.sha256(np.exp(np.array(inputs)).tobytes()).hexdigest(),
+        "numpy on": [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__.get(name)],
+        "features": {name: bool(on) for name, on in umath.__cpu_features__.items()},
+        "blas": core_name(),
+        "CPU_NAME": config.CPU_NAME,
+        "CPU_FEATURES": config.CPU_FEATURES,
+        "OPT": int(config.OPT),
+        "SLP_VECTORIZE": config.SLP_VECTORIZE,
+        "DISABLE_JIT": config.DISABLE_JIT,
+        "lanes": rollout.LANES,
+        "chunk": rollout.CHUNK,
+    }
+
+
+def unmet(expect: dict[str, object], found: dict[str, object]) -> list[str]:
+    """The expectations that are not met; `off` lists features that numpy must know and have off."""
+    wrong = [
+        f"{k}: found {found[k]}, expected {v}" for k, v in expect.items() if k != "off" and found[k] != v
+    ]
+    features = dict(found["features"])
+    return wrong + [
+        f"{x}: found {features.get(x)}, expected False"
+        for x in expect.get("off", ())
+        if features.get(x) is not False
+    ]
+
+
+def interrupted(after: int) -> None:
+    """Make the engine stop, as by Ctrl-C, when so many shards are written."""
+    run = local.run
+
+    def stopping(*args):
+        for count, written in enumerate(run(*args), start=1):
+            yield written
+            if count == after:
+                local.run = run
+                raise KeyboardInterrupt
+
+    local.run = stopping
+
+
+def with_receipts(folder: Path) -> list[Path]:
+    """The shards of an unfinished run that resuming is to keep."""
+    names = [path.stem for path in (folder / receipt.FOLDER).glob("*.receipt")]
+    return [folder / "data" / f"{name}.parquet" for name in names]
+
+
+def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
+    """Generate an experiment, stopping and resuming if asked to; what its manifest says."""
+    out = Path(spec["folder"]) / experiment.name
+    workers, after = spec.get("workers", 1), spec.get("stop_after")
+    prepare(spec)
+    if after:
+        interrupted(after)
+        try:
+            ibdata.generate(experiment, out, workers=workers)
+        except KeyboardInterrupt:
+            assert not (out / "meta" / "manifest.json").exists()
+            kept = {path: path.stat().st_ino for path in with_receipts(out)}
+            assert len(kept) >= after
+        else:
+            raise AssertionError("not interrupted")
+        rollout.LANES = rollout.CHUNK = 11  # goes on in other blocks, where this process does the work
+    ibdata.generate(experiment, out, workers=workers, resume=bool(after))
+    if after:
+        assert all(path.stat().st_ino == inode for path, inode in kept.items())  # not made again
+    manifest = json.loads((out / "meta" / "manifest.json").read_bytes())
+    files = {file["path"]: file["sha256"] for file in manifest["files"]}
+    return {
+        "root": manifest["content_root"],
+        "reproducible": manifest["reproducible"],
+        "shards": [files.pop(shard["path"]) for shard in manifest["shards"]],
+        "files": files,
+    }
+
+
+def main(spec: dict[str, object]) -> None:
+    """Check the setting, generate, and print results, facts and versions."""
+    prepare(spec)
+    found = facts()
+    if not numba.config.DISABLE_JIT:
+        found["fuses"] = fuses()
+    wrong = unmet(spec.get("expect", {}), found)
+    assert not wrong, wrong
+    if "known_answer" in spec:
+        known_answer.SHA256 = spec["known_answer"]
+    with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
+        os.environ["SAME_BITS_NOTES"] = notes
+        results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}
+        workers = [json.loads(path.read_bytes()) for path in Path(notes).iterdir()]
+    assert bool(workers) == (spec.get("workers", 1) > 1)
+    wrong = [x for worker in workers for x in unmet(spec.get("expect", {}), worker)]
+    assert not wrong, wrong
+    json.dump(
+        {
+            "results": results,
+            "facts": found,
+            "known answer": known_answer.digest(),
+            "workers": len(workers),
+            "versions": {"python": platform.python_version(), "numpy": np.__version__}
+            | {"numba": numba.__version__, "pyarrow": pa.__version__},
+            "seconds": time.monotonic() - STARTED,
+        },
+        sys.stdout,
+    )
+
+
+def prepare(spec: dict[str, object]) -> None:
+    """Set the sizes of blocks; workers call this too."""
+    rollout.LANES = spec.get("lanes", rollout.LANES)
+    rollout.CHUNK = spec.get("chunk", rollout.CHUNK)
+
+
+if __name__ == "__main__":
+    main(json.loads(sys.argv[1]))
+elif __name__ == "__mp_main__":
+    prepare(json.loads(sys.argv[1]))
+    Path(os.environ["SAME_BITS_NOTES"], str(os.getpid())).write_text(json.dumps(facts()))

@@ -1,0 +1,89 @@
+"""The matrix as a fixture: its rows start together, tests wait for those that they are about."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+HERE = Path(__file__).parent
+HEADING = pytest.StashKey()
+
+
+def _load(name):
+    """A helper module beside this file: pytest's import mode `importlib` puts no folder on the path."""
+    full = f"ibdata_tests_same_bits_{name}"
+    if full not in sys.modules:
+        spec = importlib.util.spec_from_file_location(full, HERE / f"{name}.py")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[full] = module
+        spec.loader.exec_module(module)
+    return sys.modules[full]
+
+
+Row = _load("matrix").Row
+
+
+def pytest_generate_tests(metafunc):
+    """A test that takes a `row` runs for each of its module's ROWS: name -> arguments of Row."""
+    if "row" in metafunc.fixturenames:
+        rows = [Row(name, **given) for name, given in metafunc.module.ROWS.items()]
+        metafunc.parametrize("row", rows, ids=[row.name for row in rows])
+
+
+@pytest.fixture(scope="session")
+def matrix(request, tmp_path_factory):
+    """All rows of the tests that run, begun at once."""
+    made = _load("matrix").Matrix(tmp_path_factory.mktemp("same-bits"))
+    request.config.stash[HEADING] = made.seconds
+    if not hasattr(request.config, "workerinput"):
+        params = [item.callspec.params for item in request.session.items if hasattr(item, "callspec")]
+        made.start(given["row"] for given in params if isinstance(given.get("row"), Row))
+    yield made
+    made.pool.shutdown(cancel_futures=True)
+
+
+@pytest.fixture(scope="session")
+def new_row():
+    return Row
+
+
+@pytest.fixture(scope="session")
+def unmodified(matrix):
+    """What a child prints in which nothing is changed."""
+    return matrix.result(_load("matrix").UNMODIFIED)
+
+
+@pytest.fixture(scope="session")
+def golden():
+    return YAML(typ="safe", pure=True).load(HERE / "golden.yaml")
+
+
+@pytest.fixture(scope="session")
+def check(golden, unmodified):
+    """Check a child's roots against the golden ones, and its files where the same pyarrow wrote them."""
+
+    def same(result, row):
+        found = {name: made["root"] for name, made in result["results"].items()}
+        assert found == golden["roots"][row.size]
+        assert {made["reproducible"] for made in result["results"].values()} == {True}
+        usual = "shards" not in row.spec and result["versions"]["pyarrow"] == golden["pyarrow"]
+        if usual:
+            files = {name: made["shards"] for name, made in result["results"].items()}
+            assert files == golden["shards"][row.size]
+        if usual and row.size == _load("matrix").SIZE:
+            for name, made in result["results"].items():
+                assert made["files"] == unmodified["results"][name]["files"]
+
+    return same
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    seconds = config.stash.get(HEADING, None)
+    if seconds:
+        terminalreporter.section("same bits: seconds of each child")
+        for name, value in seconds.items():
+            terminalreporter.write_line(f"{value:7.1f}  {name}")

@@ -1,0 +1,90 @@
+"""Rows of the matrix: each is a child process in a setting of its own, two or more at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import ibdata
+
+CHILD = Path(__file__).with_name("child.py")
+PACKAGE = Path(ibdata.__file__).parents[1]
+# What a setting may be made of: unset in every row that does not set it itself.
+VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHONPATH", "OMP_", "LD_")
+SIZE = "full" if os.environ.get("IBDATA_SAME_BITS") == "full" else "small"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A setting: variables of the environment, the spec of child.py, and where it runs."""
+
+    name: str
+    env: dict[str, str] = field(default_factory=dict)
+    spec: dict[str, Any] = field(default_factory=dict)
+    own_code: bool = False  # compiles by itself; else takes the machine code of the unmodified row
+    python: str = sys.executable
+    package: Path = PACKAGE
+
+    @property
+    def size(self) -> str:
+        """Which golden roots are its own."""
+        return str(self.spec.get("size", SIZE))
+
+
+UNMODIFIED = Row("unmodified", spec={"expect": {"DISABLE_JIT": 0, "CPU_NAME": None, "CPU_FEATURES": None}})
+
+
+class Matrix:
+    """Starts rows and keeps what they print."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.pool = ThreadPoolExecutor(max(2, len(os.sched_getaffinity(0))))
+        self.started: dict[str, Future[dict[str, Any]]] = {}
+        self.seconds: dict[str, float] = {}
+
+    def start(self, rows: Iterable[Row]) -> None:
+        """Begin with the rows that have not begun; the unmodified one is always the first."""
+        for row in (UNMODIFIED, *rows):
+            if row.name not in self.started:
+                self.started[row.name] = self.pool.submit(self._run, row)
+
+    def result(self, row: Row) -> dict[str, Any]:
+        """What a row's child printed; AssertionError with its stderr where it failed."""
+        self.start([row])
+        return self.started[row.name].result()
+
+    def _run(self, row: Row) -> dict[str, Any]:
+        if not (row.own_code or row == UNMODIFIED):
+            self.result(UNMODIFIED)
+        begun = time.monotonic()
+        child = self.child(row)
+        self.seconds[row.name] = time.monotonic() - begun
+        assert child.returncode == 0, f"{row.name}: {child.stderr}"
+        return {**json.loads(child.stdout), "stderr": child.stderr}
+
+    def child(self, row: Row, code: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run a row's child now, with its machine code kept in a folder."""
+        place = self.folder / row.name.replace(" ", "-").replace("/", "-")
+        place.mkdir()
+        env = {k: v for k, v in os.environ.items() if not k.startswith(VARIABLES)}
+        env["PYTHONPATH"] = str(row.package)
+        env["IBDATA_CACHE_DIR"] = str(code or (place / "code" if row.own_code else self.folder / "code"))
+        spec = {"size": SIZE, "folder": str(place), **row.spec}
+        return subprocess.run(
+            # numpy says by an ImportWarning, hidden by default, that it does not know a feature's name
+            [row.python, "-W", "error::ImportWarning", str(CHILD), json.dumps(spec)],
+            env=env | row.env,
+            capture_output=True,
+            text=True,
+            timeout=3600,
+            check=False,
+        )

@@ -1,0 +1,57 @@
+"""The oldest versions that pyproject.toml allows, and the pinned newest ones."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.same_bits
+
+ROOT = Path(__file__).resolve().parents[2]
+DEPENDENCIES = re.search(r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)[1]
+LOWEST = {name: low for name, low in re.findall(r'"([\w.-]+)>=([\d.]+)"', DEPENDENCIES)}
+PINNED = dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "constraints.txt").read_text(), re.M))
+REPORTED = ("numpy", "numba", "pyarrow")
+
+
+@pytest.fixture(scope="module")
+def lowest(matrix, new_row, tmp_path_factory):
+    """A row with a Python that has every dependency in the lowest version allowed."""
+    folder = tmp_path_factory.mktemp("lowest")
+    python = folder / "bin" / "python"
+    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True, timeout=120)
+    pip = subprocess.run(
+        [python, "-m", "pip", "install", "--quiet", "--only-binary=:all:"]
+        + [f"{name}=={low}" for name, low in LOWEST.items()],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert pip.returncode == 0, f"the lower bounds {LOWEST} do not install together: {pip.stderr}"
+    return new_row("lowest versions", python=str(python), own_code=True)
+
+
+def test_the_pinned_versions_are_those_that_run_here(unmodified):
+    assert {name: unmodified["versions"][name] for name in REPORTED} == {
+        name: PINNED[name] for name in REPORTED
+    }
+
+
+def test_the_golden_files_are_those_of_the_pinned_pyarrow(golden):
+    assert golden["pyarrow"] == PINNED["pyarrow"]
+
+
+def test_every_dependency_has_a_lower_bound():
+    assert len(LOWEST) == DEPENDENCIES.count(",") >= 8
+
+
+def test_the_lowest_versions_make_the_same_data(matrix, lowest, check):
+    result = matrix.result(lowest)
+    for name in REPORTED:
+        assert f"{result['versions'][name]}.".startswith(f"{LOWEST[name]}."), (name, result["versions"])
+    check(result, lowest)
