@@ -1,0 +1,77 @@
+"""Run `ibdata …` in forks of one process that has everything loaded: a run takes milliseconds.
+
+Reads requests as JSON lines on stdin: args, folder, at, mode, log, user (whose rights it has; 0: its own),
+megabytes (of memory; 0: all); answers with code and output.
+"""
+
+import ctypes
+import json
+import os
+import resource
+import signal
+import sys
+import tempfile
+import threading
+import traceback
+from typing import Any
+
+TIMEOUT = 60  # seconds until a run counts as hanging, and is killed by SIGALRM
+
+
+def load(config: str) -> None:
+    """Import and compile what a run needs."""
+    import ibdata.cli.generate
+    import ibdata.cli.validate
+    from ibdata.engines import estimate, generate, warmup
+
+    assert all((ibdata.cli.generate, ibdata.cli.validate, estimate))
+    warmup.warm_up(generate.resolve(config))
+    for thread in threading.enumerate():
+        if thread is not threading.main_thread():
+            thread.join()
+
+
+def child(request: dict[str, Any], output: int) -> int:
+    """The exit code of one run, in a fork of its own."""
+    from ibdata.cli import main
+
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    signal.alarm(TIMEOUT)
+    if request["mode"]:
+        shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
+        folder, mode, log = (request[name].encode() for name in ("folder", "mode", "log"))
+        shim.shim_arm(folder, ctypes.c_long(request["at"]), mode, log)
+    if request["user"]:
+        os.setgroups([])
+        os.setresgid(*[request["user"]] * 3)
+        os.setresuid(*[request["user"]] * 3)
+    if request["megabytes"]:
+        resource.setrlimit(resource.RLIMIT_AS, (request["megabytes"] * 2**20,) * 2)
+    try:
+        main(request["args"])
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0
+    except BaseException:
+        traceback.print_exc()
+    return 99
+
+
+def main() -> None:
+    """Answer requests until stdin ends."""
+    load(sys.argv[1])
+    for line in sys.stdin:
+        with tempfile.TemporaryFile() as output:
+            pid = os.fork()
+            if not pid:
+                code = child(json.loads(line), output.fileno())
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(code)
+            code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+            output.seek(0)
+            print(json.dumps({"code": code, "output": output.read().decode()}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""F8: every change of a byte, and every truncation, is found and named."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+pytestmark = pytest.mark.faults
+
+
+@pytest.fixture
+def dataset(forks: Any, tools: Any) -> Path:
+    """A small dataset of two shards."""
+    out = tools.where / "out"
+    answer = forks.run("generate", "--quiet", "--config", tools.tiny, "--out", out, "--workers", 1)
+    assert answer.code == 0, answer
+    return out
+
+
+def unnamed(folder: Path, path: Path) -> list[str]:
+    """Ways of validating that do not name the file."""
+    from ibdata.dataset.validation import validate
+
+    name = str(path.relative_to(folder))
+    return [
+        f"quick={quick}" for quick in (True, False) if name not in {p.path for p in validate(folder, quick)}
+    ]
+
+
+def files_of(folder: Path) -> list[Path]:
+    """The dataset's files."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def test_every_flipped_bit_is_found_and_its_file_named(tools: Any, dataset: Path) -> None:
+    files, missed = files_of(dataset), []
+    sizes = [path.stat().st_size for path in files]
+    flips = tools.size(200, 1000)
+    chosen = [*files, *tools.random.choices(files, sizes, k=flips - len(files))]
+    for path in chosen:
+        whole = path.read_bytes()
+        place, bit = tools.random.randrange(len(whole)), tools.random.randrange(8)
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :])
+        missed += [f"{path.name}: byte {place}, bit {bit}: {how}" for how in unnamed(dataset, path)]
+        path.write_bytes(whole)
+    tools.figure(f"F8: {flips} bit flips over {len(files)} files, {flips - len(missed)} found and named")
+    assert not missed, "\n".join(missed)
+    assert tools.root(dataset)
+
+
+def test_every_bit_of_the_manifest_that_is_flipped_is_found_or_changes_nothing(
+    tools: Any, dataset: Path
+) -> None:
+    from ibdata.dataset.validation import validate
+
+    path = dataset / "meta" / "manifest.json"
+    whole = path.read_bytes()
+    places = range(len(whole)) if tools.full else sorted(tools.random.sample(range(len(whole)), 150))
+    missed = []
+    for place in places:
+        for bit in range(8):
+            changed = whole[:place] + bytes([whole[place] ^ 1 << bit]) + whole[place + 1 :]
+            path.write_bytes(changed)
+            try:
+                same = json.loads(changed) == json.loads(whole)
+            except ValueError:
+                same = False
+            if not same and not validate(dataset, quick=True):
+                missed.append(f"byte {place}, bit {bit}")
+    path.write_bytes(whole)
+    assert not missed, "\n".join(missed)
+
+
+def boundaries(path: Path) -> set[int]:
+    """Where row groups, column chunks and their pages begin or end."""
+    found: set[int] = set()
+    metadata = pq.read_metadata(path)
+    for group in range(metadata.num_row_groups):
+        for column in range(metadata.num_columns):
+            chunk = metadata.row_group(group).column(column)
+            starts = [chunk.data_page_offset, chunk.dictionary_page_offset or chunk.data_page_offset]
+            found |= {*starts, min(starts) + chunk.total_compressed_size}
+    return found
+
+
+def test_every_truncation_is_found_and_its_file_named(tools: Any, dataset: Path) -> None:
+    missed, cuts = [], 0
+    for path in files_of(dataset):
+        whole = path.read_bytes()
+        lengths = {0, 1, 4, len(whole) // 2, len(whole) - 8, len(whole) - 4, len(whole) - 1}
+        if path.suffix == ".parquet":
+            lengths |= boundaries(path)
+        lengths |= {tools.random.randrange(len(whole)) for _ in range(tools.size(5, 200))}
+        for length in sorted(lengths & set(range(len(whole)))):
+            path.write_bytes(whole[:length])
+            missed += [f"{path.name}: {length} bytes: {how}" for how in unnamed(dataset, path)]
+            cuts += 1
+        path.write_bytes(whole)
+    tools.figure(f"F8, truncation: {cuts} cuts, also at every page and column chunk, {len(missed)} missed")
+    assert not missed, "\n".join(missed)
+
+
+# Repair: what was found is made again.
+
+
+def test_what_is_flipped_or_cut_or_missing_is_repaired_to_the_same_files(
+    forks: Any, tools: Any, dataset: Path
+) -> None:
+    root = tools.root(dataset)
+    files = files_of(dataset)
+    wholes = {path: path.read_bytes() for path in files}
+    wrong, cases = [], tools.size(20, 200)
+    for case in range(cases):
+        path = files[case % len(files)]
+        whole = wholes[path]
+        place = tools.random.randrange(len(whole))
+        damaged = [whole[:place], whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :], None]
+        content = damaged[case // len(files) % 3]
+        if content is None:
+            path.unlink()
+        else:
+            path.write_bytes(content)
+        answer = forks.run("repair", dataset, "--workers", 1)
+        if answer.code != 0:
+            wrong.append(f"{path.name}: {answer}")
+        elif tools.root(dataset) != root or tools.leftovers(dataset):
+            wrong.append(f"{path.name}: another root, or {tools.leftovers(dataset)}")
+        for name, data in wholes.items():
+            name.write_bytes(data)
+    tools.figure(f"F8, repair: {cases} damaged files, {len(wrong)} not repaired to the same root")
+    assert not wrong, "\n".join(wrong)

@@ -1,0 +1,87 @@
+"""F11: the time zone, the locale, the hash seed, the umask: the same dataset.
+
+A clock that is wrong cannot be set without rights over the machine; nothing that is written holds a time,
+which the equal files here show for runs at different times.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.faults
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+SURROUNDINGS = {
+    "another time zone": {"TZ": "Pacific/Kiritimati"},
+    "an impossible time zone": {"TZ": "nowhere"},
+    "ASCII": ASCII,
+    "Latin-1": {"LC_ALL": "de_DE.ISO-8859-1", "PYTHONIOENCODING": "latin-1"},
+    "Turkish": {"LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"},
+    "hash seed 0": {"PYTHONHASHSEED": "0"},
+    "hash seed 1": {"PYTHONHASHSEED": "1"},
+    "optimized Python": {"PYTHONOPTIMIZE": "2"},
+    "warnings are errors": {"PYTHONWARNINGS": "error"},
+    "no home": {"HOME": "/nonexistent", "XDG_CACHE_HOME": ""},
+    "a narrow terminal": {"COLUMNS": "1", "LINES": "1"},
+}
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Every file's content."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_surroundings_do_not_change_a_byte(tools: Any) -> None:
+    usual = tools.where / "usual"
+    assert tools.generate(tools.tiny, usual, "--workers", 1).returncode == 0
+    expected, wrong = files(usual), []
+    for name, env in SURROUNDINGS.items():
+        if name == "no home" and not tools.full:
+            continue  # without its cache everything is compiled: a minute
+        out = tools.where / name
+        made = tools.generate(tools.tiny, out, env={**os.environ, **env}, encoding="latin-1")
+        if made.returncode != 0 or files(out) != expected:
+            wrong.append(f"{name}: {made.stderr or 'other bytes'}")
+    tools.figure(f"F11: {len(SURROUNDINGS)} surroundings: {len(wrong)} with another byte in any file")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_a_umask_does_not_change_the_data_and_is_obeyed(tools: Any) -> None:
+    roots = set()
+    for mask in (0o077, 0o022, 0o000):
+        out = tools.where / f"out-{mask}"
+        made = tools.generate(tools.tiny, out, preexec_fn=lambda mask=mask: os.umask(mask))
+        assert made.returncode == 0, made.stderr
+        roots.add(tools.root(out))
+        for path in (out, *out.rglob("*")):
+            assert path.stat().st_mode & 0o777 & mask == 0, path
+    assert len(roots) == 1
+
+
+@pytest.mark.parametrize("name", [b"caf\xc3\xa9", b"latin-\xe9", b"new\nline", b"-dash", b"\xff\xfe"])
+def test_an_ascii_terminal_reads_about_any_folder(tools: Any, name: bytes) -> None:
+    import subprocess
+
+    out = os.fsencode(tools.where) + b"/" + name
+    env = {**os.environ, **ASCII}
+    start = [
+        tools.command,
+        "generate",
+        "--quiet",
+        "--config",
+        str(tools.tiny),
+        "--workers",
+        "1",
+        "--out",
+        out,
+    ]
+    runs = [start, start]
+    runs += [[tools.command, what, out] for what in ("info", "head", "stats", "validate")]
+    for i, args in enumerate(runs):
+        ran = subprocess.run(args, env=env, capture_output=True, timeout=60)
+        said = ran.stderr.decode("latin-1")
+        assert ran.returncode == (2 if i == 1 else 0), (args, said)
+        assert "Traceback" not in said
+        assert "a bug" not in said
+        assert len(said.splitlines()) == (i == 1), said

@@ -1,0 +1,138 @@
+"""F2 and F10: every operation on the folder fails, or is the last one; then the run goes on."""
+
+import shutil
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.faults
+KILLED = -9
+FAILURES = ("ENOSPC", "EIO", "full")  # full: from here on nothing more can be written
+
+
+def modes_of(operation: str, k: int, full: bool) -> list[str]:
+    """The faults that an operation can meet; in CI one of the failures, and one kill, in turn."""
+    writes = operation in ("write", "create", "mkdir")
+    failures = ["ENOSPC", "EIO", *(["full"] if writes else [])] if operation != "unlink" else ["EIO"]
+    kills = ["before", "after", *(["half"] if operation == "write" else [])]
+    return failures + kills if full else [failures[k % len(failures)], kills[k % len(kills)], kills[-1]]
+
+
+def faults(forks: Any, tools: Any, folder: Path, args: list[object]) -> list[tuple[int, str, str]]:
+    """Every (k, mode, operation) of a run in the folder."""
+    log = tools.where / f"log-{folder.name}"
+    assert forks.run(*args, folder=folder, log=log).code == 0
+    lines = log.read_text().splitlines()
+    return [
+        (k, mode, line)
+        for k, line in zip(count(1), lines, strict=False)
+        for mode in dict.fromkeys(modes_of(line.split()[0].lstrip("-"), k, tools.full))
+    ]
+
+
+def generate(config: Path, out: Path, *more: object) -> list[object]:
+    """A quiet run in one process."""
+    return ["generate", "--quiet", "--config", config, "--out", out, "--workers", 1, *more]
+
+
+def test_after_any_failed_or_last_operation_of_a_new_run_it_is_resumed_to_the_same_dataset(
+    forks: Any, tools: Any
+) -> None:
+    base = tools.where / "new"
+    base.mkdir()
+    out = base / "out"
+    cases = faults(forks, tools, base, generate(tools.tiny, out))
+    root, shards = tools.root(out), tools.hashes(out)
+    wrong = []
+    for k, mode, line in cases:
+        shutil.rmtree(out, ignore_errors=True)
+        answer = forks.run(*generate(tools.tiny, out), folder=base, at=k, mode=mode)
+        case, bad = f"{mode} at {k}: {line}: ".replace(f"{base}/", ""), []
+        killed = mode not in FAILURES
+        if killed and answer.code != KILLED:
+            bad.append(f"the fault did not happen: {answer}")
+        if not killed and answer.code not in (0, 1):
+            bad.append(f"exit code {answer.code}: {answer.output}")
+        if answer.code == 1 and not tools.one_line(answer.output):
+            bad.append(f"not one line: {answer.output}")
+        finished = (out / "meta" / "manifest.json").exists()
+        if answer.code == 0 and not finished:
+            bad.append("exit 0 without a manifest")
+        if finished and tools.root(out) != root:
+            bad.append("finished with another root")
+        if torn := tools.torn(out, shards):
+            bad.append(f"torn: {torn}")
+        temporary = [name for name in tools.leftovers(out) if ".tmp-" in name]
+        if not killed and temporary and "unlink" not in line.split()[0]:
+            bad.append(f"left behind: {temporary}")
+        again = forks.run(*generate(tools.tiny, out, "--resume"))
+        if again.code != 0:
+            bad.append(f"cannot be resumed: {again}")
+        elif tools.root(out) != root:
+            bad.append("resumed to another root")
+        elif left := tools.leftovers(out):
+            bad.append(f"left after the resume: {left}")
+        wrong += [case + what for what in bad]
+    tools.figure(
+        f"F2: {len(cases)} faults at {max(k for k, _, _ in cases)} operations, {len(wrong)} violations"
+    )
+    assert not wrong, "\n".join(wrong).replace(f"{base}/", "")
+
+
+@pytest.mark.parametrize("other", ["same shape", "fewer shards", "more shards"])
+def test_at_any_failed_or_last_operation_of_a_replacement_the_old_dataset_or_the_new_one_is_whole(
+    forks: Any, tools: Any, other: str
+) -> None:
+    base = tools.where / "replaced"
+    base.mkdir()
+    out, kept = base / "out", tools.where / "kept"
+    shape = {
+        "same shape": [],
+        "fewer shards": ["--set", "episodes=1"],
+        "more shards": ["--set", "episodes=3"],
+    }
+    new = [*shape[other], "--seed", 1, "--overwrite"]
+    assert forks.run(*generate(tools.tiny, kept)).code == 0
+    old_root = tools.root(kept)
+    shutil.copytree(kept, out)
+    cases = faults(forks, tools, base, generate(tools.tiny, out, *new))
+    root = tools.root(out)
+    if other != "same shape" and not tools.full:
+        cases = cases[-60:]  # what differs is how it settles
+    wrong, still_old = [], 0
+    for k, mode, line in cases:
+        shutil.rmtree(out)
+        shutil.copytree(kept, out)
+        answer = forks.run(*generate(tools.tiny, out, *new), folder=base, at=k, mode=mode)
+        case, bad = f"{mode} at {k}: {line}: ".replace(f"{base}/", ""), []
+        killed = mode not in FAILURES
+        if killed and answer.code != KILLED:
+            bad.append(f"the fault did not happen: {answer}")
+        if not killed and answer.code not in (0, 1):
+            bad.append(f"exit code {answer.code}: {answer.output}")
+        if answer.code == 1 and not tools.one_line(answer.output):
+            bad.append(f"not one line: {answer.output}")
+        try:
+            found = tools.root(out)
+            still_old += found == old_root
+            if found not in (old_root, root):
+                bad.append("neither the old root nor the new one")
+            if answer.code == 0 and found != root:
+                bad.append("exit 0, and the old root")
+        except (AssertionError, ValueError) as error:
+            bad.append(f"no whole dataset: {str(error).splitlines()[0]}")
+        again = forks.run(*generate(tools.tiny, out, *new))
+        if again.code != 0:
+            bad.append(f"cannot be overwritten: {again}")
+        elif tools.root(out) != root:
+            bad.append("overwritten with another root")
+        elif left := tools.leftovers(out):
+            bad.append(f"left after the next --overwrite: {left}")
+        wrong += [case + what for what in bad]
+    tools.figure(
+        f"F10, {other}: {len(cases)} faults: {still_old} times the old dataset was whole, "
+        f"{len(cases) - still_old} times the new one, {len(wrong)} violations"
+    )
+    assert not wrong, "\n".join(wrong).replace(f"{base}/", "")
