@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from ibdata.dataset.metadata import splits
 from ibdata.dataset.shard import Written
-from ibdata.dynamics.variants import VARIANTS
 from ibdata.experiment import Experiment
+from ibdata.experiment.recipe import Recipe
 
 SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
+SOURCES = {
+    "siemens": "the authors' published Python code",
+    "paper": "the equations as the paper prints them",
+}
 LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
 
 
-def card(experiment: Experiment, written: list[Written], root: str) -> bytes:
+def card(recipe: Recipe, written: list[Written], root: str) -> bytes:
     """The card of a dataset."""
-    return f"{_front_matter(experiment, written)}\n{_text(experiment, written, root)}".encode()
+    return f"{_front_matter(recipe, written)}\n{_text(recipe, written, root)}".encode()
 
 
-def _front_matter(experiment: Experiment, written: list[Written]) -> str:
-    size = next((name for limit, name in (*SIZES, *LARGER) if experiment.rows < limit), "n>1B")
+def _front_matter(recipe: Recipe, written: list[Written]) -> str:
+    size = next((name for limit, name in (*SIZES, *LARGER) if recipe.rows < limit), "n>1B")
     lines = [
         "---",
-        f"pretty_name: Industrial Benchmark, {experiment.name}",
+        f"pretty_name: Industrial Benchmark, {recipe.name}",
         "tags: [reinforcement-learning, offline-rl, industrial-benchmark]",
         f"size_categories: [{size}]",
         "configs:",
@@ -28,33 +32,32 @@ def _front_matter(experiment: Experiment, written: list[Written]) -> str:
         "    default: true",
         "    data_files: data/*.parquet",
     ]
-    for name, split in splits(experiment, written).items():
+    for name, split in splits(recipe, written).items():
+        if split["files"] is None:
+            continue  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {name}", "    data_files:"]
         lines += [f"      - {file}" for file in split["files"]]
     return "\n".join([*lines, "---", ""])
 
 
-def _text(experiment: Experiment, written: list[Written], root: str) -> str:
-    dynamics = experiment.dynamics if isinstance(experiment.dynamics, str) else "custom"
-    source = {
-        "siemens": "the authors' published Python code",
-        "paper": "the equations as the paper prints them",
-        "custom": "a published variant with fields replaced, see meta/experiment.yaml",
-    }[dynamics if dynamics in VARIANTS else "custom"]
-    setpoints = sorted({cell.setpoint for cell in experiment.cells})
+def _text(recipe: Recipe, written: list[Written], root: str) -> str:
+    experiments = recipe.experiments
+    dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
+    setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
     shown = ", ".join(f"{p:g}" for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
+    steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
     made = [
-        f"# {experiment.name}",
+        f"# {recipe.name}",
         "",
         "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata.",
         "",
         "| | |",
         "|---|---|",
-        f"| dynamics | `{dynamics}`: {source} |",
-        f"| setpoints | {shown}{', moving from there' if experiment.drifting else ''} |",
-        f"| policies | {', '.join(experiment.labels)} |",
-        f"| episodes | {len(experiment.cells) * experiment.episodes} of {experiment.steps} steps |",
-        f"| rows | {experiment.rows} |",
+        f"| dynamics | {'; '.join(dynamics)} |",
+        f"| setpoints | {shown}{', moving from there' if experiments[0].drifting else ''} |",
+        f"| policies | {', '.join(recipe.labels)} |",
+        f"| episodes | {recipe.episodes} of {steps} steps |",
+        f"| rows | {recipe.rows} |",
         f"| content root | `{root}` |",
         "",
         "A row is (o, a, o′, r) with the latent state; `meta/info.json` describes every column. Rewards are",
@@ -66,12 +69,30 @@ def _text(experiment: Experiment, written: list[Written], root: str) -> str:
         'data = pd.read_parquet("data")',
         "```",
         "",
-        "`meta/experiment.yaml` is all it takes to make the dataset again, bit for bit:",
-        "`ibdata generate --config meta/experiment.yaml --out again`.",
+        *_again(recipe),
         "",
     ]
-    per_split = splits(experiment, written)
+    per_split = splits(recipe, written)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
         made += [f"| {name} | {s['episodes']} | {s['rows']} |" for name, s in per_split.items()] + [""]
     return "\n".join(made)
+
+
+def _dynamics(experiment: Experiment) -> str:
+    """The name of the dynamics, and where they come from."""
+    if isinstance(experiment.dynamics, str):
+        return f"`{experiment.dynamics}`: {SOURCES[experiment.dynamics]}"
+    return "`custom`: a published variant with fields replaced, see meta/"
+
+
+def _again(recipe: Recipe) -> list[str]:
+    if len(recipe.experiments) > 1:
+        return [
+            f"It was merged from {len(recipe.experiments)} experiments, `meta/experiment-*.yaml`;",
+            "`ibdata reproduce` makes every episode again and compares.",
+        ]
+    return [
+        "`meta/experiment.yaml` is all it takes to make the dataset again, bit for bit:",
+        "`ibdata generate --config meta/experiment.yaml --out again`.",
+    ]

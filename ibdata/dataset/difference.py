@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest, parquet
+from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.reader import Dataset
 
 
@@ -16,7 +16,11 @@ def difference(a: Dataset, b: Dataset) -> list[str]:
     if a.content_root == b.content_root:
         return []
     lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]
-    lines += _experiments(a.manifest["experiment"], b.manifest["experiment"])
+    ours, theirs = (x.manifest["experiments"] for x in (a, b))
+    if len(ours) != len(theirs):
+        lines.append(f"experiments: {len(ours)} and {len(theirs)}")
+    for i, (mine, other) in enumerate(zip(ours, theirs, strict=False)):
+        lines += _experiments(mine, other, "experiment" if len(ours) == 1 else f"experiments.{i}")
     for key in ("rows", "episodes", "steps", "cells"):
         if a.info["counts"][key] != b.info["counts"][key]:
             lines.append(f"{key}: {a.info['counts'][key]} and {b.info['counts'][key]}")
@@ -27,7 +31,7 @@ def difference(a: Dataset, b: Dataset) -> list[str]:
     return [*lines, *_episodes(a, b, [name for name in types[0] if name in types[1]])]
 
 
-def _experiments(a: Any, b: Any, key: str = "experiment") -> list[str]:
+def _experiments(a: Any, b: Any, key: str) -> list[str]:
     """The options that differ, by their path."""
     if isinstance(a, dict) and isinstance(b, dict):
         names = dict.fromkeys([*a, *b])
@@ -38,34 +42,37 @@ def _experiments(a: Any, b: Any, key: str = "experiment") -> list[str]:
 def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
     """Episodes that only one has, and the first column and step of the first that differs."""
     of = [_by_address(x) for x in (a, b)]
-    lines = []
-    for mine, other, which in ((of[0], of[1], "first"), (of[1], of[0], "second")):
-        only = len(mine.keys() - other.keys())
+    lines: list[str] = []
+    differing: list[tuple[int, int]] = []
+    for x, y, which in ((of[0], of[1], "first"), (of[1], of[0], "second")):
+        only = sum(len(x[address]) for address in x.keys() - y.keys())
         if only:
             lines.append(f"episodes of cells or indices that only the {which} has: {only}")
-    for address, (digest, episode) in of[0].items():
-        if address in of[1] and of[1][address][0] != digest:
-            found = _first_difference(_rows(a, episode, names), _rows(b, of[1][address][1], names))
-            if found:
-                lines.append(f"episode {episode} and {of[1][address][1]}: {found}")
-                break
+    for address in of[0].keys() & of[1].keys() if of[0] != of[1] else ():
+        ours, theirs = of[0][address], of[1][address]
+        only_ours = [ours[digest] for digest in ours if digest not in theirs]
+        only_theirs = [theirs[digest] for digest in theirs if digest not in ours]
+        differing += list(zip(only_ours, only_theirs, strict=False))
+    for mine, other in sorted(differing)[:1]:
+        found = _first_difference(_rows(a, mine, names), _rows(b, other, names))
+        lines.append(f"episode {mine} and {other}: {found}")
     return lines
 
 
-def _by_address(dataset: Dataset) -> dict[tuple[str, int], tuple[bytes, int]]:
+def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
+    """The episodes of each cell and index by their digests; a merged dataset may have some of each seed."""
     columns = ["cell", "index", "digest", "episode"]
-    table = pq.read_table(manifest.locate(dataset.path, "meta/episodes.parquet"), columns=columns)
-    cells, indices, digests, episodes = (table[name].to_pylist() for name in columns)
-    return {
-        (cell, index): (digest, episode)
-        for cell, index, digest, episode in zip(cells, indices, digests, episodes, strict=True)
-    }
+    table = read_episodes(dataset.path, columns)
+    found: dict[tuple[str, int], dict[bytes, int]] = {}
+    for cell, index, digest, episode in zip(*(table[name].to_pylist() for name in columns), strict=True):
+        found.setdefault((cell, index), {})[digest] = episode
+    return found
 
 
 def _rows(dataset: Dataset, episode: int, names: list[str]) -> dict[str, list[Any]]:
     row = dataset.episodes.iloc[episode]
     shard = dataset.manifest["shards"][int(row["shard"])]["path"]
-    table = pq.read_table(manifest.locate(dataset.path, shard), columns=names)
+    table = parquet.read(manifest.locate(dataset.path, shard), names)
     part = table.slice(int(row["row_start"]), int(row["length"]))
     return {name: part[name].to_pylist() for name in names if name != "episode"}
 

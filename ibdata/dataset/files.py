@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -108,13 +110,26 @@ def file_sha256(path: Path) -> str | None:
     """The hex hash of a regular file; None where there is none, or it cannot be read."""
     hasher = hashlib.sha256()
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                return None
             while block := file.read(BLOCK):
                 hasher.update(block)
     except OSError:
         return None
     return hasher.hexdigest()
+
+
+def plain_bytes(path: Path, most: int) -> bytes:
+    """What is in a regular file; OSError where it is something else, which might never end, or larger."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file")
+        if status.st_size > most:
+            raise OSError(errno.EFBIG, f"larger than {most} bytes")
+        return file.read()
 
 
 def sweep(folder: Path) -> None:

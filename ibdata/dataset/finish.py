@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,40 +12,54 @@ import numba
 import numpy as np
 import pyarrow as pa
 
-from ibdata.columns import columns, layout
+from ibdata.columns import columns
 from ibdata.dataset import manifest, metadata
 from ibdata.dataset.card import card
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.shard import Written, content_of
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
 from ibdata.version import __version__
 
 
 def finish(
-    experiment: Experiment, written: list[Written], folder: Path, reproducible: bool
+    recipe: Recipe,
+    written: list[Written],
+    folder: Path,
+    reproducible: bool,
+    code: Sequence[Mapping[str, str | None]] = (),
 ) -> dict[str, Any]:
-    """Commit card, metadata and, last, the manifest; the manifest."""
+    """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from."""
     written = sorted(written, key=lambda w: w.shard.number)
-    root = root_of(experiment, written)
+    root = root_of(recipe, written)
     entries = [w.entry for w in written]
-    entries += [write(folder, path, make()) for path, make in documents(experiment, written, root).items()]
-    made_manifest = _manifest(experiment, written, entries, root, reproducible)
+    entries += [write(folder, path, make()) for path, make in documents(recipe, written, root).items()]
+    made_manifest = _manifest(recipe, written, entries, root)
+    made_manifest["reproducible"] = "same-environment" if code and reproducible else reproducible
+    made_manifest["code"] = list(code)
+    made_manifest["checksum"] = manifest.checksum(made_manifest)
     write(folder, manifest.PATH, metadata.as_json(made_manifest))
     return made_manifest
 
 
-def documents(experiment: Experiment, written: list[Written], root: str) -> dict[str, Callable[[], bytes]]:
+def documents(recipe: Recipe, written: list[Written], root: str) -> dict[str, Callable[[], bytes]]:
     """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
     return {
-        "meta/info.json": lambda: metadata.as_json(metadata.info(experiment, written)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(experiment, written),
-        "meta/stats.json": lambda: metadata.as_json(
-            metadata.stats(experiment, layout(experiment).names, written)
-        ),
-        "meta/experiment.yaml": lambda: as_yaml(experiment),
-        manifest.CARD: lambda: card(experiment, written, root),
+        "meta/info.json": lambda: metadata.as_json(metadata.info(recipe, written)),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(recipe, written),
+        "meta/stats.json": lambda: metadata.as_json(metadata.stats(recipe, written)),
+        **{path: partial(as_yaml, e) for path, e in experiment_files(recipe).items()},
+        manifest.CARD: lambda: card(recipe, written, root),
     }
+
+
+def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
+    """The resolved experiments by their paths; a merged dataset has several."""
+    if len(recipe.experiments) == 1:
+        return {manifest.EXPERIMENT: recipe.experiments[0]}
+    return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(recipe.experiments)}
 
 
 def versions() -> dict[str, str]:
@@ -59,34 +74,36 @@ def versions() -> dict[str, str]:
     }
 
 
-def root_of(experiment: Experiment, written: list[Written]) -> str:
+def root_of(recipe: Recipe, written: list[Written]) -> str:
     """The content root of shards in order."""
-    digests = [digest for w in written for digest in w.content.digests]
-    cells = experiment.cells
     return content_root(
-        ((c.name, c.dtype) for c in columns(experiment)),
-        ((cells[i // experiment.episodes].digest, i % experiment.episodes, d) for i, d in enumerate(digests)),
+        ((c.name, c.dtype) for c in columns(recipe.experiments[0])),
+        (episode for w in written for episode in addressed(recipe, w.shard, w.content.digests)),
     )
 
 
-def _manifest(
-    experiment: Experiment, written: list[Written], entries: list[FileEntry], root: str, reproducible: bool
-) -> dict[str, Any]:
-    content = {
+def addressed(recipe: Recipe, shard: Shard, digests: list[bytes]) -> Iterator[tuple[bytes, int, bytes]]:
+    """Cell, index in the cell and digest of each episode of a shard."""
+    experiment = recipe.of_shard(shard)
+    for i, digest in enumerate(digests, shard.first):
+        yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
+
+
+def _manifest(recipe: Recipe, written: list[Written], entries: list[FileEntry], root: str) -> dict[str, Any]:
+    return {
         "format": manifest.FORMAT,
         "version": manifest.VERSION,
         "data_version": manifest.DATA_VERSION,
-        "name": experiment.name,
         "content_root": root,
-        "reproducible": reproducible,
-        "experiment": experiment.plain(),
-        "rows": experiment.rows,
+        **recipe.plain(),
+        "rows": recipe.rows,
         "clipped_actions": sum(w.content.clipped for w in written),
         "shards": [
             {
                 "path": w.entry.path,
-                "rows": (w.shard.stop - w.shard.first) * experiment.steps,
-                "episodes": [w.shard.first, w.shard.stop],
+                "rows": (w.shard.stop - w.shard.first) * recipe.of_shard(w.shard).steps,
+                "experiment": w.shard.experiment,
+                "episodes": [w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset],
                 "splits": list(w.shard.splits),
                 "content": content_of(w.content.digests),
             }
@@ -95,4 +112,3 @@ def _manifest(
         "files": [entry._asdict() for entry in entries],
         "versions": versions(),
     }
-    return {**content, "checksum": manifest.checksum(content)}

@@ -15,44 +15,75 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset.files import sync_folder
-from ibdata.errors import DatasetError
+from ibdata.dataset import shape
+from ibdata.dataset.files import plain_bytes, sync_folder
+from ibdata.errors import DatasetError, printable
 
 PATH = "meta/manifest.json"
-METADATA = ("meta/info.json", "meta/episodes.parquet", "meta/stats.json", "meta/experiment.yaml")
+EXPERIMENT = "meta/experiment.yaml"
+METADATA = ("meta/info.json", "meta/episodes.parquet", "meta/stats.json", EXPERIMENT)
 CARD = "README.md"
 NEXT = ".next"
 NEW = ".new"
 FORMAT = "ibdata-manifest"
 VERSION = 1
 DATA_VERSION = 1  # raised whenever the same experiment gives other bytes
-SAFE_PATH = re.compile(r"(README\.md|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})")
+SAFE_PATH = re.compile(shape.SAFE_PATH)
+MAX_BYTES = 2**32  # of a JSON file, which is read whole
+
+
+class NewerError(DatasetError):
+    """A newer ibdata made the dataset."""
 
 
 def read(folder: Path) -> dict[str, Any]:
     """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
-    path = locate(folder, PATH)
     try:
-        data = json.loads(content(folder, PATH))
+        data = _loaded(folder, PATH, "a manifest")
     except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(f"{folder}: no finished dataset here: {PATH} is missing") from None
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: found no valid JSON ({error}), expected a manifest") from None
+    path = locate(folder, PATH)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise DatasetError(f"{path}: found another format, expected {FORMAT}")
     if data.get("version") != VERSION:
-        raise DatasetError(
-            f"{path}: found version {data.get('version')}, expected {VERSION}; use a newer ibdata"
-        )
+        found = printable(repr(data.get("version")))[:60]
+        raise NewerError(f"{path}: found version {found}, expected {VERSION}; use a newer ibdata")
     if data.get("checksum") != checksum(data):
         raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
-    paths = [entry["path"] for key in ("files", "shards") for entry in data[key]]
-    unsafe = [path for path in paths if not SAFE_PATH.fullmatch(path)]
-    if unsafe:
-        raise DatasetError(f"{path}: found the path {unsafe[0]!r}, expected paths in data/ and meta/")
-    return data
+    return _of_shape(path, shape.Manifest, data)
+
+
+def read_json(folder: Path, path: str, form: type[shape.Shape]) -> dict[str, Any]:
+    """A JSON file of a dataset; DatasetError where it is missing, unreadable, or of another shape."""
+    try:
+        data = _loaded(folder, path, "JSON")
+    except (FileNotFoundError, NotADirectoryError):
+        raise DatasetError(f"{folder / path}: missing; ibdata repair {folder}") from None
+    return _of_shape(folder / path, form, data)
+
+
+def _loaded(folder: Path, path: str, what: str) -> Any:
+    place = locate(folder, path)
+    try:
+        return json.loads(content(folder, path), parse_constant=_no_constant)
+    except (FileNotFoundError, NotADirectoryError):
+        raise
+    except OSError as error:
+        raise DatasetError(f"{place}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{place}: found no valid JSON ({error}), expected {what}") from None
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
+    wrong = shape.misfit(form, data)
+    if wrong is not None:
+        raise DatasetError(f"{path}: {wrong}")
+    whole: dict[str, Any] = data
+    return whole
 
 
 def locate(folder: Path, path: str) -> Path:
@@ -64,9 +95,9 @@ def locate(folder: Path, path: str) -> Path:
 def content(folder: Path, path: str) -> bytes:
     """What is in a file of the dataset; also while a replacement moves it to its place."""
     try:
-        return locate(folder, path).read_bytes()
+        return plain_bytes(locate(folder, path), MAX_BYTES)
     except FileNotFoundError:
-        return locate(folder, path).read_bytes()
+        return plain_bytes(locate(folder, path), MAX_BYTES)
 
 
 def outgoing(folder: Path) -> set[str]:
@@ -91,6 +122,8 @@ def settle(folder: Path) -> None:
     """Move what counts from `.new` to its place, and remove what only the old manifest lists."""
     new = folder / NEW
     if (new / PATH).is_file():
+        if (folder / PATH).is_dir():
+            raise DatasetError(f"{folder / PATH}: found a folder, expected a file; move it away")
         listed = {file["path"] for file in read(folder)["files"]}
         old = _listed(folder / PATH)
         for path in sorted(listed):
@@ -113,7 +146,7 @@ def _move(source: Path, target: Path) -> None:
 def _listed(path: Path) -> set[str]:
     """The safe paths that the manifest being replaced lists; none if it cannot be read."""
     try:
-        files = json.loads(path.read_bytes())["files"]
+        files = json.loads(plain_bytes(path, MAX_BYTES))["files"]
         return {file["path"] for file in files if SAFE_PATH.fullmatch(file["path"])}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()

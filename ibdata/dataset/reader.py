@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
+import pyarrow.compute as pc
 
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Runs = list[tuple[int, int]]
 
 
 class Dataset:
@@ -45,18 +46,18 @@ class Dataset:
     @cached_property
     def info(self) -> dict[str, Any]:
         """meta/info.json: columns with roles, units and bounds; counts; splits."""
-        return self._json("meta/info.json")
+        return manifest.read_json(self.path, "meta/info.json", shape.Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
-        stats = self._json("meta/stats.json")
+        stats = manifest.read_json(self.path, "meta/stats.json", shape.Stats)
         columns: dict[str, Any] = stats["all"] if split is None else stats["splits"][self._known(split)]
         return columns
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = _read(manifest.locate(self.path, "meta/episodes.parquet"), None).to_pandas()
+        frame: pd.DataFrame = read_episodes(self.path).to_pandas()
         return frame
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
@@ -65,7 +66,11 @@ class Dataset:
         Raises UsageError for a column or a split that the dataset does not have.
         """
         names = self._columns(columns)
-        return pa.concat_tables([_read(file, names) for file in self._files(split)]).unify_dictionaries()
+        parts = []
+        for file, runs in self._files(split):
+            whole = parquet.read(file, names)
+            parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
+        return pa.concat_tables(parts).unify_dictionaries()
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
         """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
@@ -109,13 +114,6 @@ class Dataset:
             **out,
         }
 
-    def _json(self, path: str) -> dict[str, Any]:
-        try:
-            data: dict[str, Any] = json.loads(manifest.content(self.path, path))
-        except (OSError, ValueError) as error:
-            raise DatasetError(f"{self.path / path}: cannot be read: {error}") from None
-        return data
-
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column["name"] for column in self.info["columns"]]
         if columns is None:
@@ -127,13 +125,31 @@ class Dataset:
             raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
         return list(columns)
 
-    def _files(self, split: str | None) -> list[Path]:
-        """The files of the dataset, or of a split, in order."""
+    def _files(self, split: str | None) -> list[tuple[Path, Runs | None]]:
+        """The files of the dataset, or of a split, in order; of those that hold more, runs of rows."""
         shards = [shard["path"] for shard in self.manifest["shards"]]
-        if split is not None:
-            files = self.info["splits"][self._known(split)]["files"]
-            shards = [path for path in shards if path in files]
-        return [manifest.locate(self.path, path) for path in shards]
+        if split is None:
+            return [(manifest.locate(self.path, path), None) for path in shards]
+        files = self.info["splits"][self._known(split)]["files"]
+        if files is not None:
+            return [(manifest.locate(self.path, path), None) for path in shards if path in set(files)]
+        runs = self._runs(split)
+        return [(manifest.locate(self.path, shards[number]), runs[number]) for number in sorted(runs)]
+
+    def _runs(self, split: str) -> dict[int, Runs]:
+        """The rows of a split in each shard, as runs start … stop - 1."""
+        table = read_episodes(self.path, ["splits", "shard", "row_start", "row_stop"])
+        offsets = table["splits"].combine_chunks().offsets.to_numpy()
+        hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(table["splits"]), split).to_numpy())])
+        inside = np.flatnonzero(hits[offsets[1:]] > hits[offsets[:-1]])
+        runs: dict[int, Runs] = {}
+        columns = (table[name].to_numpy()[inside].tolist() for name in ("shard", "row_start", "row_stop"))
+        for shard, start, stop in zip(*columns, strict=True):
+            own = runs.setdefault(shard, [])
+            if own and own[-1][1] == start:
+                start = own.pop()[0]
+            own.append((start, stop))
+        return runs
 
     def _known(self, split: str) -> str:
         """The split itself, if the dataset has it."""
@@ -144,22 +160,13 @@ class Dataset:
         return split
 
 
-@contextmanager
-def _readable(file: Path) -> Iterator[None]:
-    """What cannot be read, as one line."""
-    try:
-        yield
-    except (OSError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0]
-        raise DatasetError(f"{file}: cannot be read, see ibdata validate: {reason}") from None
-
-
-def _read(file: Path, names: list[str] | None) -> pa.Table:
-    with _readable(file):
-        return pq.read_table(file, columns=names, page_checksum_verification=True)
-
-
-def _batches(files: list[Path], names: list[str], batch_rows: int) -> Iterator[pa.RecordBatch]:
-    for file in files:
-        with _readable(file), pq.ParquetFile(file, page_checksum_verification=True) as parquet:
-            yield from parquet.iter_batches(batch_rows, columns=names)
+def _batches(files: list[tuple[Path, Runs | None]], names: list[str], rows: int) -> Iterator[pa.RecordBatch]:
+    for file, runs in files:
+        first = 0
+        for batch in parquet.batches(file, names, rows):
+            stop = first + batch.num_rows
+            for start, end in [(first, stop)] if runs is None else runs:
+                low, high = max(start, first), min(end, stop)
+                if low < high:
+                    yield batch.slice(low - first, high - low)
+            first = stop

@@ -1,4 +1,7 @@
-"""What is kept of each shard of a run that is not finished yet, so that it can be resumed."""
+"""What is kept of each shard of a run that is not finished yet, so that it can be resumed.
+
+Only experiments are run like that, and those have no later splits.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,7 @@ def get(folder: Path, identity: str, shard: Shard) -> Written | None:
     with np.load(io.BytesIO(data[32:]), allow_pickle=False) as arrays:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
         entry = FileEntry(*header["entry"])
-        if header["identity"] != identity or header["shard"] != [*shard[:3], list(shard.splits)]:
+        if header["identity"] != identity or header["shard"] != json.loads(json.dumps(shard)):
             return None
         if file_sha256(folder / entry.path) != entry.sha256:
             return None
@@ -67,5 +70,6 @@ def get(folder: Path, identity: str, shard: Shard) -> Written | None:
             Moments(header["rows"], *arrays["moments"]),
             arrays["sample"],
             header["clipped"],
+            {},
         )
     return Written(shard, entry, content)

@@ -105,7 +105,7 @@ def _indices(experiment: Experiment, shard: Shard) -> dict[str, npt.NDArray[Any]
     last = np.zeros((n, steps), dtype=np.bool_)
     last[:, -1] = True
     return {
-        "episode": np.repeat(np.arange(shard.first, shard.stop, dtype=np.int64), steps),
+        "episode": np.repeat(np.arange(shard.first, shard.stop, dtype=np.int64) + shard.offset, steps),
         "step": np.tile(np.arange(steps, dtype=np.int32), n),
         "terminated": np.zeros(n * steps, dtype=np.bool_),
         "truncated": last.reshape(-1),

@@ -18,6 +18,7 @@ from ibdata.dataset.statistics import Floats, Moments, moments, sample_stride, s
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import Columns, rollout
 
 
@@ -29,6 +30,7 @@ class Content(NamedTuple):
     moments: Moments  # of the float columns
     sample: Table  # of the float columns, for quantiles
     clipped: int
+    labelled: dict[str, tuple[Moments, Table]]  # moments and sample of each split that is not whole files
 
 
 class Written(NamedTuple):
@@ -39,12 +41,14 @@ class Written(NamedTuple):
     content: Content
 
 
-def write_shard(experiment: Experiment, shard: Shard, folder: Path) -> Written:
-    """Simulate a shard and commit it to its file."""
-    floats = rollout(experiment, shard.first, shard.stop)
+def write_shard(recipe: Recipe, shard: Shard, folder: Path, floats: Columns | None = None) -> Written:
+    """Commit a shard to its file: simulated, or with these columns."""
+    experiment = recipe.of_shard(shard)
+    if floats is None:
+        floats = rollout(experiment, shard.first, shard.stop)
     # Hashing and encoding both let go of Python's lock: side by side they take less time.
     with ThreadPoolExecutor(1) as pool:
-        content = pool.submit(describe, experiment, shard, floats)
+        content = pool.submit(describe, recipe, shard, floats)
         with committed(folder, shard.file) as file:
             encode(experiment, shard, floats, file)
     entry = FileEntry(shard.file, file.size, file.sha256())
@@ -63,8 +67,9 @@ def content_of(digests: list[bytes]) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def describe(experiment: Experiment, shard: Shard, floats: Columns) -> Content:
+def describe(recipe: Recipe, shard: Shard, floats: Columns) -> Content:
     """Digests, returns and statistics of a shard; IbdataError where a value is not finite."""
+    experiment = recipe.of_shard(shard)
     parts = moments(floats.table)
     finite = np.isfinite(parts.squares)
     finite[floats.names.index("action_log_prob")] = True  # a custom policy may not know its density
@@ -76,6 +81,23 @@ def describe(experiment: Experiment, shard: Shard, floats: Columns) -> Content:
         episode_digests(digest_runs(experiment, shard, floats), [experiment.steps] * episodes),
         sums(floats.table[floats.names.index("reward")], experiment.steps),
         parts,
-        np.ascontiguousarray(floats.table[:, :: sample_stride(parts.rows, experiment.rows)]),
+        _sample(floats.table, experiment),
         floats.clipped,
+        _labelled(recipe, shard, floats.table),
     )
+
+
+def _sample(table: Table, experiment: Experiment) -> Table:
+    return np.ascontiguousarray(table[:, :: sample_stride(table.shape[1], experiment.rows)])
+
+
+def _labelled(recipe: Recipe, shard: Shard, table: Table) -> dict[str, tuple[Moments, Table]]:
+    """Moments and sample of the rows of each later split."""
+    experiment = recipe.of_shard(shard)
+    parts: dict[str, list[Table]] = {}
+    for first, stop, names in recipe.runs(shard) if recipe.later else ():
+        rows = slice((first - shard.first) * experiment.steps, (stop - shard.first) * experiment.steps)
+        for name in recipe.later.keys() & set(names):
+            parts.setdefault(name, []).append(table[:, rows])
+    joined = {name: np.concatenate(tables, axis=1) for name, tables in parts.items()}
+    return {name: (moments(part), _sample(part, experiment)) for name, part in joined.items()}

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from functools import reduce
+from collections.abc import Callable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from ibdata.dataset import manifest
-from ibdata.dataset.digest import content_root
+from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of
+from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.files import file_sha256
 from ibdata.dataset.metadata import as_json
 from ibdata.dataset.rules import Problem, check_shard, nulls
-from ibdata.dataset.statistics import Moments, merged, moments
 from ibdata.errors import DatasetError
+
+METADATA: dict[str, Callable[[Path], Any]] = {
+    "meta/info.json": lambda folder: manifest.read_json(folder, "meta/info.json", shape.Info),
+    "meta/episodes.parquet": read_episodes,
+    "meta/stats.json": lambda folder: manifest.read_json(folder, "meta/stats.json", shape.Stats),
+}
 
 
 def validate(folder: Path, quick: bool = False) -> list[Problem]:
@@ -39,7 +41,7 @@ def validate(folder: Path, quick: bool = False) -> list[Problem]:
     if quick:
         return problems
     damaged = {problem.path for problem in problems}
-    if damaged & set(manifest.METADATA):
+    if damaged & set(METADATA):
         return problems
     return [*problems, *_contents(folder, listed, damaged)]
 
@@ -63,42 +65,33 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
 
 
 def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
-    info = json.loads(manifest.locate(folder, "meta/info.json").read_bytes())
-    episodes = pq.read_table(manifest.locate(folder, "meta/episodes.parquet"))
-    yield from _metadata(listed, info, episodes)
+    read: dict[str, Any] = {}
+    for path, reader in METADATA.items():
+        try:
+            read[path] = reader(folder)
+        except DatasetError as error:
+            yield Problem(path, None, "metadata", str(error))
+    if len(read) < len(METADATA):
+        return
+    info, episodes, stats = read.values()
+    problems = list(check_metadata(listed, info, episodes, stats))
+    yield from problems
+    if any(problem.rule == "shape" for problem in problems):
+        return
     shard_of = episodes["shard"].to_numpy()
-    floats = [c["name"] for c in info["columns"] if c["dtype"].startswith("float")]
-    parts: list[tuple[dict[str, Any], Moments]] = []
+    parts: list[Part] = []
     for number, shard in enumerate(listed["shards"]):
         if shard["path"] in damaged:
             continue
-        table, problems = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
+        own = episodes.filter(pa.array(shard_of == number))
+        table, wrong = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
         if table is not None:
-            own = episodes.filter(pa.array(shard_of == number))
-            problems += check_shard(table, shard, info, own)
-        yield from problems
-        if table is not None and not problems:
-            parts.append((shard, moments(np.stack([table[name].to_numpy() for name in floats]))))
+            wrong += check_shard(table, shard, info, own)
+        yield from wrong
+        if table is not None and not wrong:
+            parts.append(moments_of(table, shard, info, own))
     if len(parts) == len(listed["shards"]):
-        stats = json.loads(manifest.locate(folder, "meta/stats.json").read_bytes())
-        yield from _statistics(stats, floats, parts)
-
-
-def _metadata(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> Iterator[Problem]:
-    """Counts and the content root, from the table of episodes."""
-    lengths = episodes["length"].to_numpy()
-    counts = {"rows": int(lengths.sum()), "episodes": len(lengths), "shards": len(listed["shards"])}
-    for name, count in counts.items():
-        if info["counts"][name] != count:
-            yield Problem(
-                "meta/info.json", None, "counts", f"{name}: found {info['counts'][name]}, expected {count}"
-            )
-    cells = [bytes.fromhex(cell) for cell in episodes["cell"].to_pylist()]
-    digests = episodes["digest"].to_pylist()
-    described = [(column["name"], column["dtype"]) for column in info["columns"]]
-    root = content_root(described, zip(cells, episodes["index"].to_pylist(), digests, strict=True))
-    if root != listed["content_root"]:
-        yield Problem(manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}")
+        yield from check_statistics(stats, info, parts)
 
 
 def _readable(
@@ -106,10 +99,9 @@ def _readable(
 ) -> tuple[pa.Table | None, list[Problem]]:
     """The table of a shard that has the columns it should have, or why there is none."""
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
-    except (OSError, pa.ArrowException) as error:
-        reason = f"cannot be read: {str(error).splitlines()[0]}"
-        return None, [Problem(shard["path"], None, "parquet", reason)]
+        table = parquet.read(path)
+    except DatasetError as error:
+        return None, [Problem(shard["path"], None, "parquet", str(error))]
     found = [(field.name, _plain_type(field.type)) for field in table.schema]
     expected = [(column["name"], column["dtype"]) for column in described]
     if found != expected:
@@ -118,25 +110,6 @@ def _readable(
         return None, [Problem(shard["path"], None, "schema", f"found column {wrong}, expected {right}")]
     missing = [Problem(shard["path"], row, "nulls", message) for row, message in nulls(table)]
     return (None if missing else table), missing
-
-
-def _statistics(
-    stats: dict[str, Any], names: list[str], parts: list[tuple[dict[str, Any], Moments]]
-) -> Iterator[Problem]:
-    """Counts, means, deviations and ranges in stats.json, over all rows and over each split."""
-    for split, listed in {None: stats["all"], **stats["splits"]}.items():
-        own = [part for shard, part in parts if split is None or split in shard["splits"]]
-        total = reduce(merged, own)
-        for i, name in enumerate(names):
-            std = np.sqrt(total.squares[i] / total.rows)
-            expected = {"count": total.rows, "mean": total.mean[i], "std": std, "min": total.low[i]}
-            expected["max"] = total.high[i]
-            for key, value in expected.items():
-                found = listed[name][key]
-                if np.isfinite(value) and not np.isclose(found, value, rtol=1e-9, atol=1e-9):
-                    where = name if split is None else f"split {split}: {name}"
-                    message = f"{where}: {key}: found {found}, expected {value}"
-                    yield Problem("meta/stats.json", None, "statistics", message)
 
 
 def _plain_type(kind: pa.DataType) -> str:

@@ -16,6 +16,7 @@ from ibdata.engines.lock import refuse_busy
 from ibdata.engines.warmup import warm_up
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard, plan
+from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import rollout
 
 SAMPLE_ROWS = 100_000
@@ -64,7 +65,7 @@ def _sample(experiment: Experiment) -> tuple[float, float]:
         file = HashingFile(io.BytesIO())
         floats = rollout(small, shard.first, shard.stop)
         encode(small, shard, floats, file)
-        describe(small, shard, floats)
+        describe(Recipe.of(small), shard, floats)
         size += file.size
     rows = parts * width * steps
     return size / rows, (time.perf_counter() - start) / rows

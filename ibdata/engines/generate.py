@@ -19,7 +19,7 @@ from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.plan import plan
+from ibdata.experiment.recipe import Recipe
 
 MAX_WORKERS = 1024
 
@@ -106,17 +106,18 @@ def _run(
     try:
         target.begin(root, experiment, overwrite)
         identity = target.identity(experiment)
-        shards = plan(experiment)
+        recipe = Recipe.of(experiment)
+        shards = recipe.shards
         written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
         done = {w.shard.number for w in written}
         missing = [shard for shard in shards if shard.number not in done]
         disable = None if progress is None else not progress
         with tqdm(total=experiment.rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
             bar.update(sum(w.content.moments.rows for w in written))
-            for w in local.run(experiment, missing, root, identity, workers):
+            for w in local.run(recipe, missing, root, identity, workers):
                 written.append(w)
                 bar.update(w.content.moments.rows)
-        finish(experiment, written, root, reproducible)
+        finish(recipe, written, root, reproducible)
     except BaseException:
         target.abandon(root)
         raise

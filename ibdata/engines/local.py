@@ -14,18 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import receipt
+from ibdata.dataset.files import sweep
 from ibdata.dataset.shard import Written, write_shard
 from ibdata.engines.signals import check, held
 from ibdata.errors import IbdataError
-from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
 
 MAX_DEATHS = 3  # of workers, without a shard finished in between
 
 
-def run(
-    experiment: Experiment, shards: list[Shard], root: Path, identity: str, workers: int
-) -> Iterator[Written]:
+def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
     A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
@@ -33,18 +32,20 @@ def run(
     """
     if workers == 1 or len(shards) <= 1:
         for shard in shards:
-            yield _written(experiment, shard, root, identity)
+            yield _written(recipe, shard, root, identity)
             check()
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
     while missing:
         try:
-            for written in _pool(experiment, list(missing.values()), root, identity, workers):
+            for written in _pool(recipe, list(missing.values()), root, identity, workers):
                 del missing[written.shard.number]
                 deaths = 0
                 yield written
         except BrokenProcessPool:
+            for part in ("data", receipt.FOLDER):  # what the dead had begun
+                sweep(root / part)
             deaths += 1
             if deaths == MAX_DEATHS:
                 first = next(iter(missing.values()))
@@ -54,9 +55,7 @@ def run(
                 ) from None
 
 
-def _pool(
-    experiment: Experiment, shards: list[Shard], root: Path, identity: str, workers: int
-) -> Iterator[Written]:
+def _pool(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
     before = set(multiprocessing.active_children())
     # spawn: a forked child would inherit threads, open files and the lock of whoever calls the library
     with held():
@@ -64,7 +63,7 @@ def _pool(
             min(workers, len(shards)),
             multiprocessing.get_context("spawn"),
             initializer=_start,
-            initargs=(experiment.plain(), root, identity),
+            initargs=(recipe.plain(), root, identity),
         )
     waiting = iter(shards)
     running: set[Future[Written]] = set()
@@ -93,7 +92,7 @@ def _one(shards: Iterator[Shard]) -> list[Shard]:
     return [shard for _, shard in zip(range(1), shards, strict=False)]
 
 
-_job: list[Any] = []  # a worker's experiment, folder and identity, set once when it starts
+_job: list[Any] = []  # a worker's recipe, folder and identity, set once when it starts
 
 
 def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
@@ -101,7 +100,7 @@ def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _job[:] = [Experiment.model_validate(plain), root, identity]
+    _job[:] = [Recipe.from_plain(plain), root, identity]
 
 
 def _end_with_parent() -> None:
@@ -113,11 +112,11 @@ def _end_with_parent() -> None:
 
 
 def _work(shard: Shard) -> Written:
-    experiment, root, identity = _job
-    return _written(experiment, shard, root, identity)
+    recipe, root, identity = _job
+    return _written(recipe, shard, root, identity)
 
 
-def _written(experiment: Experiment, shard: Shard, root: Path, identity: str) -> Written:
-    written = write_shard(experiment, shard, root)
+def _written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
+    written = write_shard(recipe, shard, root)
     receipt.put(root, identity, written)
     return written

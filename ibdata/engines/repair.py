@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ibdata.columns import columns
-from ibdata.dataset import manifest, metadata
+from ibdata.dataset import manifest, metadata, parquet
 from ibdata.dataset.digest import episode_digests, table_runs
 from ibdata.dataset.files import FileEntry, file_sha256, write
 from ibdata.dataset.finish import documents, finish, versions
@@ -21,25 +19,28 @@ from ibdata.dataset.shard import Content, Written, content_of, describe
 from ibdata.dataset.statistics import Moments
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
+from ibdata.engines.code import recipe_of, refuse_code
 from ibdata.engines.generate import refusals, worker_count
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.plan import Shard, plan
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import rollout
 
 EMPTY = Moments(0, *(np.empty(0) for _ in range(4)))
 NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 
 
-def repair(folder: str | os.PathLike[str], workers: int | None = None) -> list[str]:
+def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again; their paths.
 
     Only those are touched, and only if what was made again has the content that the manifest lists. A
     damaged manifest is made again from meta/experiment.yaml, if the shards prove that it is theirs. Where
     pyarrow writes other bytes than the version that made the dataset, the manifest gets the new hashes.
+    allow_code lets custom policies run, which promise the same bits in the same environment only.
 
     Raises DatasetError where there is no dataset, or what was made again is not what was there.
     """
@@ -52,9 +53,11 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None) -> list[s
         manifest.settle(path)
         try:
             listed = manifest.read(path)
+        except manifest.NewerError:
+            raise
         except DatasetError:
-            return _rebuild(path, processes)
-        return _mend(path, listed, processes)
+            return _rebuild(path, processes, allow_code)
+        return _mend(path, listed, processes, allow_code)
 
 
 @contextmanager
@@ -67,16 +70,17 @@ def _nothing_left(folder: Path) -> Iterator[None]:
         raise
 
 
-def _mend(folder: Path, listed: dict[str, Any], workers: int) -> list[str]:
+def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
     damaged = [problem.path for problem in check_files(folder, listed) if problem.path in entries]
     if not damaged:
         return []
-    experiment = Experiment.model_validate(listed["experiment"])
-    warm_up(experiment)
-    shards = plan(experiment)
-    made = _made_again(experiment, [s for s in shards if s.file in damaged], folder, workers)
+    recipe = recipe_of(folder, listed, allow_code)
+    for experiment in recipe.experiments:
+        warm_up(experiment)
+    shards = recipe.shards
+    made = _made_again(recipe, [s for s in shards if s.file in damaged], folder, workers)
     for shard, was in zip(shards, listed["shards"], strict=True):
         w = made.get(shard.number)
         if w is not None and content_of(w.content.digests) != was["content"]:
@@ -89,9 +93,9 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int) -> list[str]:
     lost = [path for path in damaged if not path.startswith("data/")]
     simulate = bool(NEEDS_CONTENT & set(lost))
     written = [
-        made.get(shard.number) or _known(experiment, shard, entries[shard.file], simulate) for shard in shards
+        made.get(shard.number) or _known(recipe, shard, entries[shard.file], simulate) for shard in shards
     ]
-    for path, make in documents(experiment, written, listed["content_root"]).items():
+    for path, make in documents(recipe, written, listed["content_root"]).items():
         if path in lost:
             entries[path] = write(folder / manifest.NEXT, path, make())
     files = [entry._asdict() for entry in entries.values()]
@@ -104,14 +108,16 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int) -> list[str]:
     return damaged
 
 
-def _rebuild(folder: Path, workers: int) -> list[str]:
+def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that do not have the experiment's content."""
-    experiment = load(folder / "meta/experiment.yaml")
-    reproducible = warm_up(experiment)
+    recipe = _told(folder)
+    refuse_code(recipe, folder, allow_code)
+    reproducible = all([warm_up(experiment) for experiment in recipe.experiments])
     whole: list[Written] = []
     wrong: list[Shard] = []
-    for shard in plan(experiment):
-        content = describe(experiment, shard, rollout(experiment, shard.first, shard.stop))
+    for shard in recipe.shards:
+        experiment = recipe.of_shard(shard)
+        content = describe(recipe, shard, rollout(experiment, shard.first, shard.stop))
         path = folder / shard.file
         if _digests_on_disk(path, experiment, shard) == content.digests:
             entry = FileEntry(shard.file, path.stat().st_size, file_sha256(path) or "")
@@ -123,31 +129,36 @@ def _rebuild(folder: Path, workers: int) -> list[str]:
             f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
             "prove that it is the dataset's; nothing was changed"
         )
-    made = _made_again(experiment, wrong, folder, workers)
-    finish(experiment, [*whole, *made.values()], folder / manifest.NEXT, reproducible)
+    made = _made_again(recipe, wrong, folder, workers)
+    finish(recipe, [*whole, *made.values()], folder / manifest.NEXT, reproducible)
     manifest.promote(folder)
     return [manifest.PATH, *(shard.file for shard in wrong)]
 
 
-def _made_again(
-    experiment: Experiment, shards: list[Shard], folder: Path, workers: int
-) -> dict[int, Written]:
+def _told(folder: Path) -> Recipe:
+    """What a dataset without a manifest is made of, as meta/experiment*.yaml say; later splits are lost."""
+    several = sorted((folder / "meta").glob("experiment-*.yaml"))
+    experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
+    return Recipe(experiments[0].name, experiments)
+
+
+def _made_again(recipe: Recipe, shards: list[Shard], folder: Path, workers: int) -> dict[int, Written]:
     """The shards, written under `.next`, by number."""
     root = folder / manifest.NEXT
     target.discard(root)
     root.mkdir()
-    made = {
-        w.shard.number: w for w in local.run(experiment, shards, root, target.identity(experiment), workers)
-    }
+    identity = target.identity(recipe.experiments[0])
+    made = {w.shard.number: w for w in local.run(recipe, shards, root, identity, workers)}
     target.end(root)
     return made
 
 
-def _known(experiment: Experiment, shard: Shard, entry: FileEntry, simulate: bool) -> Written:
+def _known(recipe: Recipe, shard: Shard, entry: FileEntry, simulate: bool) -> Written:
     """A shard whose file is whole, with its content where that is needed."""
-    content = Content([], np.empty(0), EMPTY, np.empty((0, 0)), 0)
+    content = Content([], np.empty(0), EMPTY, np.empty((0, 0)), 0, {})
     if simulate:
-        content = describe(experiment, shard, rollout(experiment, shard.first, shard.stop))
+        floats = rollout(recipe.of_shard(shard), shard.first, shard.stop)
+        content = describe(recipe, shard, floats)
     return Written(shard, entry, content)
 
 
@@ -155,9 +166,9 @@ def _digests_on_disk(path: Path, experiment: Experiment, shard: Shard) -> list[b
     """The digests of the episodes in a shard's file; None where it is not readable as such."""
     count = shard.stop - shard.first
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
+        table = parquet.read(path)
         described = [column._asdict() for column in columns(experiment)]
         firsts = list(range(0, count * experiment.steps, experiment.steps))
         return episode_digests(table_runs(table, described, firsts), [experiment.steps] * count)
-    except (OSError, pa.ArrowException, KeyError, IndexError):
+    except (DatasetError, ValueError, KeyError, IndexError):
         return None

@@ -62,7 +62,7 @@ def test_a_changed_manifest_does_not_fit_its_checksum(copied):
 )
 def test_a_path_out_of_the_folder_is_an_error(copied, kind, path):
     sealed(copied, lambda manifest: manifest[kind][0].update(path=path))
-    with pytest.raises(DatasetError, match=f"found the path '{path}', expected"):
+    with pytest.raises(DatasetError, match=f"path: found '{path}', expected a path in data"):
         ibdata.open(copied)
 
 
@@ -126,5 +126,5 @@ def test_damaged_metadata_are_an_error_that_names_the_file(copied, name, damage)
         "stats.json": lambda d: d.statistics(),
         "episodes.parquet": lambda d: d.episodes,
     }
-    with pytest.raises(DatasetError, match=f"{name}: cannot be read"):
+    with pytest.raises(DatasetError, match=f"{name}: (missing|cannot be read|found no valid JSON)"):
         calls[name](dataset)

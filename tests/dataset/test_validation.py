@@ -189,4 +189,4 @@ def test_many_broken_rows_are_one_problem_that_counts_them(copied):
 def test_validating_never_imports_what_a_config_names(copied, monkeypatch):
     """A dataset says nothing that is run: only ibdata's own modules are there."""
     assert validate(copied) == []
-    assert ibdata.open(copied).manifest["experiment"]["name"] == "small"
+    assert ibdata.open(copied).manifest["experiments"][0]["name"] == "small"

@@ -98,7 +98,7 @@ def test_a_whole_dataset_is_left_alone(copied):
 def test_what_is_made_again_with_other_content_changes_nothing(copied):
     """The manifest is of another seed than its experiment says."""
     listed = json.loads((copied / manifest.PATH).read_bytes())
-    listed["experiment"]["seed"] = 1
+    listed["experiments"][0]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
     (copied / manifest.PATH).write_bytes(as_json(listed))
     damage(copied / "data/part-00000.parquet", "cut")
@@ -131,7 +131,7 @@ def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
 
 def test_an_episode_that_is_not_reproduced_is_named(copied):
     listed = json.loads((copied / manifest.PATH).read_bytes())
-    listed["experiment"]["seed"] = 1
+    listed["experiments"][0]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
     (copied / manifest.PATH).write_bytes(as_json(listed))
     count, problems = reproduce(copied, "4-5")

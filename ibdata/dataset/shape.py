@@ -1,0 +1,137 @@
+"""The shape of the JSON files of a dataset, checked before anything in them is believed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from ibdata.errors import printable
+
+SAFE_PATH = r"^(README\.md|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})$"
+SHA256 = "^[0-9a-f]{64}$"
+MEANT = {SAFE_PATH: "a path in data/ or meta/", SHA256: "64 hex digits"}
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Sha256 = Annotated[str, Field(pattern=SHA256)]
+Path = Annotated[str, Field(pattern=SAFE_PATH)]
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+
+
+class Shape(BaseModel):
+    """A JSON object with just these keys."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class File(Shape):
+    path: Path
+    bytes: Count
+    sha256: Sha256
+
+
+class Shard(Shape):
+    path: Path
+    rows: Annotated[int, Field(ge=1, lt=2**63)]
+    experiment: Count
+    episodes: Annotated[list[Count], Field(min_length=2, max_length=2)]
+    splits: list[Name]
+    content: Sha256
+
+
+class Code(Shape):
+    target: str
+    version: str | None
+    sha256: Sha256 | None
+
+
+class Manifest(Shape):
+    """meta/manifest.json."""
+
+    format: Literal["ibdata-manifest"]
+    version: Literal[1]
+    data_version: Count
+    content_root: Sha256
+    reproducible: bool | Literal["same-environment"]
+    name: Name
+    experiments: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    splits: dict[Name, dict[str, Any]]
+    rows: Count
+    clipped_actions: Count
+    shards: Annotated[list[Shard], Field(min_length=1)]
+    files: Annotated[list[File], Field(min_length=1)]
+    versions: dict[str, str]
+    code: list[Code]
+    checksum: Sha256
+
+
+class Counts(Shape):
+    rows: Count
+    episodes: Count
+    steps: Count | None
+    cells: Count
+    shards: Count
+    data_bytes: Count
+
+
+class SplitCounts(Shape):
+    episodes: Count
+    rows: Count
+    files: list[Path] | None
+
+
+class Column(Shape):
+    name: Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
+    role: Annotated[str, Field(pattern="^[a-z_]{1,63}$")]
+    dtype: Literal["int64", "int32", "float32", "float64", "bool", "string"]
+    unit: str
+    low: float | None
+    high: float | None
+    description: str
+
+
+class Info(Shape):
+    """meta/info.json."""
+
+    format: Literal["ibdata-dataset"]
+    version: Literal[1]
+    name: Name
+    dynamics: str | dict[str, Any] | None
+    drifting: bool
+    counts: Counts
+    splits: dict[Name, SplitCounts]
+    groups: dict[str, list[str]]
+    columns: Annotated[list[Column], Field(min_length=1)]
+
+
+class Statistic(Shape):
+    count: Count
+    mean: float | None
+    std: float | None
+    min: float | None
+    max: float | None
+    quantiles: dict[str, float | None]
+
+
+class Stats(Shape):
+    """meta/stats.json."""
+
+    format: Literal["ibdata-stats"]
+    version: Literal[1]
+    all: dict[str, Statistic]
+    splits: dict[Name, dict[str, Statistic]]
+
+
+def misfit(shape: type[Shape], data: Any) -> str | None:
+    """Where JSON data are not of a shape, and why; None where they are."""
+    try:
+        TypeAdapter(shape).validate_python(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "top"
+        if first["type"] == "missing":
+            return f"{printable(where)}: missing, expected a value"
+        found = printable(repr(first["input"]))[:60]
+        expected = MEANT.get(first.get("ctx", {}).get("pattern", ""), first["msg"])
+        return f"{printable(where)}: found {found}, expected {expected}"
+    return None

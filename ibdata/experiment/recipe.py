@@ -1,0 +1,96 @@
+"""What a dataset is made of: one experiment, or several that were merged, and the splits declared since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from ibdata.experiment.fields import Split
+from ibdata.experiment.models import Experiment
+from ibdata.experiment.plan import Shard, plan, segments
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Experiments, one after another; `later` are splits that label episodes without files of their own."""
+
+    name: str
+    experiments: tuple[Experiment, ...]
+    later: Mapping[str, Split] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, experiment: Experiment) -> Recipe:
+        """That of a dataset as `generate` makes it."""
+        return cls(experiment.name, (experiment,))
+
+    @classmethod
+    def from_plain(cls, data: Mapping[str, Any]) -> Recipe:
+        """The one that `plain` gave, or that a manifest holds."""
+        return cls(
+            data["name"],
+            tuple(Experiment.model_validate(experiment) for experiment in data["experiments"]),
+            {name: Split.model_validate(split) for name, split in data["splits"].items()},
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """Name, experiments and later splits as JSON holds them."""
+        return {
+            "name": self.name,
+            "experiments": [experiment.plain() for experiment in self.experiments],
+            "splits": {
+                name: split.model_dump(mode="json", exclude_none=True) for name, split in self.later.items()
+            },
+        }
+
+    @cached_property
+    def shards(self) -> list[Shard]:
+        """The shards of all experiments, in order."""
+        shards: list[Shard] = []
+        offset = 0
+        for i, experiment in enumerate(self.experiments):
+            first = len(shards)
+            shards += [
+                shard._replace(number=first + shard.number, experiment=i, offset=offset)
+                for shard in plan(experiment)
+            ]
+            offset += len(experiment.cells) * experiment.episodes
+        return shards
+
+    @property
+    def declared(self) -> list[str]:
+        """The names of the splits that are whole files, in order."""
+        return list(dict.fromkeys(name for e in self.experiments for name in e.splits))
+
+    @property
+    def rows(self) -> int:
+        """Transitions in the dataset."""
+        return sum(experiment.rows for experiment in self.experiments)
+
+    @property
+    def episodes(self) -> int:
+        """Episodes in the dataset."""
+        return sum(len(e.cells) * e.episodes for e in self.experiments)
+
+    @property
+    def labels(self) -> list[str]:
+        """The policies' labels, in order."""
+        return list(dict.fromkeys(label for e in self.experiments for label in e.labels))
+
+    def of_shard(self, shard: Shard) -> Experiment:
+        """The experiment that a shard belongs to."""
+        return self.experiments[shard.experiment]
+
+    def runs(self, shard: Shard) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+        """Runs first … stop - 1 of a shard's episodes, as its experiment counts, with all of their splits."""
+        for first, stop, names in self._later_segments[shard.experiment] if self.later else ():
+            first, stop = max(first, shard.first), min(stop, shard.stop)
+            if first < stop:
+                yield first, stop, (*shard.splits, *names)
+        if not self.later:
+            yield shard.first, shard.stop, shard.splits
+
+    @cached_property
+    def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:
+        return [segments(experiment, self.later) for experiment in self.experiments]
