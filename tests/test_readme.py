@@ -43,8 +43,8 @@ def test_the_experiment_shown_is_valid(tmp_path: Path):
     (shown,) = (block for language, block in BLOCKS if language == "yaml")
     (tmp_path / "mine.yaml").write_text(shown)
     experiment = load(tmp_path / "mine.yaml")
-    assert len(experiment.cells) == 6
-    assert experiment.labels == ("random", "safe", "constant")
+    assert len(experiment.cells) == 12
+    assert experiment.labels == ("random", "safe", "constant", "bad", "explored", "gaussian")
 
 
 def test_the_table_of_variants_names_every_field_and_both_values():

@@ -143,12 +143,13 @@ def _line(loc: Loc, message: str, document: Document, path: str, places: dict[Lo
 def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
     """The path without the parts that pydantic adds for the branches of unions."""
     out: list[str | int] = []
+    in_policy = False  # the next part is the kind of a policy, which may be a key as well
     for i, part in enumerate(loc):
         here = (isinstance(data, dict) and part in data) or (
             isinstance(data, list) and isinstance(part, int) and part < len(data)
         )
-        if i == 2 and loc[0] == "policies":
-            here = False  # the kind, which may be a key as well
+        here = here and not in_policy
+        in_policy = loc[0] == "policies" and (i == 1 or (part == "base" and here))
         if here:
             data = data[part]
         if here or (keep_last and i == len(loc) - 1):

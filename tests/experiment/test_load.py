@@ -12,14 +12,18 @@ from ibdata.experiment import Experiment, find, load, shipped
 from ibdata.policies import POLICIES
 
 KINDS = ", ".join(POLICIES)
+BASES = "bad, constant, mediocre, optimized, random, safe"
+FIXED = "bad, constant, mediocre, optimized"
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
 RESERVED = "a reserved name on some systems, expected another"
 
+WORDS = {"KINDS": KINDS, "KEYS": KEYS, "BASES": BASES, "FIXED": FIXED}
+
 # What stands in refused.txt: a line, and its problem indented below it.
 TABLE = Path(__file__).with_name("refused.txt").read_text(encoding="utf-8")
 REFUSED = {
-    line: problem.replace("{KINDS}", KINDS).replace("{KEYS}", KEYS)
+    line: re.sub(r"\{([A-Z]+)\}", lambda word: WORDS[word[1]], problem)
     for line, problem in re.findall(r"^(\w.*)\n    (.*)$", TABLE, flags=re.MULTILINE)
 }
 HOSTILE = [

@@ -16,6 +16,11 @@ SPECIAL = {
         "policies: [{kind: constant, action: [0.1, -1, 1e-7], name: 'null'}, {kind: safe, name: '0'}]",
         "splits: {'1': {policy: 'null'}, 'true': {policy: '0'}, on: {overlap: true}}",
     ],
+    "policies around others": [
+        "policies: [{kind: epsilon_greedy, base: {kind: constant, action: [0, 1, -0.1]}, epsilon: 0.2},"
+        " {kind: epsilon_greedy, base: {kind: bad}, epsilon: 1, per_dimension: true, name: a},"
+        " {kind: gaussian, base: {kind: optimized}, scale: 1e-3}]",
+    ],
     "drifting": ["name: 'on'", "setpoints: drifting", "start: uniform"],
     "drifting from several": ["setpoints: {drifting: [10, 0.1]}", "start: {burn_in: [0, 64]}"],
     "numbers at their ends": [
@@ -36,7 +41,9 @@ BAD = [
     "dynamics: {base: paper, eta_man: 1}", "start: {burn_in: [3]}", "output: {latent: yes}", "version: 2",
     "splits: {A: {}}", "splits: {a: {overlap: 1}}", "setpoints: 101", "setpoints: '70'",
     "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: []", "name: A", "version: true",
-    "output: {latent: 1}",
+    "output: {latent: 1}", "policies: [{kind: gaussian, base: {kind: safe}, scale: 1}]",
+    "policies: [{kind: epsilon_greedy, base: {kind: epsilon_greedy}, epsilon: 1}]",
+    "policies: [{kind: epsilon_greedy, base: {kind: bad}, epsilon: 2}]",
 ]  # fmt: skip
 special = pytest.mark.parametrize("lines", SPECIAL.values(), ids=SPECIAL)
 
