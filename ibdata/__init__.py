@@ -8,11 +8,29 @@ from ibdata.version import __version__
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
+    from ibdata.dataset.validation import validate
     from ibdata.engines.generate import generate
+    from ibdata.engines.merge import merge
+    from ibdata.engines.repair import repair
+    from ibdata.engines.reproduce import reproduce
+    from ibdata.engines.split import split
     from ibdata.errors import IbdataError
     from ibdata.experiment import Experiment, load
 
-__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "generate", "load", "open"]
+__all__ = [
+    "Dataset",
+    "Experiment",
+    "IbdataError",
+    "__version__",
+    "generate",
+    "load",
+    "merge",
+    "open",
+    "repair",
+    "reproduce",
+    "split",
+    "validate",
+]
 
 # Imported when first used, so that `ibdata --help` answers at once.
 _HOMES = {
@@ -21,7 +39,12 @@ _HOMES = {
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "generate": ("ibdata.engines.generate", "generate"),
     "load": ("ibdata.experiment", "load"),
+    "merge": ("ibdata.engines.merge", "merge"),
     "open": ("ibdata.dataset.reader", "Dataset"),
+    "repair": ("ibdata.engines.repair", "repair"),
+    "reproduce": ("ibdata.engines.reproduce", "reproduce"),
+    "split": ("ibdata.engines.split", "split"),
+    "validate": ("ibdata.dataset.validation", "validate"),
 }
 
 

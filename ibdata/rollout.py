@@ -195,7 +195,11 @@ class Block:
             raise PolicyError(
                 f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
             ) from error
+        if isinstance(given, np.ma.MaskedArray):
+            given = np.ma.filled(given.astype(np.float64), np.nan)
         try:
+            if np.iscomplexobj(given):
+                raise TypeError
             answer = np.asarray(given, dtype=np.float64)
         except (TypeError, ValueError):
             answer, wrong = None, f"found {repr(given)[:60]}, expected {what} of shape {shape}"

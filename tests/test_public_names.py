@@ -19,7 +19,12 @@ def test_the_names_of_ibdata():
         "__version__",
         "generate",
         "load",
+        "merge",
         "open",
+        "repair",
+        "reproduce",
+        "split",
+        "validate",
     ]
     assert all(hasattr(ibdata, name) for name in ibdata.__all__)
     assert ibdata.open is ibdata.Dataset

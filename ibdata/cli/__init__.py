@@ -11,8 +11,10 @@ import sys
 import threading
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from types import FrameType
+from typing import TextIO
 
 import click
 
@@ -52,6 +54,7 @@ def main(args: Sequence[str] | None = None) -> None:
     """Run the command line and exit with its code; no traceback without --debug."""
     given = list(sys.argv[1:] if args is None else args)
     debug, as_json = "--debug" in given, "--json" in given
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     _end_at_signals()
     try:
         code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
@@ -73,6 +76,21 @@ def main(args: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         code = error.exit_code if isinstance(error, IbdataError) else 1
         _report(_lines(error), code, as_json)
+    _end(code)
+
+
+def _nowhere() -> TextIO:
+    """What takes the place of a stream that was closed before the command began."""
+    return open(os.devnull, "w")  # it lives as long as the process
+
+
+def _end(code: int) -> None:
+    """Exit; Python would complain again, and change the code, where stdout or stderr cannot be written."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     sys.exit(code)
 
 
@@ -96,10 +114,17 @@ def _lines(error: Exception) -> list[str]:
         return [*error.problems[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
     if isinstance(error, IbdataError):
         return [printable(str(error))]
+    if isinstance(error, OSError) and error.strerror:
+        return [f"{printable(os.fsdecode(error.filename or 'stdout'))}: {error.strerror}"]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 
 def _report(lines: list[str], code: int, as_json: bool, context: click.Context | None = None) -> None:
+    with suppress(OSError):  # stderr or stdout may be what cannot be written
+        _say(lines, code, as_json, context)
+
+
+def _say(lines: list[str], code: int, as_json: bool, context: click.Context | None) -> None:
     for line in lines:
         click.echo(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
     if context is not None:

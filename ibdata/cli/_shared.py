@@ -9,8 +9,13 @@ from typing import Any
 
 import click
 
+from ibdata.errors import printable
+
 MAX_LINES = 12  # of messages
 
+allow_code_option = click.option(
+    "--allow-code", is_flag=True, help="Let custom policies run: they are code; know whose it is."
+)
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 config_option = click.option(
     "--config", "config", required=True, metavar="C", help="A YAML file, or the name of a shipped experiment."
@@ -50,7 +55,7 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
             click.echo(fine)
         return
     for problem in problems[:MAX_LINES]:
-        click.echo(problem, err=True)
+        click.echo(printable(str(problem)), err=True)
     if len(problems) > MAX_LINES:
         click.echo(f"and {len(problems) - MAX_LINES} more", err=True)
     raise SystemExit(3)

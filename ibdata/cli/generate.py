@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import (
+    allow_code_option,
     config_option,
     json_option,
     print_json,
@@ -29,6 +30,7 @@ from ibdata.cli._shared import (
 @click.option("--resume", is_flag=True, help="Go on with a run that was stopped, or start one.")
 @click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR, which stays whole until then.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and write nothing.")
+@allow_code_option
 @click.option("--quiet", "-q", is_flag=True, help="No progress bar.")
 @json_option
 def command(
@@ -40,6 +42,7 @@ def command(
     resume: bool,
     overwrite: bool,
     dry_run: bool,
+    allow_code: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -58,7 +61,7 @@ def command(
     if dry_run:
         from ibdata.experiment import as_yaml
 
-        made = estimate(experiment, folder, workers, resume, overwrite)
+        made = estimate(experiment, folder, workers, resume, overwrite, allow_code)
         if as_json:
             print_json({"experiment": experiment.plain(), **made})
             return
@@ -85,6 +88,7 @@ def command(
         resume=resume,
         overwrite=overwrite,
         progress=False if quiet else None,
+        allow_code=allow_code,
     )
     seconds = time.perf_counter() - start
     counts = dataset.info["counts"]

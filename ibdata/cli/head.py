@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import click
 
 from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.errors import DatasetError
+
+MAX_ROWS = 1_000_000
 
 
 @click.command("head")
 @folder_argument
-@click.option("--rows", "-n", type=click.IntRange(min=1), default=5, show_default=True, help="How many rows.")
+@click.option(
+    "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="How many rows."
+)
 @click.option("--columns", metavar="A,B,…", help="Only these columns.")
 @click.option("--split", metavar="NAME", help="Only rows of this split.")
 @json_option
@@ -23,13 +30,20 @@ def command(folder: Path, rows: int, columns: str | None, split: str | None, as_
     """
     from ibdata.dataset.reader import Dataset
 
-    names = columns.split(",") if columns else None
-    batch = next(Dataset(folder).iter_batches(names, split, batch_rows=rows))
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    batch = next(Dataset(folder).iter_batches(names, split, batch_rows=rows), None)
+    if batch is None:
+        raise DatasetError(f"{folder}: found no rows, expected some; see ibdata validate {folder}")
     if as_json:
-        print_json({"rows": batch.to_pylist()})
+        print_json({"rows": [_plain(row) for row in batch.to_pylist()]})
         return
     values = {name: batch.column(name).to_pylist() for name in batch.schema.names}
     width = max(map(len, values))
     for name, column in values.items():
         shown = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in column)
         click.echo(f"{name.ljust(width)} {''.join(x.rjust(12) for x in shown)}")
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    """A row as JSON can hold it: null in the place of what is no number."""
+    return {k: None if isinstance(x, float) and not math.isfinite(x) else x for k, x in row.items()}

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import allow_code_option, folder_argument, json_option, print_json
 
 
 @click.command("repair")
 @folder_argument
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@allow_code_option
 @json_option
-def command(folder: Path, workers: int | None, as_json: bool) -> None:
+def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) -> None:
     """Make damaged or missing files again.
 
     Only those are touched, and only if they get the content that the manifest lists.
@@ -24,7 +25,7 @@ def command(folder: Path, workers: int | None, as_json: bool) -> None:
     from ibdata.dataset.reader import Dataset
     from ibdata.engines.repair import repair
 
-    repaired = repair(folder, workers)
+    repaired = repair(folder, workers, allow_code)
     root = Dataset(folder).content_root
     if as_json:
         print_json({"path": str(folder), "repaired": repaired, "content_root": root})

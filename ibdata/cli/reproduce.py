@@ -6,14 +6,22 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, problems_json, report_problems
+from ibdata.cli._shared import (
+    allow_code_option,
+    folder_argument,
+    json_option,
+    print_json,
+    problems_json,
+    report_problems,
+)
 
 
 @click.command("reproduce")
 @folder_argument
 @click.option("--episodes", metavar="N|A-B", help="So many, spread evenly, or this range; default: all.")
+@allow_code_option
 @json_option
-def command(folder: Path, episodes: str | None, as_json: bool) -> None:
+def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool) -> None:
     """Make a dataset again in memory and compare.
 
     Exit code 3 names the episodes that differ. Nothing is written.
@@ -24,7 +32,7 @@ def command(folder: Path, episodes: str | None, as_json: bool) -> None:
     """
     from ibdata.engines.reproduce import reproduce
 
-    count, problems = reproduce(folder, episodes)
+    count, problems = reproduce(folder, episodes, allow_code)
     if as_json:
         same = not problems
         print_json(

@@ -26,8 +26,7 @@ class Part(NamedTuple):
 def check_metadata(
     listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table, stats: dict[str, Any]
 ) -> Iterator[Problem]:
-    """Where episodes are, counts, splits, and the content root."""
-    yield from _places(listed, episodes)
+    """Counts, splits, and the content root."""
     lengths = episodes["length"].to_numpy()
     counts = {"rows": int(lengths.sum()), "episodes": len(lengths), "shards": len(listed["shards"])}
     for name, count in counts.items():
@@ -36,33 +35,10 @@ def check_metadata(
                 "meta/info.json", None, "counts", f"{name}: found {info['counts'][name]}, expected {count}"
             )
     if listed["rows"] != counts["rows"]:
-        yield Problem(manifest.PATH, None, "rows", f"found {listed['rows']}, expected {counts['rows']}")
+        message = f"rows: found {listed['rows']}, expected {counts['rows']}"
+        yield Problem(manifest.PATH, None, "counts", message)
     yield from _splits(listed, info, episodes, stats)
     yield from _root(listed, info, episodes)
-
-
-def _places(listed: dict[str, Any], episodes: pa.Table) -> Iterator[Problem]:
-    """Every episode is in a shard, and the episodes of a shard are its rows without a gap."""
-    number = episodes["episode"].to_numpy()
-    shard, length = episodes["shard"].to_numpy(), episodes["length"].to_numpy()
-    row = episodes["row_start"].to_numpy()
-    firsts = np.concatenate([[True], shard[1:] != shard[:-1]])
-    total = np.cumsum(length) - length
-    start = total - total[np.maximum.accumulate(np.where(firsts, np.arange(len(shard)), 0))]
-    rules = {
-        "episode": number == np.arange(len(number)),
-        "length": length > 0,
-        "shard": (shard >= 0) & (shard < len(listed["shards"])) & np.r_[True, shard[1:] >= shard[:-1]],
-        "row_start": row == start,
-        "row_stop": episodes["row_stop"].to_numpy() == start + length,
-    }
-    for name, holds in rules.items():
-        if not holds.all():
-            bad = int(np.argmin(holds))
-            found = episodes[name][bad].as_py()
-            message = f"{name}: found {found}, expected episodes in order, row after row"
-            yield Problem("meta/episodes.parquet", bad, "shape", message)
-            return
 
 
 def _splits(

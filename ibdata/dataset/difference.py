@@ -61,8 +61,8 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
 
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
     """The episodes of each cell and index by their digests; a merged dataset may have some of each seed."""
-    columns = ["cell", "index", "digest", "episode"]
-    table = read_episodes(dataset.path, columns)
+    columns = ("cell", "index", "digest", "episode")
+    table = read_episodes(dataset.path, len(dataset.manifest["shards"]))
     found: dict[tuple[str, int], dict[bytes, int]] = {}
     for cell, index, digest, episode in zip(*(table[name].to_pylist() for name in columns), strict=True):
         found.setdefault((cell, index), {})[digest] = episode

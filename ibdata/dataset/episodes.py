@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
@@ -29,15 +29,37 @@ SCHEMA = pa.schema(
 )
 
 
-def read_episodes(folder: Path, names: Sequence[str] | None = None) -> pa.Table:
-    """The table of episodes, or some of its columns; DatasetError where it is not what it should be."""
+def read_episodes(folder: Path, shards: int) -> pa.Table:
+    """The table of episodes of a dataset of so many shards; DatasetError where it is not one."""
     path = manifest.locate(folder, PATH)
-    table = parquet.read(path, names)
-    wanted = SCHEMA.names if names is None else list(names)
-    for name in wanted:
-        if name not in table.column_names or table.schema.field(name).type != SCHEMA.field(name).type:
-            found = table.schema.field(name).type if name in table.column_names else "none"
+    table = parquet.read(path)
+    for name in SCHEMA.names:
+        found = table.schema.field(name).type if name in table.column_names else "none"
+        if found != SCHEMA.field(name).type:
             raise DatasetError(f"{path}: {name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
             raise DatasetError(f"{path}: {name}: found no value in some rows, expected one in each")
-    return table.select(wanted)
+    if not len(table):
+        raise DatasetError(f"{path}: found no episodes, expected some")
+    _check_places(path, table, shards)
+    return table.select(SCHEMA.names)
+
+
+def _check_places(path: Path, table: pa.Table, shards: int) -> None:
+    """Every episode is in a shard, and the episodes of a shard are its rows without a gap."""
+    shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
+    total = np.cumsum(length) - length
+    firsts = np.r_[True, shard[1:] != shard[:-1]]
+    start = total - np.maximum.accumulate(np.where(firsts, total, 0))
+    rules = {
+        "episode": table["episode"].to_numpy() == np.arange(len(table)),
+        "length": length > 0,
+        "shard": (shard >= 0) & (shard < shards) & np.r_[True, shard[1:] >= shard[:-1]],
+        "row_start": table["row_start"].to_numpy() == start,
+        "row_stop": table["row_stop"].to_numpy() == start + length,
+    }
+    for name, holds in rules.items():
+        if not holds.all():
+            row = int(np.argmin(holds))
+            found = table[name][row].as_py()
+            raise DatasetError(f"{path}: row {row}: {name}: found {found}, expected episodes row after row")

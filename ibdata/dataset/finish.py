@@ -30,6 +30,7 @@ def finish(
     folder: Path,
     reproducible: bool,
     code: Sequence[Mapping[str, str | None]] = (),
+    clipped: int | None = None,
 ) -> dict[str, Any]:
     """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from."""
     written = sorted(written, key=lambda w: w.shard.number)
@@ -39,6 +40,8 @@ def finish(
     made_manifest = _manifest(recipe, written, entries, root)
     made_manifest["reproducible"] = "same-environment" if code and reproducible else reproducible
     made_manifest["code"] = list(code)
+    if clipped is not None:
+        made_manifest["clipped_actions"] = clipped
     made_manifest["checksum"] = manifest.checksum(made_manifest)
     write(folder, manifest.PATH, metadata.as_json(made_manifest))
     return made_manifest
@@ -60,6 +63,17 @@ def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
     if len(recipe.experiments) == 1:
         return {manifest.EXPERIMENT: recipe.experiments[0]}
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(recipe.experiments)}
+
+
+def renew(folder: Path, listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> None:
+    """Commit the files that are staged under `.next`, with a manifest that lists these entries."""
+    files = [entry._asdict() for entry in entries.values()]
+    content = {**{key: value for key, value in listed.items() if key != "checksum"}, **changes}
+    if files != listed["files"]:
+        content |= {"files": files, "versions": versions()}
+    content["checksum"] = manifest.checksum(content)
+    write(folder / manifest.NEXT, manifest.PATH, metadata.as_json(content))
+    manifest.promote(folder)
 
 
 def versions() -> dict[str, str]:

@@ -113,6 +113,10 @@ def checksum(data: Mapping[str, Any]) -> str:
 
 def promote(folder: Path) -> None:
     """Make the whole dataset, or the changed files and the manifest, in `.next` the ones that count."""
+    for path in (folder / NEXT).rglob("*"):
+        place = folder / path.relative_to(folder / NEXT)
+        if path.is_file() and place.is_dir():
+            raise DatasetError(f"{place}: found a folder, expected a file; move it away")
     (folder / NEXT).rename(folder / NEW)
     sync_folder(folder)
     settle(folder)
@@ -122,8 +126,6 @@ def settle(folder: Path) -> None:
     """Move what counts from `.new` to its place, and remove what only the old manifest lists."""
     new = folder / NEW
     if (new / PATH).is_file():
-        if (folder / PATH).is_dir():
-            raise DatasetError(f"{folder / PATH}: found a folder, expected a file; move it away")
         listed = {file["path"] for file in read(folder)["files"]}
         old = _listed(folder / PATH)
         for path in sorted(listed):

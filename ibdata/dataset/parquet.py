@@ -33,19 +33,22 @@ def _readable(path: Path) -> Iterator[None]:
 def read(path: Path, names: Sequence[str] | None = None) -> pa.Table:
     """A file's table, or just these columns of it; DatasetError where they cannot be read."""
     with _readable(path):
-        table = pq.read_table(
-            pa.OSFile(os.fspath(path)), columns=None if names is None else list(names),
-            page_checksum_verification=True,
-        )  # fmt: skip
+        columns = None if names is None else list(names)
+        table = pq.read_table(_file(path), columns=columns, page_checksum_verification=True)
     _complete(path, table.column_names, names)
     return table
 
 
 def batches(path: Path, names: Sequence[str], rows: int) -> Iterator[pa.RecordBatch]:
     """A file's rows in order, at most so many at a time. Raises as `read`."""
-    with _readable(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+    with _readable(path), pq.ParquetFile(_file(path), page_checksum_verification=True) as file:
         _complete(path, file.schema_arrow.names, names)
         yield from file.iter_batches(rows, columns=list(names))
+
+
+def _file(path: Path) -> pa.OSFile:
+    """The file itself: given a path, pyarrow would find partitions in the names of its folders."""
+    return pa.OSFile(os.fsencode(path))
 
 
 def _complete(path: Path, found: list[str], names: Sequence[str] | None) -> None:

@@ -57,8 +57,14 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = read_episodes(self.path).to_pandas()
+        frame: pd.DataFrame = self._episodes.to_pandas()
         return frame
+
+    @property
+    def digests(self) -> list[bytes]:
+        """The content digest of each episode, in order."""
+        digests: list[bytes] = self._episodes["digest"].to_pylist()
+        return digests
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.
@@ -114,6 +120,10 @@ class Dataset:
             **out,
         }
 
+    @cached_property
+    def _episodes(self) -> pa.Table:
+        return read_episodes(self.path, len(self.manifest["shards"]))
+
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column["name"] for column in self.info["columns"]]
         if columns is None:
@@ -138,7 +148,7 @@ class Dataset:
 
     def _runs(self, split: str) -> dict[int, Runs]:
         """The rows of a split in each shard, as runs start … stop - 1."""
-        table = read_episodes(self.path, ["splits", "shard", "row_start", "row_stop"])
+        table = self._episodes
         offsets = table["splits"].combine_chunks().offsets.to_numpy()
         hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(table["splits"]), split).to_numpy())])
         inside = np.flatnonzero(hits[offsets[1:]] > hits[offsets[:-1]])

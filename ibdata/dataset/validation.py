@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from itertools import zip_longest
 from pathlib import Path
@@ -17,19 +18,20 @@ from ibdata.dataset.metadata import as_json
 from ibdata.dataset.rules import Problem, check_shard, nulls
 from ibdata.errors import DatasetError
 
-METADATA: dict[str, Callable[[Path], Any]] = {
-    "meta/info.json": lambda folder: manifest.read_json(folder, "meta/info.json", shape.Info),
+METADATA: dict[str, Callable[[Path, int], Any]] = {
+    "meta/info.json": lambda folder, _: manifest.read_json(folder, "meta/info.json", shape.Info),
     "meta/episodes.parquet": read_episodes,
-    "meta/stats.json": lambda folder: manifest.read_json(folder, "meta/stats.json", shape.Stats),
+    "meta/stats.json": lambda folder, _: manifest.read_json(folder, "meta/stats.json", shape.Stats),
 }
 
 
-def validate(folder: Path, quick: bool = False) -> list[Problem]:
+def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
     """Every problem of the dataset in a folder; none means that it is whole. Runs no code of the dataset.
 
     quick compares the SHA-256 of every file only. Else also: schema, no nulls, finite, bounds, order,
     flags, continuity, reward identity, setpoints, episode digests, content root, counts, statistics.
     """
+    folder = Path(folder)
     try:
         listed = manifest.read(folder)
     except DatasetError as error:
@@ -68,16 +70,13 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
     read: dict[str, Any] = {}
     for path, reader in METADATA.items():
         try:
-            read[path] = reader(folder)
+            read[path] = reader(folder, len(listed["shards"]))
         except DatasetError as error:
             yield Problem(path, None, "metadata", str(error))
     if len(read) < len(METADATA):
         return
     info, episodes, stats = read.values()
-    problems = list(check_metadata(listed, info, episodes, stats))
-    yield from problems
-    if any(problem.rule == "shape" for problem in problems):
-        return
+    yield from check_metadata(listed, info, episodes, stats)
     shard_of = episodes["shard"].to_numpy()
     parts: list[Part] = []
     for number, shard in enumerate(listed["shards"]):
@@ -101,7 +100,8 @@ def _readable(
     try:
         table = parquet.read(path)
     except DatasetError as error:
-        return None, [Problem(shard["path"], None, "parquet", str(error))]
+        reason = str(error).removeprefix(f"{path}: ").replace(", see ibdata validate", "")
+        return None, [Problem(shard["path"], None, "parquet", reason)]
     found = [(field.name, _plain_type(field.type)) for field in table.schema]
     expected = [(column["name"], column["dtype"]) for column in described]
     if found != expected:

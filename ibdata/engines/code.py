@@ -43,7 +43,14 @@ def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
 
 
 def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
-    """What the manifest says the dataset is made of. Raises DatasetError, and as `refuse_code`."""
+    """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
+    recipe = recipe_in(folder, listed)
+    refuse_code(recipe, folder, allow_code)
+    return recipe
+
+
+def recipe_in(folder: Path, listed: dict[str, Any]) -> Recipe:
+    """What the manifest says the dataset is made of; DatasetError where that is not valid."""
     try:
         recipe = Recipe.from_plain(listed)
     except ValidationError as error:
@@ -52,7 +59,6 @@ def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
         raise DatasetError(
             f"{folder / manifest.PATH}: experiments: {printable(where)}: {printable(first['msg'])}"
         ) from None
-    refuse_code(recipe, folder, allow_code)
     return recipe
 
 

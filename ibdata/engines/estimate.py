@@ -11,6 +11,7 @@ from typing import Any
 from ibdata.dataset.files import HashingFile
 from ibdata.dataset.shard import describe, encode
 from ibdata.engines import target
+from ibdata.engines.code import refuse_code
 from ibdata.engines.generate import worker_count
 from ibdata.engines.lock import refuse_busy
 from ibdata.engines.warmup import warm_up
@@ -29,9 +30,11 @@ def estimate(
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    allow_code: bool = False,
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
     processes, out = worker_count(workers), Path(folder)
+    refuse_code(Recipe.of(experiment), experiment.name, allow_code)
     refuse_busy(out)
     target.check(out, experiment, resume, overwrite)
     warm_up(experiment)

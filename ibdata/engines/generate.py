@@ -14,6 +14,7 @@ from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.engines import local, target
+from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
@@ -34,6 +35,7 @@ def generate(
     resume: bool = False,
     overwrite: bool = False,
     progress: bool | None = False,
+    allow_code: bool = False,
 ) -> Dataset:
     """Make the dataset of an experiment and open it.
 
@@ -41,7 +43,8 @@ def generate(
     workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
-    that uses several workers needs multiprocessing's `if __name__ == "__main__":`.
+    that uses several workers needs multiprocessing's `if __name__ == "__main__":`. allow_code lets custom
+    policies run: they are code, and their bits are promised in the same environment only.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.
@@ -49,11 +52,12 @@ def generate(
     experiment = resolve(config, overrides, seed)
     processes = worker_count(workers)
     folder = Path(out) if out is not None else default_folder(experiment)
+    refuse_code(Recipe.of(experiment), experiment.name, allow_code)
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
     with refusals(folder):
         reproducible = warm_up(experiment)  # nothing is to be tidied yet: a signal may end the process
-        with stoppable(), _made(folder), locked(folder):
+        with stoppable(), made_folder(folder), locked(folder):
             root = target.check(folder, experiment, resume, overwrite)
             manifest.settle(folder)
             if folder == root and (folder / manifest.PATH).is_file():
@@ -117,7 +121,7 @@ def _run(
             for w in local.run(recipe, missing, root, identity, workers):
                 written.append(w)
                 bar.update(w.content.moments.rows)
-        finish(recipe, written, root, reproducible)
+        finish(recipe, written, root, reproducible, provenance(recipe))
     except BaseException:
         target.abandon(root)
         raise
@@ -125,7 +129,7 @@ def _run(
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
+def made_folder(folder: Path) -> Iterator[None]:
     """Make the folder and its parents; those that are empty afterwards go again."""
     missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
@@ -135,7 +139,9 @@ def _made(folder: Path) -> Iterator[None]:
         yield
     finally:
         for path in missing:
-            if os.path.isdir(path) and not any(path.iterdir()):
+            if os.path.isdir(path):
+                if any(path.iterdir()):
+                    break
                 path.rmdir()
 
 

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from ibdata.columns import columns
-from ibdata.dataset import manifest, metadata, parquet
+from ibdata.dataset import manifest, parquet
 from ibdata.dataset.digest import episode_digests, table_runs
 from ibdata.dataset.files import FileEntry, file_sha256, write
-from ibdata.dataset.finish import documents, finish, versions
+from ibdata.dataset.finish import documents, finish, renew
 from ibdata.dataset.shard import Content, Written, content_of, describe
 from ibdata.dataset.statistics import Moments
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
-from ibdata.engines.code import recipe_of, refuse_code
+from ibdata.engines.code import provenance, recipe_of, refuse_code
 from ibdata.engines.generate import refusals, worker_count
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
@@ -45,7 +45,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     Raises DatasetError where there is no dataset, or what was made again is not what was there.
     """
     path, processes = Path(folder), worker_count(workers)
-    if not (path / "meta").is_dir():
+    if not os.path.isdir(path / "meta"):  # False where the system refuses the name
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
     target.refuse_links(path)
@@ -98,13 +98,7 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     for path, make in documents(recipe, written, listed["content_root"]).items():
         if path in lost:
             entries[path] = write(folder / manifest.NEXT, path, make())
-    files = [entry._asdict() for entry in entries.values()]
-    content = {key: value for key, value in listed.items() if key != "checksum"}
-    if files != listed["files"]:
-        content |= {"files": files, "versions": versions()}
-    content["checksum"] = manifest.checksum(content)
-    write(folder / manifest.NEXT, manifest.PATH, metadata.as_json(content))
-    manifest.promote(folder)
+    renew(folder, listed, entries)
     return damaged
 
 
@@ -130,7 +124,8 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
             "prove that it is the dataset's; nothing was changed"
         )
     made = _made_again(recipe, wrong, folder, workers)
-    finish(recipe, [*whole, *made.values()], folder / manifest.NEXT, reproducible)
+    everything = [*whole, *made.values()]
+    finish(recipe, everything, folder / manifest.NEXT, reproducible, provenance(recipe))
     manifest.promote(folder)
     return [manifest.PATH, *(shard.file for shard in wrong)]
 

@@ -142,7 +142,7 @@ def discard(root: Path) -> None:
     for part in ("data", "meta"):
         folder = root / part
         names = (*manifest.METADATA, *([manifest.PATH] if staged else []))
-        for pattern in ("part-*.parquet", *(Path(path).name for path in names)):
+        for pattern in ("part-*.parquet", "experiment-*.yaml", *(Path(path).name for path in names)):
             for path in folder.glob(pattern) if not folder.is_symlink() else ():
                 path.unlink()
         if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):

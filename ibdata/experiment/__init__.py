@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from ruamel.yaml import YAML
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment.messages import keys_at, rephrase, suggestion
 from ibdata.experiment.models import Experiment, Problems
-from ibdata.experiment.strict_yaml import Document, Loc, StrictYamlError
+from ibdata.experiment.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, Loc, StrictYamlError
 from ibdata.policies import POLICIES
 
 __all__ = ["Experiment", "as_yaml", "find", "load", "shipped"]
@@ -53,7 +54,8 @@ def load(
     """
     path = find(config)
     try:
-        document = Document(path.read_bytes())
+        with path.open("rb") as file:  # which may have no end
+            document = Document(file.read(MAX_BYTES + 1))
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
     except StrictYamlError as error:
@@ -84,9 +86,9 @@ def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str
     for override in overrides:
         key, equals, text = override.partition("=")
         loc: Loc = tuple(
-            int(part) if part.isascii() and part.isdigit() else part for part in key.strip().split(".")
+            int(part) if re.fullmatch("[0-9]{1,9}", part) else part for part in key.strip().split(".")
         )
-        if not equals or not all(part != "" for part in loc):
+        if not equals or not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
             raise UsageError(f"--set: found {override!r}, expected key=value")
         try:
             value = Document(text).data

@@ -7,9 +7,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from ibdata.experiment.fields import Split
+from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
+
+
+def fitting(split: Split, experiment: Experiment) -> Split | None:
+    """The part of a split that names only what an experiment has; None where that is nothing."""
+    known = {cell.setpoint for cell in experiment.cells}
+    setpoints, labels = split.setpoints(), split.policies()
+    indices = split.indices(experiment.episodes)
+    stop = min(indices.stop, experiment.episodes)
+    own = None if setpoints is None else [p for p in setpoints if p in known]
+    policies = None if labels is None else [label for label in labels if label in experiment.labels]
+    if own == [] or policies == [] or indices.start >= stop:
+        return None
+    episodes = EpisodeRange(start=indices.start, stop=stop - 1)
+    return Split(setpoint=own, policy=policies, episodes=episodes, overlap=True)
 
 
 @dataclass(frozen=True)
@@ -90,6 +104,16 @@ class Recipe:
                 yield first, stop, (*shard.splits, *names)
         if not self.later:
             yield shard.first, shard.stop, shard.splits
+
+    def all_declared(self) -> Recipe:
+        """The same with the later splits declared, so that their episodes get files of their own."""
+        experiments = []
+        for experiment in self.experiments:
+            own = {name: fitting(split, experiment) for name, split in self.later.items()}
+            later = {name: split for name, split in own.items() if split is not None}
+            plain = {**experiment.plain(), "splits": {**experiment.splits, **later}}
+            experiments.append(Experiment.model_validate(plain))
+        return Recipe(self.name, tuple(experiments))
 
     @cached_property
     def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:

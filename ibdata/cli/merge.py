@@ -1,0 +1,32 @@
+"""ibdata merge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import json_option, print_json
+
+
+@click.command("merge")
+@click.argument("folders", metavar="DIR…", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder to make.")
+@json_option
+def command(folders: tuple[Path, ...], out: Path, as_json: bool) -> None:
+    """Merge datasets of equal columns into a new one.
+
+    Refuses datasets that share an episode, or the beginning of one.
+
+    \b
+    ibdata merge data/random data/safe --out data/both
+    """
+    from ibdata.engines.merge import merge
+
+    dataset = merge(folders, out)
+    counts = dataset.info["counts"]
+    if as_json:
+        print_json({"out": str(out), **counts, "content_root": dataset.content_root})
+        return
+    click.echo(f"{out}: {counts['rows']} rows in {counts['episodes']} episodes")
+    click.echo(f"content root {dataset.content_root}")

@@ -1,0 +1,162 @@
+"""Datasets to damage, and the words in which the cases say how."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.dataset import manifest
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 2,
+    "steps": 3,
+    "output": {"shard_rows": 6},
+    "splits": {"low": {"setpoint": 20}},
+}
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a dataset d of four shards, and one of another seed, other."""
+    folder = tmp_path_factory.mktemp("made")
+    for name, seed in (("d", 0), ("other", 1)):
+        ibdata.generate(Experiment.model_validate({**PLAIN, "seed": seed}), folder / name, workers=1)
+    return folder
+
+
+@pytest.fixture
+def prepared(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Go to an empty folder and put there what a case begins with."""
+
+    def prepare(config: bytes | None, damage: list[str]) -> None:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("COLUMNS", "80")
+        if config is not None:
+            Path("x.yaml").write_bytes(config)
+        for line in damage:
+            name, _, rest = line.partition(" ")
+            if name == "dataset":
+                for each in ("d", "other"):
+                    shutil.copytree(made / each, each)
+            else:
+                WORDS[name](rest)
+
+    return prepare
+
+
+def _sealed(rest: str) -> None:
+    """Give the manifest the hashes of all files, and its checksum, as who means harm would."""
+    path = Path("d", manifest.PATH)
+    listed = json.loads(path.read_bytes())
+    for entry in listed["files"] if isinstance(listed.get("files"), list) else ():
+        named = isinstance(entry, dict) and {type(entry.get("path")), type(entry.get("sha256"))} == {str}
+        if named and (file := Path("d", entry["path"])).is_file():
+            data = file.read_bytes()
+            entry |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    listed["checksum"] = manifest.checksum(listed)
+    path.write_bytes((json.dumps(listed, indent=1, ensure_ascii=False) + "\n").encode(errors="surrogatepass"))
+
+
+def _json(rest: str) -> None:
+    """PATH KEY.KEY = VALUE puts a value into JSON; - PATH KEY.KEY takes it out."""
+    place, _, value = rest.partition(" = ")
+    path, _, keys = place.removeprefix("- ").partition(" ")
+    data = json.loads(Path(path).read_bytes())
+    *parents, last = [int(key) if key.isdigit() else key for key in keys.split(".")]
+    part: Any = data
+    for key in parents:
+        part = part[key]
+    if place.startswith("- "):
+        del part[last]
+    else:
+        part[last] = json.loads(value)
+    Path(path).write_text(json.dumps(data))
+
+
+def _cut(rest: str) -> None:
+    path, count = rest.split()
+    data = Path(path).read_bytes()
+    Path(path).write_bytes(data[: len(data) // 2] if count == "half" else data[int(count) :])
+
+
+def _write(rest: str) -> None:
+    path, _, text = rest.partition(" ")
+    Path(path).write_bytes(text.encode("utf-8", "surrogateescape"))
+
+
+def _column(change: Callable[[pa.ChunkedArray], pa.ChunkedArray]) -> Callable[[str], None]:
+    """PATH COLUMN changes that column."""
+
+    def word(rest: str) -> None:
+        path, name = rest.split()
+        table = pq.read_table(path)
+        number = table.column_names.index(name)
+        pq.write_table(table.set_column(number, name, change(table[name])), path)
+
+    return word
+
+
+def _table(change: Callable[[pa.Table], pa.Table]) -> Callable[[str], None]:
+    def word(path: str) -> None:
+        pq.write_table(change(pq.read_table(path)), path)
+
+    return word
+
+
+def _special(make: Callable[[Path], None]) -> Callable[[str], None]:
+    """PATH becomes what `make` makes of it."""
+
+    def word(rest: str) -> None:
+        path = Path(rest)
+        path.unlink(missing_ok=True)
+        make(path)
+
+    return word
+
+
+def _second(values: pa.ChunkedArray, value: Any) -> pa.Array:
+    plain = values.to_pylist()
+    return pa.array([plain[0], value, *plain[2:]], values.type)
+
+
+WORDS: dict[str, Callable[[str], Any]] = {
+    "sealed": _sealed,
+    "json": _json,
+    "cut": _cut,
+    "write": _write,
+    "remove": lambda path: os.remove(path),
+    "copy": lambda rest: shutil.copy(*rest.split()),
+    "rename": lambda rest: os.rename(*rest.split()),
+    "folder": _special(os.mkdir),
+    "fifo": _special(os.mkfifo),
+    "loop": _special(lambda path: path.symlink_to(path.name)),
+    "sparse": lambda rest: os.truncate(rest, 2**36),
+    "without": lambda rest: _table(lambda t: t.drop_columns(rest.split()[1]))(rest.split()[0]),
+    "no-columns": _table(lambda t: t.select([])),
+    "no-rows": _table(lambda t: t.slice(0, 0)),
+    "fewer-rows": _table(lambda t: t.slice(0, len(t) - 1)),
+    "repeated-rows": _table(lambda t: pa.concat_tables([t.slice(0, 3), t.slice(0, 3), t.slice(6)])),
+    "reversed-rows": _table(lambda t: t.take(list(range(len(t)))[::-1])),
+    "reversed-columns": _table(lambda t: t.select(t.column_names[::-1])),
+    "extra-column": _table(lambda t: t.append_column("more", pa.nulls(len(t), pa.int8()))),
+    "double": _column(lambda values: pc.cast(values, pa.float64())),
+    "text": _column(lambda values: pc.cast(values, pa.string())),
+    "null": _column(lambda values: _second(values, None)),
+    "nan": _column(lambda values: _second(values, float("nan"))),
+    "far": _column(lambda values: _second(values, 10**9)),
+}

@@ -1,0 +1,201 @@
+"""Every case of *.txt: an input, what the command says of it, and its exit code.
+
+A case begins with `== title`. `| …` are the lines of x.yaml, `|*` those of a small experiment, `@ …` its
+encoding. `! …` makes a file or damages the dataset d (see conftest.py). `$ 2: …` runs ibdata in this process
+and expects exit code 2, `% 2: …` runs a shell in which $IBDATA is the command; {a,b} stands for one after the
+other. `> …` is a line on stderr, `>> …` one on stdout; there are as many as are given, and a bare mark allows
+any. … stands for anything. \xff is a byte, \u2603 a character, ⟦a×3⟧ is aaa. A config without a run is
+validated and generated from.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from ibdata.cli import main
+from ibdata.engines.signals import STOPPING
+
+pytestmark = pytest.mark.corpus
+
+HERE = Path(__file__).parent
+SMALL = "name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n"
+CONFIG_RUNS = ("config validate x.yaml", "generate --config x.yaml --out out --workers 1")
+ESCAPE = re.compile(r"⟦(.*?)×(\d+)⟧|\\(x[0-9a-f]{2}|u[0-9a-f]{4}|.)")
+READING = {"info", "head", "stats", "validate", "repair", "reproduce", "diff"}
+DATA = ("manifests.txt", "shards.txt", "metadata.txt")
+UNPRINTABLE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+class Run(NamedTuple):
+    """A command and what is expected of it."""
+
+    line: str
+    code: int
+    shell: bool
+    err: list[str]
+    out: list[str]
+
+
+class Case(NamedTuple):
+    """One block of a file."""
+
+    title: str
+    config: bytes | None
+    damage: list[str]
+    runs: list[Run]
+
+
+def unescaped(text: str) -> str:
+    """The text meant; bytes that are no UTF-8 as surrogates."""
+
+    def one(match: re.Match[str]) -> str:
+        if match[2]:
+            return unescaped(match[1]) * int(match[2])
+        letter = match[3]
+        if letter[0] in "xu" and len(letter) > 1:
+            number = int(letter[1:], 16)
+            return chr(0xDC00 + number if letter[0] == "x" and number > 127 else number)
+        return {"n": "\n", "r": "\r", "t": "\t"}.get(letter, letter)
+
+    return ESCAPE.sub(one, text)
+
+
+def expanded(line: str) -> list[str]:
+    """The commands that `{a,b} c` stands for."""
+    found = re.match(r"\{([a-z,]+)\}(.*)", line)
+    return [name + found[2] for name in found[1].split(",")] if found else [line]
+
+
+def parsed(block: str) -> Case:
+    title, *lines = block.splitlines()
+    config, encoding, damage, runs, last = "", "utf-8", [], [], []
+    for line in lines:
+        mark, _, rest = line.partition(" ")
+        if mark == "|*":
+            config += SMALL
+        elif mark == "|":
+            config += unescaped(rest) + "\n"
+        elif mark == "@":
+            encoding = rest
+        elif mark == "!":
+            damage.append(unescaped(rest))
+        elif mark in ("$", "%"):
+            code, _, command = rest.partition(": ")
+            commands = [command] if mark == "%" else expanded(unescaped(command))
+            commands = CONFIG_RUNS if command == "x.yaml" else commands
+            last = [Run(one, int(code), mark == "%", [], []) for one in commands]
+            runs += last
+        elif mark in (">", ">>"):
+            for run in last:
+                (run.err if mark == ">" else run.out).append(rest)
+        else:
+            assert not line.strip() or line.startswith("#"), f"{title}: {line}"
+    return Case(title, config.encode(encoding, "surrogateescape") if config else None, damage, runs)
+
+
+def cases(name: str) -> list[Case]:
+    blocks = re.split(r"^== ", (HERE / name).read_text(), flags=re.MULTILINE)[1:]
+    return [parsed(block) for block in blocks]
+
+
+CASES = {path.name: cases(path.name) for path in sorted(HERE.glob("*.txt"))}
+ALL = [pytest.param(case, id=f"{name[:-4]}: {case.title}") for name, found in CASES.items() for case in found]
+
+
+def fits(pattern: str, line: str) -> bool:
+    parts = (re.escape(part) for part in pattern.split("…"))
+    return re.fullmatch(".*".join(parts), line, re.DOTALL) is not None
+
+
+def contents() -> dict[str, bytes | None]:
+    """What is below the current folder; as None what is no file, or a huge one."""
+    found = {}
+    for folder, _, names in os.walk("."):
+        found[folder] = None
+        for name in names:
+            path = Path(folder, name)
+            plain = path.is_file() and not path.is_symlink() and path.stat().st_size < 2**24
+            found[str(path)] = path.read_bytes() if plain else None
+    return found
+
+
+def in_shell(line: str, command: str) -> tuple[int, str, str]:
+    # UTF-8 mode, so that the machine's own locale plays no part.
+    done = subprocess.run(
+        ["bash", "-c", line],
+        env={**os.environ, "IBDATA": command, "PYTHONUTF8": "1", "COLUMNS": "80"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=60,
+    )
+    return done.returncode, done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace")
+
+
+def in_process(line: str, capfd: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    handlers = {number: signal.getsignal(number) for number in STOPPING}
+    with pytest.raises(SystemExit) as end:
+        main(shlex.split(line))
+    for number, handler in handlers.items():
+        signal.signal(number, handler)  # the command line has its own
+    sys.stdout.flush()
+    out, err = capfd.readouterr()
+    return end.value.code or 0, out, err
+
+
+def differences(run: Run, code: int, out: str, err: str) -> list[str]:
+    """What is not as it should be."""
+    said = f"exit {code}\n{err[:600]}{out[:300]}"
+    found = [] if code == run.code else [f"expected exit {run.code}"]
+    found += [
+        f"found {word!r}" for word in ("Traceback", "a bug of ibdata", "Exception") if word in out + err
+    ]
+    lines = err.split("\n")[:-1]
+    if run.err != [""] and not (len(lines) == len(run.err) and all(map(fits, run.err, lines))):
+        found.append(f"expected on stderr: {run.err}")
+    shown = out.split("\n")[:-1]
+    if run.out and not (run.out == [""] or (len(shown) == len(run.out) and all(map(fits, run.out, shown)))):
+        found.append(f"expected on stdout: {run.out}")
+    if not run.out and code and out:
+        found.append("expected nothing on stdout")
+    if UNPRINTABLE.search(err):
+        found.append("expected stderr without control characters")
+    return [f"{run.line[:200]}: {line}\n{said}" for line in found]
+
+
+@pytest.mark.parametrize("case", ALL)
+def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, capfd, command):
+    prepared(case.config, case.damage)
+    wrong = []
+    for run in case.runs:
+        before = contents()
+        code, out, err = in_shell(run.line, command) if run.shell else in_process(run.line, capfd)
+        wrong += differences(run, code, out, err)
+        if code and contents() != before:
+            wrong.append(f"{run.line[:200]}: found other files: {sorted(contents().keys() ^ before.keys())}")
+        if "--json" in run.line and out and not run.shell:
+            json.loads(out)
+    if wrong:
+        pytest.fail("\n".join(wrong).encode(errors="backslashreplace").decode(), pytrace=False)
+
+
+def test_there_are_at_least_120_cases_each_with_its_own_title_and_a_run():
+    titles = [(name, case.title) for name, found in CASES.items() for case in found]
+    assert len(titles) == len(set(titles)) >= 120
+    assert all(case.runs for found in CASES.values() for case in found)
+
+
+def test_every_damage_of_a_dataset_is_shown_to_every_reading_command():
+    damaged = [case for name in DATA for case in CASES[name]]
+    assert all(len(case.damage) > 1 for case in damaged)
+    shown = {case.title: {run.line.split()[0] for run in case.runs} for case in damaged}
+    assert {title for title, commands in shown.items() if not commands >= READING} == set()
