@@ -213,7 +213,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
 )
 def test_what_cannot_be_meant_is_refused_and_changes_nothing(made, call, line):
     before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
-    with pytest.raises(UsageError, match="^split: ") as error:
+    with pytest.raises(UsageError, match=r"^split: ") as error:
         ibdata.split(made.path, **call)
     assert line in str(error.value)
     assert {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()} == before
