@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -70,9 +69,3 @@ def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDA
 def legend_beside(axes: Axes) -> None:
     """The legend to the right of the axes, where it hides nothing."""
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-def form_of(path: Path) -> str | None:
-    """png or svg, by the file's name; None for any other."""
-    form = path.suffix[1:].lower()
-    return form if form in ("png", "svg") else None

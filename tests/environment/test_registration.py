@@ -71,5 +71,5 @@ for attempt in ("import gymnasium", "ibdata.environment.IndustrialBenchmarkEnv")
 """
     assert said(tmp_path, code).splitlines() == [
         "No module named 'gymnasium'",
-        "ibdata.environment needs gymnasium: pip install 'ibdata[gymnasium]'",
+        "ibdata.environment needs gymnasium: pip install gymnasium, or ibdata with its extra 'gymnasium'",
     ]
