@@ -3,6 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ibdata.registration import register as _register
 from ibdata.version import __version__
 
 if TYPE_CHECKING:
@@ -46,6 +47,9 @@ _HOMES = {
     "split": ("ibdata.engines.split", "split"),
     "validate": ("ibdata.dataset.validation", "validate"),
 }
+
+
+_register()  # the environment, with Gymnasium where there is one
 
 
 def __getattr__(name: str) -> Any:

@@ -30,6 +30,7 @@ from ibdata.noise import (
     stream_key,
     uniforms,
 )
+from ibdata.starts import burn_in_steps, steerings
 
 LANES = 256  # a block's state and record stay in the processor's cache
 CHUNK = 256  # steps drawn and recorded at a time
@@ -100,15 +101,12 @@ class Block:
         start = self.experiment.start
         u = np.empty((self.n, 3))
         uniforms(self._raw(Purpose.START, 0, 1, slots(3)), 0, u)
-        v, g, h = (100.0 * u if start == "uniform" else np.full((self.n, 3), 50.0)).T
-        state = initial_state(setpoints, v, g, h, drifting=self.experiment.drifting)
+        state = initial_state(setpoints, *steerings(start, u), drifting=self.experiment.drifting)
         raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 0, 1)
         zeros = np.zeros((self.n, 3), dtype=np.float32)
         lanes.step_lanes(state, zeros, raw, drift, 0, self.noise, self.parameters)
         if isinstance(start, BurnIn):
-            low, high = start.burn_in
-            counts = low + np.floor((high - low + 1) * u[:, 0]).astype(np.int64)
-            state = self._burn_in(state, counts, high)
+            state = self._burn_in(state, burn_in_steps(start, u), start.burn_in[1])
         return state
 
     def _burn_in(self, state: State, counts: npt.NDArray[np.int64], most: int) -> State:

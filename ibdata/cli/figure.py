@@ -1,0 +1,36 @@
+"""ibdata figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.plots import DYNAMICS, figure, names
+
+
+@click.command("figure")
+@click.argument("name", type=click.Choice(names()))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A .png or .svg file; default figures/<name>.png.",
+)
+@click.option("--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True)
+@click.option("--seed", type=int, metavar="N", help="Of the episodes drawn, where any are.")
+@click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
+def command(name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool) -> None:
+    """Draw a figure of the benchmark's paper and print the file's name.
+
+    \b
+    landscape   the penalty of the mis-calibration, and how its direction turns
+    policies    three ways to move through that landscape
+    dynamics    200 random steps: fatigue, operational cost, consumption, reward
+    setpoints   four moving setpoints
+
+    \b
+    ibdata figure landscape
+    ibdata figure dynamics --dynamics paper --seed 3 --out dynamics-paper.svg
+    """
+    click.echo(figure(name, out, dynamics, seed, overwrite))

@@ -1,0 +1,109 @@
+"""What an environment is told: setpoint, dynamics, start, frames of history, scale of the reward."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError
+
+from ibdata.columns import VARIABLES
+from ibdata.dynamics import VARIANTS, Variant
+from ibdata.errors import ConfigError
+from ibdata.experiment.dynamics import Dynamics
+from ibdata.experiment.fields import Start
+from ibdata.experiment.messages import keys_at, rephrase, shown, suggestion
+from ibdata.experiment.scalars import WHOLE, Real
+from ibdata.experiment.setpoints import Setpoints, setpoint_values
+from ibdata.policies import OBSERVATION
+from ibdata.policies.base import Plugin
+from ibdata.registration import ID
+
+MAX_FRAMES = 1000
+Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
+COST_MAX = 4915.0  # θ <= e^8.5 ≈ 4914.8
+M_MIN, M_MAX = -1.001, 1.24  # the penalty m, see `VARIABLES`
+
+
+def _number(value: Any) -> Any:
+    """Numbers of numpy are numbers too."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _one(value: Any) -> Any:
+    """An environment has one setpoint."""
+    start = value.get("drifting") if isinstance(value, dict) else value
+    if value != "drifting" and not isinstance(start, float | int | np.number):
+        near = suggestion(value, ["drifting"]) if isinstance(value, str) else ""
+        raise ValueError(f"found {shown(value)}, expected a number, drifting or {{drifting: a number}}{near}")
+    return _number(value)
+
+
+def _as_mapping(value: Any) -> Any:
+    """A variant as YAML would give it."""
+    return {"base": "siemens", **dataclasses.asdict(value)} if isinstance(value, Variant) else value
+
+
+class Settings(Plugin):
+    """The settings of an environment, in the form that experiments have them; frozen."""
+
+    setpoint: Annotated[Setpoints, BeforeValidator(_one)] = 50.0
+    dynamics: Annotated[Dynamics, BeforeValidator(_as_mapping)] = "siemens"
+    start: Start = "default"
+    history: Annotated[int, Field(strict=True, ge=1, le=MAX_FRAMES), WHOLE, BeforeValidator(_number)] = 1
+    reward_scale: Annotated[Real, Field(gt=0.0), BeforeValidator(_number)] = 1.0
+
+    @cached_property
+    def variant(self) -> Variant:
+        """The dynamics as a variant."""
+        return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @cached_property
+    def first_setpoint(self) -> float:
+        """The setpoint before the first step."""
+        return setpoint_values(self.setpoint)[0][0]
+
+    @cached_property
+    def drifting(self) -> bool:
+        """Whether the setpoint moves."""
+        return setpoint_values(self.setpoint)[1]
+
+
+def settings(**given: Any) -> Settings:
+    """The settings given; ConfigError with a line for each that cannot be meant."""
+    try:
+        return Settings.model_validate(given)
+    except ValidationError as error:
+        raise ConfigError([_line(e, given) for e in error.errors()]) from None
+
+
+def _line(error: Any, given: dict[str, Any]) -> str:
+    loc = tuple(part for part in error["loc"] if not str(part).startswith("<"))
+    message = rephrase(error, keys_at(Settings, given, loc[:-1], {}))
+    return f"{ID}: {'.'.join(map(str, loc))}: {message}"
+
+
+def consumption_bounds(variant: Variant) -> tuple[float, float]:
+    """The lowest and the highest consumption there can be.
+
+    c = ĉ + (1 + k ĉ) z is linear in ĉ and in z, so its extremes are at those of both: z in ±8.21, and
+    ĉ = θᶜ + 25 (m + offset) with θᶜ in [Σw, 4915 Σw] and the penalty m in its bounds.
+
+    >>> [round(bound, 1) for bound in consumption_bounds(VARIANTS["siemens"])]
+    [-7.3, 5183.2]
+    """
+    weight, k = sum(variant.convolution_weights), variant.consumption_noise
+    low = weight + 25.0 * (M_MIN + variant.consumption_offset)
+    high = COST_MAX * weight + 25.0 * (M_MAX + variant.consumption_offset)
+    corners = [c + (1.0 + k * c) * z for c in (low, high) for z in (-Z_MAX, Z_MAX)]
+    return min(corners), max(corners)
+
+
+def observation_bounds(variant: Variant) -> tuple[list[float], list[float]]:
+    """Lowest and highest values of the six observed variables, in their order."""
+    bounds = [(VARIABLES[name].low, VARIABLES[name].high) for name in OBSERVATION[:-1]]
+    known = [(low, high) for low, high in bounds if low is not None and high is not None]
+    low, high = zip(*known, consumption_bounds(variant), strict=True)
+    return list(low), list(high)

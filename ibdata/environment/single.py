@@ -1,0 +1,100 @@
+"""The benchmark as a `gymnasium.Env`."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.environment.settings import settings
+from ibdata.environment.simulation import Indices, Simulation, checked_actions
+from ibdata.environment.spaces import spaces
+from ibdata.errors import UsageError
+from ibdata.noise import Raw
+
+# After the spaces, whose module says what to install where there is no Gymnasium.
+import gymnasium as gym  # isort: skip
+
+Observation = npt.NDArray[np.float32]
+
+
+class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
+    """One episode of the Industrial Benchmark at a time; it never terminates, `gymnasium.make` truncates it.
+
+    setpoint: a number, "drifting" (from 50 on), or {"drifting": a number}.
+    dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
+    start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
+    history: observations in a row, newest first, the first one repeated at the start.
+    reward_scale: factor of the reward, which is -consumption - 3 fatigue of the new state.
+
+    Observations are float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption; actions
+    are (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov
+    state under the names of a dataset's columns. All draws come from `np_random`.
+
+    Raises ConfigError for settings, UsageError for an action or a render mode that cannot be meant.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        setpoint: Any = 50.0,
+        dynamics: Any = "siemens",
+        start: Any = "default",
+        history: int = 1,
+        reward_scale: float = 1.0,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
+        given = settings(
+            setpoint=setpoint, dynamics=dynamics, start=start, history=history, reward_scale=reward_scale
+        )
+        self.render_mode = render_mode
+        self.observation_space, self.action_space = spaces(given)
+        self._simulation = Simulation(given, 1)
+        self._began = False
+        self._seen: list[dict[str, Any]] = []  # of the episode, for the picture
+
+    def _draw(self, which: Indices, count: int) -> Raw:
+        integers: Raw = self.np_random.bit_generator.random_raw(count)
+        return integers.reshape(1, count)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode: its first observation and the hidden state."""
+        super().reset(seed=seed)
+        self._began = True
+        self._simulation.reset(self._simulation.everyone, self._draw)
+        self._seen = []
+        self._remember()
+        return self._simulation.observations()[0], self._info()
+
+    def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One step: observation, reward, False, False, and the hidden state."""
+        if not self._began:
+            raise gym.error.ResetNeeded("step: found no episode, expected reset() before")
+        actions = checked_actions([action], np.ones(1, dtype=bool))
+        self._simulation.step(self._simulation.everyone, actions, self._draw)
+        self._remember()
+        reward = float(self._simulation.rewards()[0])
+        return self._simulation.observations()[0], reward, False, False, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        return {name: values[0].item() for name, values in self._simulation.latent().items()}
+
+    def _remember(self) -> None:
+        if self.render_mode is not None:
+            self._seen.append({name: x[0].item() for name, x in self._simulation.drawn().items()})
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The episode so far as a picture (height, width, 3); needs the extra `plot`."""
+        if self.render_mode is None:
+            raise UsageError("render: found render_mode None, expected make(…, render_mode='rgb_array')")
+        if not self._began:
+            raise gym.error.ResetNeeded("render: found no episode, expected reset() before")
+        from ibdata.plots.episode import frame
+
+        return frame({name: [step[name] for step in self._seen] for name in self._seen[0]})

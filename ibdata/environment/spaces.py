@@ -1,0 +1,25 @@
+"""The spaces of the environment; the one place besides the two classes that needs Gymnasium."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ibdata.environment.settings import Settings, observation_bounds
+from ibdata.errors import MissingError
+
+try:
+    from gymnasium.spaces import Box
+except ModuleNotFoundError:
+    raise MissingError("ibdata.environment", "gymnasium", "gymnasium") from None
+
+
+def spaces(settings: Settings) -> tuple[Box, Box]:
+    """The spaces of observations (6 · history,), newest frame first, and of actions (3,).
+
+    The bounds are those of the dynamics, for any setpoint, so that a policy can be moved from one to another.
+    """
+    low, high = (  # rounding keeps order, so what is rounded stays within
+        np.tile(np.array(bounds, dtype=np.float32), settings.history)
+        for bounds in observation_bounds(settings.variant)
+    )
+    return Box(low, high, dtype=np.float32), Box(-1.0, 1.0, (3,), np.float32)

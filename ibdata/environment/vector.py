@@ -1,0 +1,167 @@
+"""Many environments at once, moved by one compiled call a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.environment.settings import settings
+from ibdata.environment.simulation import Float32s, Indices, Simulation, checked_actions
+from ibdata.environment.spaces import spaces
+from ibdata.environment.streams import Streams
+from ibdata.errors import UsageError
+
+# After the spaces, whose module says what to install where there is no Gymnasium.
+import gymnasium as gym  # isort: skip
+from gymnasium.vector.utils import batch_space  # isort: skip
+
+NEXT_STEP, SAME_STEP, DISABLED = MODES = ("NextStep", "SameStep", "Disabled")
+Flags = npt.NDArray[np.bool_]
+
+
+def _mode_of_gymnasium(mode: str) -> Any:
+    """The member of `gymnasium.vector.AutoresetMode`, which 1.0 does not have."""
+    modes = getattr(gym.vector, "AutoresetMode", None)
+    return mode if modes is None else modes(mode)
+
+
+class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.NDArray[Any]]):
+    """`num_envs` lanes of the benchmark; lane i of seed s is the environment of seed s + i, bit for bit.
+
+    Takes what `IndustrialBenchmarkEnv` takes, and `autoreset_mode`, one of "NextStep" (the step after a
+    truncation ignores the action and returns the new episode's first observation, with reward 0: no
+    transition to learn from), "SameStep" (the truncated step returns it, and the last observation is in
+    `info["final_obs"]`) and "Disabled" (`reset(options={"reset_mask": truncated})` is the caller's).
+
+    Raises ConfigError or UsageError for arguments that cannot be meant.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        autoreset_mode: Any = NEXT_STEP,
+        setpoint: Any = 50.0,
+        dynamics: Any = "siemens",
+        start: Any = "default",
+        history: int = 1,
+        reward_scale: float = 1.0,
+    ) -> None:
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        if mode not in MODES:
+            raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
+        if num_envs < 1:
+            raise UsageError(f"num_envs: found {num_envs}, expected at least 1")
+        given = settings(
+            setpoint=setpoint, dynamics=dynamics, start=start, history=history, reward_scale=reward_scale
+        )
+        self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = spaces(given)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._mode, self._limit = mode, max_episode_steps
+        self._simulation = Simulation(given, num_envs)
+        self._streams = Streams(num_envs)
+        self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
+        self._done = np.zeros(num_envs, dtype=bool)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:
+        """The generator of each lane, some steps ahead of it."""
+        return self._streams.generators
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:
+        """The seed of each lane."""
+        return self._streams.seeds
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Float32s, dict[str, Any]]:
+        """Begin episodes in all lanes, or in those of the boolean array `options["reset_mask"]` (n,).
+
+        seed: a number for the first lane, from which the others count on, or a list with one for each.
+        """
+        mask = self._mask((options or {}).get("reset_mask"))
+        if isinstance(seed, Sequence) and len(seed) != self.num_envs:
+            raise UsageError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
+        which = np.flatnonzero(mask)
+        if seed is not None:
+            for lane in which.tolist():
+                self._streams.seed(lane, seed[lane] if isinstance(seed, Sequence) else seed + lane)
+        self._begin(which)
+        return self._simulation.observations(), self._info(mask)
+
+    def _mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise UsageError(
+                f"reset_mask: found {' '.join(repr(mask).split())[:60]}, expected a boolean array of shape "
+                f"({self.num_envs},)"
+            )
+        if not mask.any():
+            raise UsageError("reset_mask: found no lane, expected at least one")
+        return mask
+
+    def _begin(self, which: Indices) -> None:
+        self._simulation.reset(which, self._streams.take)
+        self._elapsed[which] = 0
+        self._done[which] = False
+
+    def step(
+        self, actions: Float32s
+    ) -> tuple[Float32s, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """One step of every lane: observations, rewards, flags (n,) and the hidden states."""
+        if (self._elapsed < 0).any() or (self._mode == DISABLED and self._done.any()):
+            raise gym.error.ResetNeeded(
+                "step: found lanes without a running episode, expected reset() before"
+            )
+        moving = ~self._done
+        which = np.flatnonzero(moving)
+        action = checked_actions(actions, moving)
+        if len(which):
+            self._simulation.step(which, action[which], self._streams.take)
+        rewards = np.where(moving, self._simulation.rewards(), 0.0)
+        self._elapsed[which] += 1
+        if len(which) < self.num_envs:
+            self._begin(np.flatnonzero(~moving))
+        truncated = (
+            np.zeros(self.num_envs, dtype=bool) if self._limit is None else self._elapsed >= self._limit
+        )
+        final = {}
+        if self._mode == SAME_STEP and truncated.any():
+            final = self._final(truncated)
+            self._begin(np.flatnonzero(truncated))
+        else:
+            self._done = truncated.copy()
+        info = {**final, **self._info(np.ones(self.num_envs, dtype=bool))}
+        return self._simulation.observations(), rewards, np.zeros_like(truncated), truncated, info
+
+    def _final(self, ended: Flags) -> dict[str, Any]:
+        """What an automatic reset hides: the last observations and infos of the episodes that ended."""
+        last = np.full(self.num_envs, None, dtype=object)
+        seen = self._simulation.observations()
+        for lane in np.flatnonzero(ended).tolist():
+            last[lane] = seen[lane].copy()
+        return {
+            "final_obs": last,
+            "_final_obs": ended.copy(),
+            "final_info": self._info(ended),
+            "_final_info": ended.copy(),
+        }
+
+    def _info(self, mask: Flags) -> dict[str, Any]:
+        """The hidden states as Gymnasium has them: arrays (n,), zero outside `_name`."""
+        info: dict[str, Any] = {}
+        for name, values in self._simulation.latent().items():
+            info[name] = np.where(mask, values, np.zeros(1, dtype=values.dtype))
+            info[f"_{name}"] = mask.copy()
+        return info

@@ -1,0 +1,69 @@
+"""The paper's figures, drawn from ibdata's own dynamics; needs the extra `plot` (matplotlib)."""
+
+from __future__ import annotations
+
+import os
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+
+from ibdata.errors import IbdataError, UsageError
+
+FOLDER = "figures"
+DYNAMICS = ("siemens", "paper")
+FORMS = ("png", "svg")
+
+
+def names() -> list[str]:
+    """The figures, one a module of `ibdata.plots.paper`."""
+    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name("paper"))]))
+
+
+def figure(
+    name: str,
+    out: str | os.PathLike[str] | None = None,
+    dynamics: str = "siemens",
+    seed: int | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Draw a figure of the paper into a file, PNG or SVG by its name; the same file twice for the same seed.
+
+    name: landscape, policies, dynamics or setpoints. out: by default figures/<name>.png. dynamics: siemens or
+    paper. seed: of the episodes drawn, by default one that shows what the paper's figure shows.
+
+    Returns the file. Raises UsageError for a name, form, variant or seed that is none, and for a file that is
+    there unless told to overwrite it; MissingError without matplotlib; IbdataError where the system refuses.
+    """
+    path = Path(FOLDER, f"{name}.png") if out is None else Path(out)
+    form = path.suffix[1:].lower()
+    _one_of("figure", name, names())
+    _one_of("dynamics", dynamics, DYNAMICS)
+    if form not in FORMS:
+        raise UsageError(f"{path}: found no name that ends in .png or .svg, expected one")
+    if seed is not None and not 0 <= seed < 2**64:
+        raise UsageError(f"seed: found {seed}, expected a whole number from 0 to 2⁶⁴ - 1")
+    if os.path.lexists(path) and (path.is_dir() or not overwrite):
+        todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
+        raise UsageError(f"{path}: exists already; expected {todo}")
+    from ibdata.plots.style import image  # first, as it says what to install
+
+    module = import_module(f"ibdata.plots.paper.{name}")
+    chosen = module.SEED if seed is None else seed
+    data = image(lambda drawing: module.draw(drawing, dynamics, chosen), module.SIZE, form)
+    _write(path, data)
+    return path
+
+
+def _one_of(what: str, found: str, known: list[str] | tuple[str, ...]) -> None:
+    if found not in known:
+        raise UsageError(f"{what}: found {found!r}, expected one of {', '.join(known)}")
+
+
+def _write(path: Path, data: bytes) -> None:
+    from ibdata.dataset.files import write
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path.parent, path.name, data)
+    except OSError as error:
+        raise IbdataError(f"{path}: cannot be written: {error.strerror}") from None

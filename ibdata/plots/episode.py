@@ -1,0 +1,53 @@
+"""One episode: what is observed above, what is hidden below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, legend_beside, pixels
+
+SIZE = (9.0, 6.0)
+SHORTEST = 50  # steps on the axis, so that a young episode does not jump
+PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
+    (
+        "observed:\nsteerings",
+        (
+            ("velocity", "velocity", BLUE, "-"),
+            ("gain", "gain", ORANGE, "--"),
+            ("shift", "shift", GREEN, "-."),
+            ("setpoint", "setpoint", BLACK, ":"),
+        ),
+    ),
+    (
+        "observed:\ncost",
+        (("consumption", "consumption", RED, "-"), ("fatigue", "fatigue", PURPLE, "--")),
+    ),
+    ("hidden:\nfatigue's μ", (("mu_v", "μᵛ", BLUE, "-"), ("mu_g", "μᵍ", ORANGE, "--"))),
+    ("hidden:\ndirection φ", (("direction", "φ", GREEN, "-"),)),
+)
+
+
+def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
+    """Variables of the state by name, a value a step, in four panels."""
+    axes = figure.subplots(len(PANELS), 1, sharex=True)
+    for axis, (title, lines) in zip(axes, PANELS, strict=True):
+        for name, label, color, style in lines:
+            axis.plot(np.asarray(steps[name]), style, color=color, label=label)
+        axis.set_ylabel(title)
+        legend_beside(axis)
+    axes[0].set_ylim(-5, 105)
+    axes[2].set_ylim(-0.25, 5.25)
+    axes[3].set_ylim(-6.5, 6.5)
+    axes[3].set_yticks([-6, 0, 6])
+    axes[3].set_xlabel("step t")
+    axes[3].set_xlim(0, max(SHORTEST, len(steps["setpoint"]) - 1))
+
+
+def frame(steps: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
+    """The episode so far as (600, 900, 3) bytes."""
+    return pixels(lambda figure: draw(figure, steps), SIZE)

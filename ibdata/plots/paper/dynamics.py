@@ -1,0 +1,91 @@
+"""200 random steps, taken apart: fatigue, operational cost, consumption, reward.
+
+Hein et al. 2017, Fig. 4: uniform random actions. The episode is the one that `ibdata generate --config
+random.yaml` makes at setpoint 50 with the same seed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ibdata.dynamics import VARIANTS
+from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT
+from ibdata.dynamics.fatigue import AMPLIFICATION_START
+from ibdata.dynamics.operational_cost import operational_cost
+from ibdata.plots.data import Columns, episodes
+from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+
+SIZE = (9.0, 5.6)
+SEED = 161  # μᵍ runs away at t = 82 and is at its cap, where α changes, at 96; in the paper 90 and 100
+STEPS = 200
+SETPOINT = 50.0
+
+
+def parts(dynamics: str, seed: int) -> Columns:
+    """What is drawn, by name (200,), at steps 0 … 199: a state each, and all that adds up to it."""
+    (columns,) = episodes(dynamics, SETPOINT, "random", STEPS, seed)
+    state = {name.removeprefix("obs_").removeprefix("latent_"): x for name, x in columns.items()}
+    offset = VARIANTS[dynamics].consumption_offset
+    steerings = zip(state["setpoint"], state["velocity"], state["gain"], strict=True)
+    return {
+        "mu_g": state["mu_g"],
+        "mu_v": state["mu_v"],
+        "fatigue": state["fatigue"],
+        "theta": np.array([operational_cost(p, v, g) for p, v, g in steerings]),
+        "convolved_cost": state["convolved_cost"],
+        "miscalibration": PENALTY_WEIGHT * (state["penalty"] + offset),
+        "expected_consumption": state["expected_consumption"],
+        "consumption": state["consumption"],
+        "weighted_fatigue": FATIGUE_WEIGHT * state["fatigue"],
+        "cost": state["consumption"] + FATIGUE_WEIGHT * state["fatigue"],
+    }
+
+
+def draw(figure: Figure, dynamics: str, seed: int) -> None:
+    """Four panels over the same steps."""
+    x = parts(dynamics, seed)
+    offset = VARIANTS[dynamics].consumption_offset
+    (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
+    _fatigue(a, x, dynamics)
+    b.plot(x["theta"], color=SKY, label="θ: operational cost")
+    b.plot(x["convolved_cost"], "--", color=BLUE, label="θᶜ: delayed and blurred")
+    b.set_title("(b) operational cost")
+    c.plot(x["consumption"], color=PURPLE, label="c: consumption, with noise")
+    c.plot(x["convolved_cost"], "--", color=BLUE, label="θᶜ")
+    c.plot(x["miscalibration"], "-.", color=GREEN, label=f"25 (m + {offset:g})" if offset else "25 m")
+    c.set_title("(c) consumption = θᶜ + mis-calibration + noise")
+    steps = np.arange(STEPS)
+    d.fill_between(steps, 0.0, x["consumption"], color=PURPLE, alpha=0.55, linewidth=0, label="c")
+    d.fill_between(
+        steps, x["consumption"], x["cost"], color=ORANGE, alpha=0.8, linewidth=0, hatch="///", label="3 f"
+    )
+    d.plot(x["cost"], color=BLACK, linewidth=0.9, label="−r = c + 3 f")
+    d.set_title("(d) negative reward, and its parts")
+    for axes in (b, c, d):
+        axes.set_ylabel("cost units")
+        axes.set_ylim(min(0.0, axes.get_ylim()[0]), axes.get_ylim()[1] * 1.25)
+        axes.legend(loc="upper left", ncols=3, fontsize=7.5, columnspacing=1.0)
+    for axes in (c, d):
+        axes.set_xlabel("step t")
+        axes.set_xlim(0, STEPS - 1)
+    figure.suptitle(f"uniform random actions, setpoint {SETPOINT:g}, variant {dynamics}, seed {seed}", size=9)
+
+
+def _fatigue(axes: Axes, x: Columns, dynamics: str) -> None:
+    """Fatigue, and on an axis of its own the hidden μ that amplify it."""
+    axes.plot(x["fatigue"], color=RED, label="f: fatigue (left)")
+    axes.set_ylabel("fatigue f (cost units)")
+    axes.set_title("(a) fatigue")
+    right = axes.twinx()
+    right.spines["right"].set_visible(True)
+    right.plot(x["mu_g"], "--", color=BLUE, label="μᵍ (right)")
+    right.plot(x["mu_v"], ":", color=GREEN, label="μᵛ (right)")
+    right.axhline(AMPLIFICATION_START, color=BLACK, linewidth=0.6, linestyle=(0, (8, 4)))
+    right.text(STEPS - 1, AMPLIFICATION_START, "run-away ", fontsize=7, ha="right", va="bottom")
+    right.set_ylabel("hidden μ")
+    right.set_ylim(0, 6.2)
+    axes.set_ylim(0, axes.get_ylim()[1] * 1.25)
+    handles = [*axes.get_lines(), *right.get_lines()[:2]]
+    axes.legend(handles=handles, loc="upper left", ncols=3, fontsize=7.5, columnspacing=1.0)

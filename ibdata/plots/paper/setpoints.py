@@ -1,0 +1,37 @@
+"""Four moving setpoints.
+
+Hein et al. 2017, Fig. 5. They begin at 50; no action changes them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from ibdata.plots.data import episodes
+from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, legend_beside
+
+SIZE = (6.5, 2.6)
+SEED = 0
+STEPS = 1000
+LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, ":"))
+
+
+def paths(dynamics: str, seed: int) -> npt.NDArray[np.float64]:
+    """Setpoints (4, 1000)."""
+    made = episodes(dynamics, "drifting", "constant", STEPS, seed, len(LINES))
+    return np.array([columns["obs_setpoint"] for columns in made])
+
+
+def draw(figure: Figure, dynamics: str, seed: int) -> None:
+    """Setpoint over steps."""
+    axes = figure.subplots()
+    for number, (path, (color, style)) in enumerate(zip(paths(dynamics, seed), LINES, strict=True)):
+        axes.plot(path, style, color=color, label=f"episode {number}")
+    axes.set_xlabel("step t")
+    axes.set_ylabel("setpoint p")
+    axes.set_xlim(0, STEPS - 1)
+    axes.set_ylim(-3, 103)
+    legend_beside(axes)
+    axes.set_title(f"variant {dynamics}, seed {seed}")

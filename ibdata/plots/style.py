@@ -1,0 +1,71 @@
+"""How pictures look, and how they become bytes: no window, no global state, the same bytes twice."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import MissingError
+
+try:
+    import matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+except ModuleNotFoundError:
+    raise MissingError("ibdata.plots", "matplotlib", "plot") from None
+
+# Okabe and Ito's colours, which are told apart by colour-blind readers too; lines also differ in style.
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, RED, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+SETTINGS: Any = {
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9.0,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "svg.hashsalt": "ibdata",  # else the names inside are random
+}
+DPI = 150
+FRAME_DPI = 100
+
+
+@contextmanager
+def _plain() -> Iterator[None]:
+    """Our settings and matplotlib's defaults; the reader's own are back afterwards."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(SETTINGS)
+        yield
+
+
+def image(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
+    """The bytes of a picture of size (width, height) in inches; form is png or svg."""
+    with _plain():
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure)
+        out = io.BytesIO()
+        metadata = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
+        figure.savefig(out, format=form, dpi=DPI, metadata=metadata)
+        return out.getvalue()
+
+
+def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDArray[np.uint8]:
+    """A picture as (height, width, 3) bytes."""
+    with _plain():
+        figure = Figure(figsize=size, dpi=FRAME_DPI, layout="constrained")
+        canvas: Any = FigureCanvasAgg(figure)
+        draw(figure)
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[:, :, :3]
+
+
+def legend_beside(axes: Axes) -> None:
+    """The legend to the right of the axes, where it hides nothing."""
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

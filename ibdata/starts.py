@@ -1,0 +1,32 @@
+"""Where an episode starts, from uniform draws."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.experiment.fields import BurnIn
+
+Floats = npt.NDArray[np.float64]
+
+
+def steerings(start: Any, u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Velocity, gain and shift (n,) of a start, from u (n, 3): 100 u if uniform, else 50 each.
+
+    >>> [x.tolist() for x in steerings("uniform", np.array([[0.25, 0.5, 0.75]]))]
+    [[25.0], [50.0], [75.0]]
+    """
+    v, g, h = (100.0 * u if start == "uniform" else np.full(u.shape, 50.0)).T
+    return v, g, h
+
+
+def burn_in_steps(start: BurnIn, u: Floats) -> npt.NDArray[np.int64]:
+    """Steps (n,) of the burn-in, uniform on fewest … most, from the first of u (n, 3).
+
+    >>> burn_in_steps(BurnIn(burn_in=[15, 64]), np.array([[0.0, 0, 0], [0.999, 0, 0]])).tolist()
+    [15, 64]
+    """
+    low, high = start.burn_in
+    return low + np.floor((high - low + 1) * u[:, 0]).astype(np.int64)

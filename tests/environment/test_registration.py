@@ -1,0 +1,75 @@
+"""`import ibdata` registers the environment with Gymnasium, whichever is imported first."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+# Stands in for Gymnasium, which the core does not install: what ibdata uses of it.
+STAND_IN = """
+registry = {}
+def register(id, **given):
+    assert id not in registry
+    registry[id] = given
+"""
+SAYS = "import gymnasium; print(gymnasium.registry)"
+EXPECTED = {
+    "ibdata/IndustrialBenchmark-v0": {
+        "entry_point": "ibdata.environment:IndustrialBenchmarkEnv",
+        "vector_entry_point": "ibdata.environment:IndustrialBenchmarkVectorEnv",
+        "max_episode_steps": 1000,
+    }
+}
+
+
+def said(tmp_path, code: str) -> str:
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n{code}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        "import ibdata, gymnasium",
+        "import gymnasium, ibdata",
+        "import ibdata; del sys.modules['ibdata']; import ibdata",
+    ],
+)
+def test_the_environment_is_registered_once_in_either_order(tmp_path, order):
+    (tmp_path / "gymnasium.py").write_text(STAND_IN)
+    assert said(tmp_path, f"{order}\n{SAYS}") == str(EXPECTED)
+
+
+def test_importing_ibdata_does_not_import_gymnasium(tmp_path):
+    (tmp_path / "gymnasium.py").write_text(STAND_IN)
+    assert said(tmp_path, "import ibdata; print('gymnasium' in sys.modules)") == "False"
+
+
+def test_asking_whether_gymnasium_is_there_registers_nothing_and_spoils_nothing(tmp_path):
+    (tmp_path / "gymnasium.py").write_text(STAND_IN)
+    asked = "import ibdata, importlib.util; print(importlib.util.find_spec('gymnasium').name)"
+    assert said(tmp_path, f"{asked}\n{SAYS}").splitlines() == ["gymnasium", str(EXPECTED)]
+
+
+def test_without_gymnasium_ibdata_works_and_the_environment_says_what_to_install(tmp_path):
+    code = """
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'gymnasium':
+            raise ModuleNotFoundError("No module named 'gymnasium'", name=name)
+sys.meta_path.insert(0, Without())
+import ibdata, ibdata.environment
+for attempt in ("import gymnasium", "ibdata.environment.IndustrialBenchmarkEnv"):
+    try:
+        exec(attempt)
+    except ImportError as error:
+        print(error)
+"""
+    assert said(tmp_path, code).splitlines() == [
+        "No module named 'gymnasium'",
+        "ibdata.environment needs gymnasium: pip install gymnasium, or ibdata with its extra 'gymnasium'",
+    ]

@@ -1,0 +1,125 @@
+"""What an environment can be told, and what it says of the rest."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ibdata.columns import VARIABLES
+from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
+from ibdata.dynamics.exact import normal
+from ibdata.environment.settings import (
+    COST_MAX,
+    M_MAX,
+    M_MIN,
+    Z_MAX,
+    consumption_bounds,
+    observation_bounds,
+    settings,
+)
+from ibdata.errors import ConfigError
+
+ID = "ibdata/IndustrialBenchmark-v0"
+SETPOINT = "expected a number, drifting or {drifting: a number}"
+WRONG = {
+    "setpoint": {
+        101: "found 101, expected a number of at most 100",
+        "drift": f"found 'drift', {SETPOINT}; did you mean 'drifting'?",
+        (10, 20): f"found [10, 20], {SETPOINT}",
+    },
+    "dynamics": {
+        "simens": "found 'simens', expected one of siemens, paper; did you mean 'siemens'?",
+    },
+    "start": {"anywhere": "found 'anywhere', expected one of default, uniform"},
+    "history": {
+        0: "found 0, expected a whole number of at least 1",
+        1001: "found 1001, expected a whole number of at most 1000",
+    },
+    "reward_scale": {
+        0: "found 0, expected a number above 0",
+        float("inf"): "found Infinity, expected a finite number",
+    },
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name in WRONG for value in WRONG[name]])
+def test_a_setting_that_cannot_be_meant_is_named_with_what_was_expected(name, value):
+    with pytest.raises(ConfigError) as caught:
+        settings(**{name: value})
+    assert caught.value.problems == (f"{ID}: {name}: {WRONG[name][value]}",)
+
+
+def test_all_that_is_wrong_is_said_at_once():
+    with pytest.raises(ConfigError) as caught:
+        settings(
+            setpoint={"drifting": [1, 2]}, dynamics={"base": "paper", "eta_men": 1}, start={"burn_in": [9, 3]}
+        )
+    assert caught.value.problems == (
+        f'{ID}: setpoint: found {{"drifting": [1, 2]}}, {SETPOINT}',
+        f"{ID}: dynamics.eta_men: no such option; did you mean 'eta_mean'?",
+        f"{ID}: start.burn_in: found [9, 3], expected [fewest, most] steps",
+    )
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "first", "drifting"),
+    [
+        (70, 70.0, False),
+        (np.int64(70), 70.0, False),
+        ("drifting", 50.0, True),
+        ({"drifting": 10}, 10.0, True),
+    ],
+)
+def test_setpoints_are_numbers_or_move(setpoint, first, drifting):
+    given = settings(setpoint=setpoint)
+    assert (given.first_setpoint, given.drifting) == (first, drifting)
+
+
+@pytest.mark.parametrize(
+    ("dynamics", "variant"),
+    [
+        ("paper", PAPER),
+        ({"base": "paper", "eta_mean": 0.1}, dataclasses.replace(PAPER, eta_mean=0.1)),
+        (dataclasses.replace(SIEMENS, drift_length=7), dataclasses.replace(SIEMENS, drift_length=7)),
+    ],
+    ids=["name", "mapping", "Variant"],
+)
+def test_dynamics_are_a_name_a_mapping_or_a_variant(dynamics, variant):
+    assert settings(dynamics=dynamics).variant == variant
+
+
+def test_the_normal_draw_cannot_leave_the_range_that_the_bounds_assume():
+    assert -Z_MAX < normal(2.0**-53) < -8.2
+    assert 8.2 < normal(1 - 2.0**-53) < Z_MAX
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_extremes_of_consumption_are_within_its_bounds_and_near_them(variant):
+    """The dearest and the cheapest steerings, the worst and the best of m, the normal draw at its ends."""
+    low, high = consumption_bounds(VARIANTS[variant])
+    seen = []
+    for p, v, g, turns in ((100.0, 100.0, 100.0, 40), (0.0, 0.0, 0.0, 5)):
+        for z in (-8.2, 8.2):
+            state = initial_state(p, v, g, 100.0 if turns == 40 else 50.0)
+            noise = Noise(*(np.zeros(1) for _ in Noise._fields))._replace(normal_consumption=np.array([z]))
+            for _ in range(turns):
+                state = step(state, [[0.0, 0.0, 1.0]], noise, variant)
+                seen.append(state.consumption[0])
+    assert low <= min(seen)
+    assert max(seen) <= high
+    assert max(seen) > 0.97 * high
+    assert min(seen) < low + 30.0
+
+
+def test_the_bounds_assume_what_the_columns_declare():
+    assert (VARIABLES["penalty"].low, VARIABLES["penalty"].high) == (M_MIN, M_MAX)
+    assert VARIABLES["convolved_cost"].high == COST_MAX
+
+
+def test_an_observation_s_bounds_are_those_of_the_columns():
+    low, high = observation_bounds(SIEMENS)
+    assert low[:5] == [0, 0, 0, 0, 0]
+    assert high[:5] == [100, 100, 100, 100, 300]
+    assert (round(low[5], 2), round(high[5], 1)) == (-7.28, 5183.2)

@@ -1,0 +1,129 @@
+"""The lanes behind the environments, without Gymnasium."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ibdata.columns import DRIFT, LATENT
+from ibdata.environment.settings import settings
+from ibdata.environment.simulation import Simulation, checked_actions
+from ibdata.errors import UsageError
+from ibdata.policies import OBSERVATION
+
+STARTS = ("default", "uniform", {"burn_in": [0, 7]})
+
+
+class Tape:
+    """Integers in a row for each lane, and how many were taken."""
+
+    def __init__(self, integers):
+        self.integers = np.atleast_2d(integers)
+        self.at = np.zeros(len(self.integers), dtype=np.int64)
+
+    def __call__(self, which, count):
+        out = np.array([self.integers[lane, self.at[lane] : self.at[lane] + count] for lane in which])
+        self.at[which] += count
+        return out
+
+
+def random_tape(lanes, seed=0):
+    return Tape(np.random.Philox(seed).random_raw(lanes * 4000).reshape(lanes, 4000))
+
+
+def actions_of(recorded):
+    names = ("act_velocity", "act_gain", "act_shift")
+    return np.array([recorded.columns[name] for name in names]).T
+
+
+def test_the_simulation_fed_a_dataset_s_integers_is_its_episode_bit_for_bit(case, recorded):
+    simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
+    columns = recorded.columns
+    names = LATENT + (DRIFT if simulation.settings.drifting else ())
+    simulation.reset(simulation.everyone, tape)
+    for t, action in enumerate(actions_of(recorded)):
+        seen, hidden = simulation.observations()[0], simulation.latent()
+        assert seen.tolist() == [columns[f"obs_{name}"][t] for name in OBSERVATION]
+        assert set(hidden) == {f"latent_{name}" for name in names}
+        for name, value in hidden.items():
+            assert np.float32(value[0]) == columns[name][t]
+        simulation.step(simulation.everyone, action[None], tape)
+        assert np.float32(simulation.rewards()[0]) == columns["reward"][t]
+    assert simulation.observations()[0].tolist() == [columns[f"next_obs_{name}"][t] for name in OBSERVATION]
+    assert tape.at[0] == len(recorded.integers)
+
+
+@pytest.mark.parametrize("start", STARTS, ids=str)
+@pytest.mark.parametrize("setpoint", [70, "drifting"])
+def test_a_lane_is_the_same_alone_and_among_others_that_rest_or_start_again(setpoint, start):
+    given = settings(setpoint=setpoint, start=start, history=3)
+    together, tape = Simulation(given, 3), random_tape(3)
+    alone = [(Simulation(given, 1), Tape(tape.integers[lane])) for lane in range(3)]
+    action = np.random.default_rng(0).uniform(-1, 1, (40, 3, 3)).astype(np.float32)
+    together.reset(together.everyone, tape)
+    for simulation, own in alone:
+        simulation.reset(simulation.everyone, own)
+    for t in range(40):
+        moving = np.array([lane for lane in range(3) if t % (lane + 2)])
+        resting = np.setdiff1d(np.arange(3), moving)
+        if len(moving):
+            together.step(moving, action[t, moving], tape)
+        if t % 5 == 0 and len(resting):
+            together.reset(resting, tape)
+        for lane, (simulation, own) in enumerate(alone):
+            if lane in moving:
+                simulation.step(simulation.everyone, action[t, [lane]], own)
+            elif t % 5 == 0:
+                simulation.reset(simulation.everyone, own)
+            assert simulation.observations()[0].tolist() == together.observations()[lane].tolist()
+            assert simulation.rewards()[0] == together.rewards()[lane]
+            for name, value in simulation.latent().items():
+                assert value[0] == together.latent()[name][lane]
+
+
+def test_history_is_the_last_observations_newest_first_the_first_one_repeated():
+    long, short = (Simulation(settings(setpoint=70, history=frames), 2) for frames in (4, 1))
+    tapes = random_tape(2), random_tape(2)
+    seen = []
+    for simulation, tape in zip((long, short), tapes, strict=True):
+        simulation.reset(simulation.everyone, tape)
+    for t in range(6):
+        seen.insert(0, short.observations())
+        frames = (seen + [seen[-1]] * 4)[:4]
+        assert np.array_equal(long.observations(), np.concatenate(frames, axis=1)), t
+        for simulation, tape in zip((long, short), tapes, strict=True):
+            simulation.step(simulation.everyone, np.full((2, 3), 0.5, dtype=np.float32), tape)
+
+
+def test_the_reward_is_scaled_and_nothing_else():
+    plain, scaled = (Simulation(settings(reward_scale=scale), 2) for scale in (1.0, 0.01))
+    for simulation, tape in ((plain, random_tape(2)), (scaled, random_tape(2))):
+        simulation.reset(simulation.everyone, tape)
+        simulation.step(simulation.everyone, np.zeros((2, 3), dtype=np.float32), tape)
+    assert np.array_equal(scaled.rewards(), 0.01 * plain.rewards())
+    assert np.array_equal(scaled.observations(), plain.observations())
+
+
+def test_what_is_returned_is_never_changed_afterwards():
+    simulation, tape = Simulation(settings(setpoint="drifting"), 2), random_tape(2)
+    simulation.reset(simulation.everyone, tape)
+    kept = [simulation.observations(), simulation.rewards(), *simulation.latent().values()]
+    before = [x.copy() for x in kept]
+    for _ in range(3):
+        simulation.step(simulation.everyone, np.ones((2, 3), dtype=np.float32), tape)
+    assert all(np.array_equal(x, y) for x, y in zip(kept, before, strict=True))
+
+
+def test_actions_are_clipped_and_rounded_and_those_of_resting_lanes_are_not_read():
+    used = np.array([True, False])
+    assert checked_actions([[0.1, -7, 2], [np.nan, 0, 0]], used).tolist() == [
+        [np.float32(0.1), -1, 1],
+        [0] * 3,
+    ]
+
+
+@pytest.mark.parametrize("given", [[[0, 0, np.nan]], [[0, 0]], [0, 0, 0], "left", [[None, 0, 0]]], ids=repr)
+def test_other_actions_are_refused_naming_what_was_found(given):
+    with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers") as caught:
+        checked_actions(given, np.ones(1, dtype=bool))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,150 @@
+"""`ibdata figure` and `ibdata.plots.figure`: whole files, the same twice, and errors that say what to do."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import matplotlib
+import pytest
+from PIL import Image
+
+from ibdata.dynamics import VARIANTS
+from ibdata.errors import IbdataError, UsageError
+from ibdata.plots import DYNAMICS, figure, names
+
+FIGURES = ["dynamics", "landscape", "policies", "setpoints"]
+
+
+def test_the_figures_are_these():
+    assert names() == FIGURES
+    assert tuple(VARIANTS) == DYNAMICS
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_a_png_by_default_and_the_same_from_the_command_line_and_python(ibdata, tmp_path, name):
+    done = ibdata("figure", name)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"figures/{name}.png\n", "")
+    made = tmp_path / "figures" / f"{name}.png"
+    with Image.open(made) as picture:
+        picture.load()
+        assert picture.format == "PNG"
+        assert min(picture.size) > 300
+        assert "Software" not in picture.info
+    again = figure(name, tmp_path / "again.png")
+    assert again.read_bytes() == made.read_bytes()
+    assert sorted(os.listdir(made.parent)) == [made.name]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_an_svg_where_the_file_is_called_so_with_its_axes_named(tmp_path, name):
+    paths = [figure(name, tmp_path / f"{i}.SVG") for i in range(2)]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    text = paths[0].read_text()
+    assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
+    assert "<dc:date>" not in text
+    label = {"landscape": "direction φ", "policies": "direction φ"}.get(name, "step t")
+    assert f"<!-- {label} -->" in text
+
+
+def test_the_reader_s_own_settings_neither_change_a_figure_nor_are_changed(tmp_path):
+    plain = figure("setpoints", tmp_path / "plain.png").read_bytes()
+    with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 20, "axes.facecolor": "red"}):
+        before = dict(matplotlib.rcParams)
+        assert figure("setpoints", tmp_path / "mine.png").read_bytes() == plain
+        assert dict(matplotlib.rcParams) == before
+
+
+def test_variant_and_seed_are_those_asked_for(ibdata, tmp_path):
+    made = [figure("setpoints", tmp_path / "s.png").read_bytes()]
+    for i, options in enumerate((["--dynamics", "paper"], ["--seed", "3"], ["--dynamics", "siemens"])):
+        assert ibdata("figure", "setpoints", *options, "--out", f"{i}.png").returncode == 0
+        made.append((tmp_path / f"{i}.png").read_bytes())
+    assert made[0] == made[3]
+    assert len(set(made)) == 3
+
+
+def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
+    (tmp_path / "mine.png").write_text("mine")
+    refused = ibdata("figure", "setpoints", "--out", "mine.png")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr == (
+        "mine.png: exists already; expected another name, or --overwrite (overwrite=True)\n"
+    )
+    assert (tmp_path / "mine.png").read_text() == "mine"
+    assert ibdata("figure", "setpoints", "--out", "mine.png", "--overwrite").returncode == 0
+    assert (tmp_path / "mine.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "link.png").symlink_to("nowhere")
+    with pytest.raises(UsageError, match="exists already"):
+        figure("setpoints", tmp_path / "link.png")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"name": "landscap"},
+            f"figure: found 'landscap', expected one of {', '.join(FIGURES)}",
+        ),
+        ({"out": "a.pdf"}, "a.pdf: found no name that ends in .png or .svg, expected one"),
+        ({"out": "figures"}, "figures: found no name that ends in .png or .svg, expected one"),
+        ({"dynamics": "simens"}, "dynamics: found 'simens', expected one of siemens, paper"),
+        ({"seed": -1}, "seed: found -1, expected a whole number from 0 to 2⁶⁴ - 1"),
+        ({"seed": 2**64}, f"seed: found {2**64}, expected a whole number from 0 to 2⁶⁴ - 1"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_anything_is_made(tmp_path, monkeypatch, given, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError) as caught:
+        figure(**{"name": "setpoints", **given})
+    assert str(caught.value) == message
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_is_not_overwritten(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(UsageError, match=r"exists already; expected another name$"):
+        figure("setpoints", tmp_path / "a.png", overwrite=True)
+
+
+def test_where_the_system_refuses_the_error_is_one_line_and_nothing_is_left(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(IbdataError, match=r"a\.png: cannot be written: ") as caught:
+        figure("setpoints", tmp_path / "file" / "a.png")
+    assert caught.value.exit_code == 1
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*_):
+        raise RuntimeError("cannot be drawn")
+
+    monkeypatch.setattr("ibdata.plots.paper.setpoints.paths", fail)
+    with pytest.raises(RuntimeError):
+        figure("setpoints", tmp_path / "folder" / "a.png")
+    assert os.listdir(tmp_path) == []
+
+
+def test_without_matplotlib_the_command_says_what_to_install(tmp_path):
+    code = "import sys; sys.modules['matplotlib'] = None; from ibdata.cli import main; main(sys.argv[1:])"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "figure", "landscape"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    needed = "ibdata.plots needs matplotlib: pip install matplotlib, or ibdata with its extra 'plot'"
+    assert done.stderr == f"ibdata: {needed}\n"
+    assert os.listdir(tmp_path) == []
+
+
+def test_no_window_is_opened_and_help_needs_no_matplotlib(tmp_path):
+    code = f"""
+import sys
+import ibdata.cli.figure
+assert not {{"matplotlib", "numpy"}} & set(sys.modules)
+import ibdata.plots
+ibdata.plots.figure("setpoints", {str(tmp_path / "a.png")!r})
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
