@@ -25,6 +25,11 @@ def test_the_two_commands_come_first_and_are_what_ci_runs():
 def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
     env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
     lines: list[list[str]] = [["sh", "-c", line] for line in re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)]
+    for language, block in BLOCKS:
+        if language == "yaml":
+            (tmp_path / f"{block.split()[1]}.yaml").write_text(block)
+        if "class Cautious" in block:
+            (tmp_path / "my_policy.py").write_text(block)
     for number, (language, block) in enumerate(BLOCKS[2:]):
         if any(f"import {library}\n" in block for library in BRIDGES):
             continue  # its bridge runs it, see tests/bridges
@@ -43,7 +48,7 @@ def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
 def test_the_experiment_shown_is_valid(tmp_path: Path):
     from ibdata import load
 
-    (shown,) = (block for language, block in BLOCKS if language == "yaml")
+    (shown,) = (block for language, block in BLOCKS if block.startswith("name: mine\n"))
     (tmp_path / "mine.yaml").write_text(shown)
     experiment = load(tmp_path / "mine.yaml")
     assert len(experiment.cells) == 12

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ibdata.experiment.strict_yaml import Loc
+from ibdata.policies.custom import TARGET
 
 # error type → what was expected, with the error's context filled in
 EXPECTED = {
@@ -64,6 +65,8 @@ def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):
         return str(context["error"])
+    if context.get("pattern") == TARGET:
+        return f"found {shown(value)}, expected package.module:name"
     if kind in EXPECTED:
         bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
         filled = {

@@ -20,11 +20,13 @@ from ibdata.policies import POLICIES, Policy
 from ibdata.policies.base import Deterministic, Wrapper
 
 # Options to try for each kind that has any to give, all of them different from their defaults.
+CUSTOM = {"target": "ibdata.policies.safe:Safe", "uniforms": 5}  # code that everyone has
 EXAMPLES = {
     "constant": [{}, {"action": [1.0, -0.25, 0.1]}],
+    "custom": [CUSTOM],
 }
 # Around every policy that may be a base; 24 nodes integrate a normal of 0.4 to 1e-7.
-PLAIN = [kind for kind in POLICIES if not issubclass(POLICIES[kind], Wrapper)]
+PLAIN = [kind for kind in POLICIES if not issubclass(POLICIES[kind], Wrapper) and kind != "custom"]
 FIXED = [kind for kind in PLAIN if issubclass(POLICIES[kind], Deterministic)]
 EXAMPLES["epsilon_greedy"] = [
     *({"base": {"kind": kind}, "epsilon": 0.2} for kind in PLAIN),

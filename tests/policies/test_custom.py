@@ -1,0 +1,186 @@
+"""Policies that are somebody's own code: they run where allowed, and nowhere else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.errors import UsageError
+from ibdata.policies.custom import Custom, CustomError
+
+CODE = textwrap.dedent("""
+    import numpy as np
+
+    open("imported", "w").close()
+
+    class Actor:
+        def __init__(self, gain=0.0):
+            self.gain = gain
+
+        def act(self, history, u):
+            return self.gain * (2.0 * u - 1.0) + 0.001 * history[:, 0, 1:4]
+
+        def log_prob(self, history, action):
+            return np.full(len(action), -0.5)
+
+    class Learned:
+        def predict(self, observations):
+            return np.tanh(observations[:, 7:10] / 100.0), None
+
+    def made(value):
+        return type("Still", (), {"predict": lambda self, x: np.full((len(x), 3), value)})()
+
+    actor = Actor(0.25)
+    nothing = object()
+
+    def failing():
+        raise RuntimeError("no weights")
+""")
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A module `mine` in the current folder, forgotten afterwards."""
+    (tmp_path / "mine.py").write_text(CODE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    sys.modules.pop("mine", None)
+
+
+def described(**policy):
+    return Experiment.model_validate(
+        {
+            "name": "own",
+            "setpoints": [20.0, 70.0],
+            "policies": [{"kind": "custom", **policy}],
+            "steps": 4,
+            "output": {"shard_rows": 4},
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "actions"),
+    [
+        ({"target": "mine:Actor", "uniforms": 3}, lambda h, u: 0.001 * h[:, 0, 1:4]),
+        ({"target": "mine:Actor", "uniforms": 3, "params": {"gain": 0.5}},
+         lambda h, u: 0.5 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
+        ({"target": "mine:actor", "uniforms": 3}, lambda h, u: 0.25 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
+        ({"target": "mine:Learned", "history": 2}, lambda h, u: np.tanh(h[:, 1, 1:4] / 100.0)),
+        ({"target": "mine:made", "params": {"value": 0.125}}, lambda h, u: np.full((len(h), 3), 0.125)),
+    ],
+)  # fmt: skip
+def test_act_and_predict_are_asked_for_actions(mine, options, actions):
+    policy = Custom(**options)
+    rng = np.random.default_rng(0)
+    history = rng.uniform(0, 100, (7, policy.frames, 6)).astype(np.float32)
+    u = rng.random((7, policy.draws))
+    np.testing.assert_array_equal(policy.act(history, u), actions(history, u))
+
+
+def test_its_density_is_used_where_it_has_one(mine):
+    history, action = np.zeros((2, 1, 6), np.float32), np.zeros((2, 3), np.float32)
+    assert Custom(target="mine:actor").log_prob(history, action).tolist() == [-0.5, -0.5]
+    assert np.isnan(Custom(target="mine:Learned").log_prob(history, action)).all()
+
+
+@pytest.mark.parametrize(
+    ("target", "line"),
+    [
+        ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
+        ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
+        ("mine:failing", "mine:failing: cannot be loaded: RuntimeError: no weights"),
+        ("mine:nothing", "mine:nothing: found object, expected it to have act or predict"),
+    ],
+)
+def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line):
+    with pytest.raises(CustomError) as error:
+        ibdata.generate(described(target=target), "out", workers=1, allow_code=True)
+    assert str(error.value).startswith(line)
+    assert not (mine / "out").exists()
+
+
+@pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
+def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
+    block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
+    block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
+    experiment = Experiment.model_validate({**described(target="mine:actor").plain(), "policies": [block]})
+    for call in (
+        lambda: ibdata.generate(experiment, "out", workers=1),
+        lambda: ibdata.generate(experiment, "out", workers=2, resume=True),
+    ):
+        with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
+            call()
+    assert not (mine / "imported").exists()
+    made = ibdata.generate(experiment, "out", workers=2, allow_code=True)
+    assert "ibdata: running the code of mine:actor" in capsys.readouterr().err
+    assert made.manifest["reproducible"] == "same-environment"
+    sha256 = hashlib.sha256((mine / "mine.py").read_bytes()).hexdigest()
+    assert made.manifest["code"] == [{"target": "mine:actor", "version": None, "sha256": sha256}]
+    assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
+
+
+def test_repair_and_reproduce_need_leave_too(mine):
+    made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
+    root = made.content_root
+    (mine / "out/data/part-00001.parquet").unlink()
+    for call in (ibdata.repair, ibdata.reproduce):
+        with pytest.raises(UsageError, match="which is code that would run; --allow-code"):
+            call("out")
+    assert ibdata.repair("out", workers=1, allow_code=True) == ["data/part-00001.parquet"]
+    assert ibdata.reproduce("out", allow_code=True) == (2, [])
+    assert ibdata.open("out").content_root == root
+
+
+READING = """
+    import json, sys
+    import ibdata
+    from ibdata.cli import main
+    from ibdata.dataset.difference import difference
+
+    ds = ibdata.open("out")
+    ds.to_pandas(), ds.arrays(), ds.statistics(), ds.episodes, list(ds.iter_batches())
+    assert ibdata.validate("out") == []
+    assert difference(ds, ibdata.open("out")) == []
+    ibdata.split("out", source=[20], target=[70])
+    ibdata.merge(["out", "other"], "both")
+    for command in ("info", "head", "stats", "validate"):
+        try:
+            main([command, "both"])
+        except SystemExit as end:
+            assert not end.code
+    print(json.dumps(sorted(set(sys.modules) & {"mine", "pickle_of_mine"})))
+"""
+
+
+def test_reading_checking_splitting_and_merging_never_import_it(mine):
+    for seed, name in enumerate(["out", "other"]):
+        experiment = described(target="mine:actor", uniforms=3).model_copy(update={"seed": seed})
+        ibdata.generate(experiment, name, workers=1, allow_code=True)
+    (mine / "imported").unlink()
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(READING)], capture_output=True, text=True, cwd=mine
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1]) == []
+    assert not (mine / "imported").exists()
+
+
+@pytest.mark.parametrize(
+    "target", ["mine", "mine.Actor", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", ""]
+)
+def test_a_target_that_is_no_name_is_refused(target, tmp_path):
+    (tmp_path / "x.yaml").write_text(
+        f"name: x\nsetpoints: 70\npolicies: [{{kind: custom, target: {json.dumps(target)}}}]\n"
+    )
+    with pytest.raises(UsageError, match=r"policies\.0\.target: found .*, expected package.module:name"):
+        ibdata.load(tmp_path / "x.yaml")
