@@ -57,7 +57,8 @@ def split(
         "policy": lambda: splitting.by_policy(recipe),
     }
     if by not in made and (by is not None or materialize is None):
-        raise UsageError(f"split: found {by!r}, expected by setpoint, episode or policy")
+        found = "nothing" if by is None else repr(by)
+        raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
     new = made[by]() if by in made else {}
     _refuse_names(dataset, recipe, new)
     labelled = Recipe(recipe.name, recipe.experiments, {**recipe.later, **new})

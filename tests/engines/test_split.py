@@ -208,7 +208,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
         ({"by": "episode", "fractions": (1.1, -0.1)}, "found fractions 1.1, -0.1"),
         ({"by": "colour"}, "found 'colour', expected by setpoint, episode or policy"),
-        ({"by": None}, "found None, expected by setpoint"),
+        ({"by": None}, "found nothing, expected by setpoint"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_and_changes_nothing(made, call, line):
