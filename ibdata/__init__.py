@@ -9,10 +9,20 @@ if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
     from ibdata.engines.generate import generate
+    from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
     from ibdata.experiment import Experiment, load
 
-__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "generate", "load", "open"]
+__all__ = [
+    "Dataset",
+    "Experiment",
+    "IbdataError",
+    "__version__",
+    "generate",
+    "generate_all",
+    "load",
+    "open",
+]
 
 # Imported when first used, so that `ibdata --help` answers at once.
 _HOMES = {
@@ -20,6 +30,7 @@ _HOMES = {
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "generate": ("ibdata.engines.generate", "generate"),
+    "generate_all": ("ibdata.engines.suite", "generate_all"),
     "load": ("ibdata.experiment", "load"),
     "open": ("ibdata.dataset.reader", "Dataset"),
 }
