@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ibdata.engines.generate import generate
     from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
+    from ibdata.evaluation import evaluate
     from ibdata.experiment import Experiment, load
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Experiment",
     "IbdataError",
     "__version__",
+    "evaluate",
     "generate",
     "generate_all",
     "load",
@@ -29,6 +31,7 @@ _HOMES = {
     "Dataset": ("ibdata.dataset.reader", "Dataset"),
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
+    "evaluate": ("ibdata.evaluation", "evaluate"),
     "generate": ("ibdata.engines.generate", "generate"),
     "generate_all": ("ibdata.engines.suite", "generate_all"),
     "load": ("ibdata.experiment", "load"),
