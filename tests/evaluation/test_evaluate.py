@@ -58,17 +58,25 @@ def returns(policy, setpoint=70.0, **settings):
     return evaluate(policy, setpoint, **{"steps": 30, "episodes": 4, **settings}).returns[0]
 
 
-def replayed(seed, index, steps, discount, action):
+def raw_at(form, seed, index, purpose, steps, slots):
+    key = stream_key(seed, hashlib.sha256(form.encode()).digest())
+    return Source().raw(key, index, purpose, 0, steps, slots)
+
+
+def random_action(u):
+    return (2.0 * uniform(u[0]) - 1.0, 2.0 * uniform(u[1]) - 1.0, 2.0 * uniform(u[2]) - 1.0)
+
+
+def replayed(seed, index, steps, discount, actions):
     """The return of an episode at setpoint 70, by `step` and noise from the documented addresses."""
-    key = stream_key(seed, hashlib.sha256(ENVIRONMENT.encode()).digest())
-    raw = Source().raw(key, index, Purpose.DYNAMICS, 0, steps + 1, 8)
+    raw = raw_at(ENVIRONMENT, seed, index, Purpose.DYNAMICS, steps + 1, 8)
     state, total = initial_state(np.array([70.0])), 0.0
     for t in range(steps + 1):
         u = [uniform(x) for x in raw[t]]
         values = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7])]
         blank = [np.zeros(1)] * (len(Noise._fields) - 8)
         noise = Noise(*(np.array([x]) for x in values), *blank)
-        act = np.array([action if t else (0.0, 0.0, 0.0)], dtype=np.float32)
+        act = np.array([actions[t - 1] if t else (0.0, 0.0, 0.0)], dtype=np.float32)
         state = step(state, act, noise, VARIANTS["siemens"])
         if t:
             total += discount ** (t - 1) * float(state.reward[0])
@@ -78,8 +86,14 @@ def replayed(seed, index, steps, discount, action):
 @pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
 def test_the_return_is_the_discounted_sum_of_the_rewards_after_the_zero_action_step(discount):
     found = returns(NUDGE, discount=discount, seed=3)[0]
-    expected = [replayed(3, index, 30, discount, NUDGE["action"]) for index in range(4)]
+    expected = [replayed(3, index, 30, discount, [NUDGE["action"]] * 30) for index in range(4)]
     assert found == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_policys_own_draws_come_from_the_address_with_its_form():
+    draws = [raw_at(POLICY, 3, index, Purpose.POLICY, 30, 4) for index in range(4)]
+    expected = [replayed(3, index, 30, 0.97, list(map(random_action, draws[index]))) for index in range(4)]
+    assert returns("random", discount=0.97, seed=3)[0] == pytest.approx(expected, rel=1e-13)
 
 
 def test_the_random_numbers_have_their_addresses_for_ever():
