@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from ibdata.engines.repair import repair
     from ibdata.engines.reproduce import reproduce
     from ibdata.engines.split import split
+    from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
+    from ibdata.evaluation import evaluate
     from ibdata.experiment import Experiment, load
 
 __all__ = [
@@ -23,7 +25,9 @@ __all__ = [
     "Experiment",
     "IbdataError",
     "__version__",
+    "evaluate",
     "generate",
+    "generate_all",
     "load",
     "merge",
     "open",
@@ -38,7 +42,9 @@ _HOMES = {
     "Dataset": ("ibdata.dataset.reader", "Dataset"),
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
+    "evaluate": ("ibdata.evaluation", "evaluate"),
     "generate": ("ibdata.engines.generate", "generate"),
+    "generate_all": ("ibdata.engines.suite", "generate_all"),
     "load": ("ibdata.experiment", "load"),
     "merge": ("ibdata.engines.merge", "merge"),
     "open": ("ibdata.dataset.reader", "Dataset"),

@@ -18,7 +18,11 @@ allow_code_option = click.option(
 )
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 config_option = click.option(
-    "--config", "config", required=True, metavar="C", help="A YAML file, or the name of a shipped experiment."
+    "--config",
+    "config",
+    required=True,
+    metavar="C",
+    help="A YAML file, a folder of them, or the name of a shipped one.",
 )
 set_option = click.option(
     "--set",
@@ -41,6 +45,16 @@ def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
     width = max(len(name) for name, _ in pairs)
     for name, value in pairs:
         click.echo(f"{name.ljust(width)}  {value}")
+
+
+def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Columns of text under their names, the first to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
+    for row in (names, *rows):
+        cells = [
+            x.ljust(w) if i == 0 else x.rjust(w) for i, (x, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        click.echo("  ".join(cells))
 
 
 def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:

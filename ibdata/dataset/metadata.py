@@ -41,6 +41,7 @@ def info(recipe: Recipe, written: list[Written]) -> dict[str, Any]:
         "name": recipe.name,
         "dynamics": _common([e.plain()["dynamics"] for e in recipe.experiments]),
         "drifting": recipe.experiments[0].drifting,
+        "start": _common([e.plain()["start"] for e in recipe.experiments]),
         "counts": {
             "rows": recipe.rows,
             "episodes": recipe.episodes,

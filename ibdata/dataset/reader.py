@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 from ibdata.dataset import manifest, parquet, shape
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
+from ibdata.dataset.returns import behaviour_returns
 from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
@@ -65,6 +66,15 @@ class Dataset:
         """The content digest of each episode, in order."""
         digests: list[bytes] = self._episodes["digest"].to_pylist()
         return digests
+
+    def returns(self) -> dict[str, Any]:
+        """Undiscounted returns of the behaviour: by policy and setpoint, with a score where there is a scale.
+
+        `results`: policy, setpoint, episodes, mean_return, standard_error, interval, mean_reward (per step)
+        and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
+        published variant and constant setpoints, else it is None, as is every score.
+        """
+        return behaviour_returns(self._episodes, self.info)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.

@@ -98,6 +98,7 @@ class Info(Shape):
     name: Name
     dynamics: str | dict[str, Any] | None
     drifting: bool
+    start: str | dict[str, Any] | None
     counts: Counts
     splits: dict[Name, SplitCounts]
     groups: dict[str, list[str]]

@@ -19,15 +19,16 @@ from ibdata.experiment.recipe import Recipe
 
 def targets(recipe: Recipe) -> list[str]:
     """The `package.module:name` of every custom policy, also of those inside others."""
-    found = (t for e in recipe.experiments for policy in e.plain()["policies"] for t in _targets(policy))
+    found = (t for e in recipe.experiments for policy in e.plain()["policies"] for t in block_targets(policy))
     return list(dict.fromkeys(found))
 
 
-def _targets(block: dict[str, Any]) -> Iterator[str]:
+def block_targets(block: dict[str, Any]) -> Iterator[str]:
+    """The targets in a policy's block."""
     if block["kind"] == "custom":
         yield block["target"]
     if isinstance(block.get("base"), dict):
-        yield from _targets(block["base"])
+        yield from block_targets(block["base"])
 
 
 def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:

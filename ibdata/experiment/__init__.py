@@ -6,42 +6,19 @@ import io
 import os
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment.messages import keys_at, rephrase, suggestion
+from ibdata.experiment.messages import keys_at, rephrase
 from ibdata.experiment.models import Experiment, Problems
+from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, Loc, StrictYamlError
 from ibdata.policies import POLICIES
 
-__all__ = ["Experiment", "as_yaml", "find", "load", "shipped"]
-
-
-def shipped() -> dict[str, Path]:
-    """The configs that come with ibdata, by name without ending."""
-    here = Path(__file__).resolve().parent.parent
-    # Installed, the configs lie inside the package; in a checkout, beside it.
-    folder = next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def find(config: str | os.PathLike[str]) -> Path:
-    """The config file meant: a path, else a shipped name with or without '.yaml'; UsageError if neither."""
-    path = Path(config)
-    if os.path.exists(path):  # False where the system refuses the name
-        return path
-    configs = shipped()
-    name = os.fspath(config).removesuffix(".yaml")
-    if name not in configs:
-        raise UsageError(
-            f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(configs)}"
-            f"{suggestion(name, configs)}"
-        )
-    return configs[name]
+__all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]
 
 
 def load(
@@ -53,6 +30,9 @@ def load(
     overrides as `file:line:column: key: what was found, what was expected`.
     """
     path = find(config)
+    if is_suite(path):
+        example = sorted(path.glob("*.yaml"))[0]
+        raise UsageError(f"{path}: found a folder of experiments, expected one, such as {example}")
     try:
         with path.open("rb") as file:  # which may have no end
             document = Document(file.read(MAX_BYTES + 1))
@@ -66,8 +46,57 @@ def load(
     try:
         return Experiment.model_validate(document.data)
     except ValidationError as error:
-        found = [line for e in error.errors() for line in _lines(e, document, str(path), places)]
+        found = [
+            _line(*problem, document, str(path), places)
+            for e in error.errors()
+            for problem in _problems(e, document.data)
+        ]
         raise ConfigError(list(dict.fromkeys(found))) from None
+
+
+def validated(data: dict[str, Any]) -> Experiment:
+    """The experiment of plain data; ConfigError with every problem as `key: found, expected`."""
+    try:
+        return Experiment.model_validate(data)
+    except ValidationError as error:
+        problems = [problem for e in error.errors() for problem in _problems(e, data)]
+        raise ConfigError([f"{'.'.join(map(str, loc))}: {text}" for loc, text, _ in problems]) from None
+
+
+def load_all(
+    config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
+) -> list[Experiment]:
+    """The experiments of a folder (or shipped suite) in the order of their files, or the one of a file.
+
+    Raises as `load`, with the problems of all files at once; two experiments of one name are a problem.
+    """
+    path = find(config)
+    files = sorted(path.glob("*.yaml")) if is_suite(path) else [path]
+    experiments: dict[str, Experiment] = {}
+    found: dict[str, list[str]] = {}  # problem → files
+    for file in files:
+        try:
+            experiment = load(file, overrides, seed)
+        except UsageError as error:
+            problems = error.problems if isinstance(error, ConfigError) else [str(error)]
+            for problem in problems:
+                found.setdefault(problem, []).append(str(file))
+            continue
+        if experiment.name in experiments:
+            message = (
+                f"found {experiment.name!r} as in another file of the folder, expected a name of its own"
+            )
+            found[f"{file}: name: {message}"] = [str(file)]
+        experiments[experiment.name] = experiment
+    if found:
+        raise ConfigError([line for item in found.items() for line in _where(*item, len(files))])
+    return list(experiments.values())
+
+
+def _where(problem: str, files: list[str], of: int) -> list[str]:
+    """A problem with its files, where it is not that of all of them and does not name its file."""
+    named = len(files) == of or problem.startswith(files[0])
+    return [problem] if named else [f"{file}: {problem}" for file in files]
 
 
 def as_yaml(experiment: Experiment) -> bytes:
@@ -121,19 +150,20 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
     return [*new, path]
 
 
-def _lines(error: Any, document: Document, path: str, places: dict[Loc, str]) -> list[str]:
-    """One pydantic error as lines with their place; several for problems between keys."""
+def _problems(error: Any, data: Any) -> list[tuple[Loc, str, bool]]:
+    """One pydantic error as paths and messages, and whether it is the key; several for those between keys."""
     inner = error.get("ctx", {}).get("error")
     if isinstance(inner, Problems):
-        return [_line(loc, message, document, path, places, False) for loc, message in inner.found]
-    loc = _resolved(error["loc"], document.data, keep_last=error["type"] in ("extra_forbidden", "missing"))
+        return [(loc, message, False) for loc, message in inner.found]
+    loc = _resolved(error["loc"], data, keep_last=error["type"] in ("extra_forbidden", "missing"))
     if error["type"] == "union_tag_invalid":
         loc = (*loc, "kind")
-    message = rephrase(error, keys_at(Experiment, document.data, loc[:-1], POLICIES))
-    return [_line(loc, message, document, path, places, error["type"] == "extra_forbidden")]
+    message = rephrase(error, keys_at(Experiment, data, loc[:-1], POLICIES))
+    return [(loc, message, error["type"] == "extra_forbidden")]
 
 
-def _line(loc: Loc, message: str, document: Document, path: str, places: dict[Loc, str], key: bool) -> str:
+def _line(loc: Loc, message: str, key: bool, document: Document, path: str, places: dict[Loc, str]) -> str:
+    """A problem with its place: the override that put it there, or file, line and column."""
     name = ".".join(map(str, loc))
     for length in range(len(loc), 0, -1):
         if loc[:length] in places:

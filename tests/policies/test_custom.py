@@ -184,3 +184,24 @@ def test_a_target_that_is_no_name_is_refused(target, tmp_path):
     )
     with pytest.raises(UsageError, match=r"policies\.0\.target: found .*, expected package.module:name"):
         ibdata.load(tmp_path / "x.yaml")
+
+
+def test_evaluating_a_file_that_names_code_needs_leave(mine):
+    (mine / "p.yaml").write_text("{kind: custom, target: 'mine:actor', uniforms: 3}")
+    with pytest.raises(UsageError, match=r"p\.yaml: found a custom policy, which is code"):
+        ibdata.evaluate("p.yaml", steps=3, episodes=2)
+    assert not (mine / "imported").exists()
+    from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
+    typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "uniforms": 3}, steps=3, episodes=2)
+    assert from_file.returns.tolist() == typed.returns.tolist()
+
+
+def test_a_suite_with_code_is_refused_before_anything_is_made(mine):
+    (mine / "suite").mkdir()
+    (mine / "suite/a.yaml").write_text("name: a\nsetpoints: 70\npolicies: [{kind: random}]\nsteps: 3\n")
+    code = "[{kind: custom, target: 'mine:Learned', history: 2}]"
+    (mine / "suite/b.yaml").write_text(f"name: b\nsetpoints: 70\npolicies: {code}\nsteps: 3\n")
+    with pytest.raises(UsageError, match="b: found a custom policy"):
+        ibdata.generate_all("suite", "out", workers=1)
+    assert not (mine / "out").exists()
+    assert list(ibdata.generate_all("suite", "out", workers=1, allow_code=True)) == ["a", "b"]
