@@ -12,7 +12,7 @@ from ibdata.experiment import Experiment, find, load, shipped, suites
 from ibdata.policies import POLICIES
 
 KINDS = ", ".join(POLICIES)
-BASES = "bad, constant, mediocre, optimized, random, safe"
+BASES = "bad, constant, custom, mediocre, optimized, random, safe"
 FIXED = "bad, constant, mediocre, optimized"
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
