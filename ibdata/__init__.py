@@ -11,14 +11,16 @@ if TYPE_CHECKING:
     from ibdata.engines.generate import generate
     from ibdata.errors import IbdataError
     from ibdata.experiment import Experiment, load
+    from ibdata.exporters import export
 
-__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "generate", "load", "open"]
+__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "export", "generate", "load", "open"]
 
 # Imported when first used, so that `ibdata --help` answers at once.
 _HOMES = {
     "Dataset": ("ibdata.dataset.reader", "Dataset"),
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
+    "export": ("ibdata.exporters", "export"),
     "generate": ("ibdata.engines.generate", "generate"),
     "load": ("ibdata.experiment", "load"),
     "open": ("ibdata.dataset.reader", "Dataset"),
