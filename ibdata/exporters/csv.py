@@ -63,7 +63,8 @@ def _check(view: View, path: Path) -> None:
     for expected in _tables(view, "check"):
         if found is None:
             options = csv.ConvertOptions(column_types=expected.schema, null_values=[])
-            found = Rows(csv.open_csv(path, convert_options=options), expected.schema)
+            reader = csv.open_csv(path, convert_options=options)
+            found = Rows(reader, reader.schema)
         if not _same(found.take(expected.num_rows), expected):
             raise differs(str(path))
 

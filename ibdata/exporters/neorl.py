@@ -45,7 +45,7 @@ def export(view: View, path: Path, target: Path) -> str:
 import numpy as np
 
 data = dict(np.load({str(target)!r}))
-data["index"] = np.insert(data["index"], 0, 0)[:-1]  # the first row of each episode, as NeoRL's loader gives it
+data["index"] = np.insert(data["index"], 0, 0)[:-1]  # first rows, as NeoRL's loader gives them
 """
 
 

@@ -44,8 +44,8 @@ def plain(dataset) -> Plain:
         observations, next_observations = [], []
         for i, row in enumerate(rows):
             frames = [now[i - min(lag, row["step"])] for lag in range(history)]
-            observations.append(sum(frames, []))
-            next_observations.append(sum([after[i], *frames[: history - 1]], []))
+            observations.append([x for frame in frames for x in frame])
+            next_observations.append([x for frame in [after[i], *frames[: history - 1]] for x in frame])
         return {
             "observations": np.float32(observations),
             "actions": np.float32([[row[f"act_{x}"] for x in ("velocity", "gain", "shift")] for row in rows]),
