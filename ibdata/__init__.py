@@ -9,11 +9,22 @@ if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
     from ibdata.engines.generate import generate
+    from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
     from ibdata.experiment import Experiment, load
     from ibdata.exporters import export
 
-__all__ = ["Dataset", "Experiment", "IbdataError", "__version__", "export", "generate", "load", "open"]
+__all__ = [
+    "Dataset",
+    "Experiment",
+    "IbdataError",
+    "__version__",
+    "export",
+    "generate",
+    "generate_all",
+    "load",
+    "open",
+]
 
 # Imported when first used, so that `ibdata --help` answers at once.
 _HOMES = {
@@ -22,6 +33,7 @@ _HOMES = {
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "export": ("ibdata.exporters", "export"),
     "generate": ("ibdata.engines.generate", "generate"),
+    "generate_all": ("ibdata.engines.suite", "generate_all"),
     "load": ("ibdata.experiment", "load"),
     "open": ("ibdata.dataset.reader", "Dataset"),
 }

@@ -17,6 +17,17 @@ class UsageError(IbdataError):
     exit_code = 2
 
 
+class MissingError(IbdataError, ImportError):
+    """An optional library is not installed."""
+
+    def __init__(self, what: str, library: str, extra: str) -> None:
+        self.arguments = (what, library, extra)
+        super().__init__(f"{what} needs {library}: pip install 'ibdata[{extra}]'")
+
+    def __reduce__(self) -> tuple[type[MissingError], tuple[str, str, str]]:
+        return type(self), self.arguments
+
+
 def printable(line: str) -> str:
     """Keys come from files: escaped, none can forge a line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)

@@ -15,7 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.compiling import compiled
+from ibdata.dynamics.exact import exp as exp  # policies take these from here
 from ibdata.dynamics.exact import exponential, normal
+from ibdata.dynamics.exact import log as log
 from ibdata.dynamics.state import Floats, Noise
 
 Raw = npt.NDArray[np.uint64]

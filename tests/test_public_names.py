@@ -19,6 +19,7 @@ def test_the_names_of_ibdata():
         "__version__",
         "export",
         "generate",
+        "generate_all",
         "load",
         "open",
     ]

@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, flags=re.MULTILINE | re.DOTALL)
@@ -43,8 +41,8 @@ def test_the_experiment_shown_is_valid(tmp_path: Path):
     (shown,) = (block for language, block in BLOCKS if language == "yaml")
     (tmp_path / "mine.yaml").write_text(shown)
     experiment = load(tmp_path / "mine.yaml")
-    assert len(experiment.cells) == 6
-    assert experiment.labels == ("random", "safe", "constant")
+    assert len(experiment.cells) == 12
+    assert experiment.labels == ("random", "safe", "constant", "bad", "explored", "gaussian")
 
 
 def test_the_table_of_variants_names_every_field_and_both_values():
@@ -60,9 +58,11 @@ def test_the_table_of_variants_names_every_field_and_both_values():
                 assert f"{value:g}" in cell.split()[0]
 
 
-@pytest.mark.parametrize("name", ["random", "random-paper", "safe", "drifting", "transfer"])
-def test_every_shipped_experiment_is_named(name):
-    assert f"`{name}`" in TEXT
+def test_every_shipped_experiment_is_named():
+    from ibdata.experiment import shipped, suites
+
+    for name in (*shipped(), *suites()):
+        assert f"`{name.split('/')[0]}`" in TEXT
 
 
 def test_every_command_and_policy_is_named(command: str):

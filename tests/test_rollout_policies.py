@@ -11,6 +11,7 @@ import pytest
 import ibdata
 from ibdata.experiment import Experiment
 from ibdata.policies import Policy
+from ibdata.policies.optimized import MEAN, STD
 from ibdata.rollout import PolicyError, rollout
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
@@ -111,6 +112,31 @@ def test_a_policy_sees_the_stored_observations_newest_first(monkeypatch):
         for frame in range(3):
             assert (history[:, frame] == stored[:, max(0, t - frame)]).all()
     assert not any(Watching.writeable)
+
+
+def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
+    """What optimized does of the stored observations, k steps ago or the first; by the printed formula."""
+    monkeypatch.setattr("ibdata.rollout.CHUNK", 4)
+    greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.5}
+    made = played(described(policies=[greedy, {"kind": "optimized"}], output={"dtype": "float32"}))
+    z = {
+        name: (made[f"obs_{name}"].astype(np.float64) - mean) / std
+        for name, mean, std in zip(OBSERVATION, MEAN, STD, strict=True)
+    }
+    now = np.arange(STEPS)
+    p, v, f, h3, h4 = (
+        z[name][:, np.maximum(0, now - k)]
+        for name, k in (("setpoint", 0), ("velocity", 5), ("fatigue", 3), ("shift", 3), ("shift", 4))
+    )
+    proposed = np.stack([-v - 0.91, 2.0 * f - p + 1.43, -3.48 * h3 - h4 + 2.0 * p + 0.81], axis=2)
+    base = np.clip(proposed, -1.0, 1.0).astype(np.float32)
+    action = np.stack([made[f"act_{name}"] for name in ("velocity", "gain", "shift")], axis=2)
+    same = (action == base).all(axis=2)
+    assert same[6:].all()
+    assert 0.3 < same[:6].mean() < 0.7  # 180 actions: ½ ± 5.4 standard errors
+    density = made["action_log_prob"][:6]
+    assert (density[same[:6]] == np.float32(np.log(0.5))).all()
+    assert (density[~same[:6]] < np.log(0.5 / 8) + 1e-6).all()
 
 
 def test_a_policy_cannot_change_the_action_it_is_asked_about():

@@ -13,7 +13,11 @@ MAX_LINES = 12  # of messages
 
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 config_option = click.option(
-    "--config", "config", required=True, metavar="C", help="A YAML file, or the name of a shipped experiment."
+    "--config",
+    "config",
+    required=True,
+    metavar="C",
+    help="A YAML file, a folder of them, or the name of a shipped one.",
 )
 set_option = click.option(
     "--set",

@@ -29,14 +29,14 @@ config_argument = click.argument("config", metavar="C")
 @seed_option
 @json_option
 def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
-    """Say whether an experiment is valid; all its errors at once, exit code 2."""
-    from ibdata.experiment import find, load
+    """Say whether an experiment, or all of a folder, is valid; all errors at once, exit code 2."""
+    from ibdata.experiment import find, load_all
 
-    experiment = load(config, overrides, seed)
+    rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
     if as_json:
-        print_json({"config": str(find(config)), "valid": True, "rows": experiment.rows})
+        print_json({"config": str(find(config)), "valid": True, "rows": rows})
         return
-    click.echo(f"{find(config)}: valid, {experiment.rows} rows")
+    click.echo(f"{find(config)}: valid, {rows} rows")
 
 
 @command.command("show")

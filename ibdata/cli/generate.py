@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,11 +18,18 @@ from ibdata.cli._shared import (
     size,
 )
 
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+    from ibdata.experiment import Experiment
+
 
 @click.command("generate")
 @config_option
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder to make; default data/<name>."
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder to make; default data/<name>. Of a folder of experiments each goes to DIR/<name>.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
 @seed_option
@@ -43,53 +51,84 @@ def command(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Make the dataset of an experiment.
+    """Make the dataset of an experiment, or of each experiment in a folder.
 
     \b
     ibdata generate --config random.yaml
     ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set episodes=100
-    ibdata generate --config transfer.yaml --dry-run
+    ibdata generate --config siemens-offline --dry-run
     """
-    from ibdata.engines.estimate import estimate
-    from ibdata.engines.generate import default_folder, generate, resolve
+    from ibdata.experiment import find
+    from ibdata.experiment.shipped import is_suite
 
-    experiment = resolve(config, overrides, seed)
+    options: dict[str, Any] = {"workers": workers, "resume": resume, "overwrite": overwrite}
+    changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
+    progress = False if quiet else None
+    if is_suite(find(config)):
+        if dry_run:
+            _estimate_all(config, out, as_json, **changes, **options)
+        else:
+            _generate_all(config, out, as_json, progress=progress, **changes, **options)
+        return
+    from ibdata.engines.generate import default_folder, resolve
+
+    experiment = resolve(config, **changes)
     folder = out or default_folder(experiment)
     if dry_run:
-        from ibdata.experiment import as_yaml
+        _estimate(experiment, folder, as_json, **options)
+    else:
+        _generate(experiment, folder, as_json, progress=progress, **options)
 
-        made = estimate(experiment, folder, workers, resume, overwrite)
-        if as_json:
-            print_json({"experiment": experiment.plain(), **made})
-            return
-        click.echo(as_yaml(experiment).decode())
-        print_pairs(
-            [
-                ("out", f"{made['out']} (nothing is written)"),
-                ("episodes", made["episodes"]),
-                ("rows", made["rows"]),
-                ("shards", made["shards"]),
-                ("bytes", f"{made['bytes']} ({size(made['bytes'])}, estimated from a sample)"),
-                (
-                    "seconds",
-                    f"{made['seconds']:.1f} with {made['workers']} workers (estimated from a sample)",
-                ),
-            ]
-        )
+
+def _estimate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
+    from ibdata.engines.estimate import estimate
+    from ibdata.experiment import as_yaml
+
+    made = estimate(experiment, folder, **options)
+    if as_json:
+        print_json({"experiment": experiment.plain(), **made})
         return
-    start = time.perf_counter()
-    dataset = generate(
-        experiment,
-        folder,
-        workers=workers,
-        resume=resume,
-        overwrite=overwrite,
-        progress=False if quiet else None,
+    click.echo(as_yaml(experiment).decode())
+    _print_estimate(made)
+
+
+def _estimate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:
+    from ibdata.engines.suite import estimate_all
+
+    made = estimate_all(config, out, **options)
+    total = {key: sum(m[key] for m in made) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
+    total |= {"out": str(Path(made[0]["out"]).parent), "workers": max(m["workers"] for m in made)}
+    if as_json:
+        print_json({"experiments": made, **total})
+        return
+    for m in made:
+        click.echo(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
+    click.echo()
+    _print_estimate(total)
+
+
+def _print_estimate(made: dict[str, Any]) -> None:
+    print_pairs(
+        [
+            ("out", f"{made['out']} (nothing is written)"),
+            ("episodes", made["episodes"]),
+            ("rows", made["rows"]),
+            ("shards", made["shards"]),
+            ("bytes", f"{made['bytes']} ({size(made['bytes'])}, estimated from a sample)"),
+            ("seconds", f"{made['seconds']:.1f} with {made['workers']} workers (estimated from a sample)"),
+        ]
     )
+
+
+def _generate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
+    from ibdata.engines.generate import generate
+
+    start = time.perf_counter()
+    dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start
     counts = dataset.info["counts"]
     if as_json:
-        print_json({"out": str(folder), **counts, "content_root": dataset.content_root, "seconds": seconds})
+        print_json({**_described(dataset), "seconds": seconds})
         return
     print_pairs(
         [
@@ -100,3 +139,32 @@ def command(
             ("time", f"{seconds:.1f} s"),
         ]
     )
+
+
+def _generate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:
+    from ibdata.engines.suite import generate_all
+
+    start = time.perf_counter()
+    made = generate_all(config, out, **options)
+    seconds = time.perf_counter() - start
+    folder = next(iter(made.values())).path.parent
+    rows, data_bytes = (sum(d.info["counts"][key] for d in made.values()) for key in ("rows", "data_bytes"))
+    if as_json:
+        datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]
+        print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
+        return
+    for dataset in made.values():
+        click.echo(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
+    click.echo()
+    print_pairs(
+        [
+            ("datasets", f"{len(made)} in {folder}"),
+            ("rows", rows),
+            ("bytes", size(data_bytes)),
+            ("time", f"{seconds:.1f} s"),
+        ]
+    )
+
+
+def _described(dataset: Dataset) -> dict[str, Any]:
+    return {"out": str(dataset.path), **dataset.info["counts"], "content_root": dataset.content_root}

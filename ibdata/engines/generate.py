@@ -41,7 +41,8 @@ def generate(
     workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
-    that uses several workers needs multiprocessing's `if __name__ == "__main__":`.
+    that uses several workers needs multiprocessing's `if __name__ == "__main__":`. A folder of experiments is
+    for `generate_all`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.

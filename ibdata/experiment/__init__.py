@@ -5,42 +5,19 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment.messages import keys_at, rephrase, suggestion
+from ibdata.experiment.messages import keys_at, rephrase
 from ibdata.experiment.models import Experiment, Problems
+from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.strict_yaml import Document, Loc, StrictYamlError
 from ibdata.policies import POLICIES
 
-__all__ = ["Experiment", "as_yaml", "find", "load", "shipped"]
-
-
-def shipped() -> dict[str, Path]:
-    """The configs that come with ibdata, by name without ending."""
-    here = Path(__file__).resolve().parent.parent
-    # Installed, the configs lie inside the package; in a checkout, beside it.
-    folder = next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-
-
-def find(config: str | os.PathLike[str]) -> Path:
-    """The config file meant: a path, else a shipped name with or without '.yaml'; UsageError if neither."""
-    path = Path(config)
-    if os.path.exists(path):  # False where the system refuses the name
-        return path
-    configs = shipped()
-    name = os.fspath(config).removesuffix(".yaml")
-    if name not in configs:
-        raise UsageError(
-            f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(configs)}"
-            f"{suggestion(name, configs)}"
-        )
-    return configs[name]
+__all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites"]
 
 
 def load(
@@ -52,6 +29,9 @@ def load(
     overrides as `file:line:column: key: what was found, what was expected`.
     """
     path = find(config)
+    if is_suite(path):
+        example = sorted(path.glob("*.yaml"))[0]
+        raise UsageError(f"{path}: found a folder of experiments, expected one, such as {example}")
     try:
         document = Document(path.read_bytes())
     except OSError as error:
@@ -66,6 +46,42 @@ def load(
     except ValidationError as error:
         found = [line for e in error.errors() for line in _lines(e, document, str(path), places)]
         raise ConfigError(list(dict.fromkeys(found))) from None
+
+
+def load_all(
+    config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
+) -> list[Experiment]:
+    """The experiments of a folder (or shipped suite) in the order of their files, or the one of a file.
+
+    Raises as `load`, with the problems of all files at once; two experiments of one name are a problem.
+    """
+    path = find(config)
+    files = sorted(path.glob("*.yaml")) if is_suite(path) else [path]
+    experiments: dict[str, Experiment] = {}
+    found: dict[str, list[str]] = {}  # problem → files
+    for file in files:
+        try:
+            experiment = load(file, overrides, seed)
+        except UsageError as error:
+            problems = error.problems if isinstance(error, ConfigError) else [str(error)]
+            for problem in problems:
+                found.setdefault(problem, []).append(str(file))
+            continue
+        if experiment.name in experiments:
+            message = (
+                f"found {experiment.name!r} as in another file of the folder, expected a name of its own"
+            )
+            found[f"{file}: name: {message}"] = [str(file)]
+        experiments[experiment.name] = experiment
+    if found:
+        raise ConfigError([line for item in found.items() for line in _where(*item, len(files))])
+    return list(experiments.values())
+
+
+def _where(problem: str, files: list[str], of: int) -> list[str]:
+    """A problem with its files, where it is not that of all of them and does not name its file."""
+    named = len(files) == of or problem.startswith(files[0])
+    return [problem] if named else [f"{file}: {problem}" for file in files]
 
 
 def as_yaml(experiment: Experiment) -> bytes:
@@ -143,12 +159,13 @@ def _line(loc: Loc, message: str, document: Document, path: str, places: dict[Lo
 def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
     """The path without the parts that pydantic adds for the branches of unions."""
     out: list[str | int] = []
+    in_policy = False  # the next part is the kind of a policy, which may be a key as well
     for i, part in enumerate(loc):
         here = (isinstance(data, dict) and part in data) or (
             isinstance(data, list) and isinstance(part, int) and part < len(data)
         )
-        if i == 2 and loc[0] == "policies":
-            here = False  # the kind, which may be a key as well
+        here = here and not in_policy
+        in_policy = loc[0] == "policies" and (i == 1 or (part == "base" and here))
         if here:
             data = data[part]
         if here or (keep_last and i == len(loc) - 1):

@@ -78,7 +78,9 @@ def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
 def keys_at(model: type[BaseModel], data: Any, loc: Loc, kinds: Mapping[str, type[BaseModel]]) -> list[str]:
     """The option names that the mapping at `loc` may hold, found by walking the models."""
     if loc and loc[0] == "policies" and len(loc) > 1:
-        block = data["policies"][loc[1]] if isinstance(data.get("policies"), list) else {}
+        block = data
+        for part in loc:
+            block = block[part]
         policy = kinds.get(str(block.get("kind"))) if isinstance(block, dict) else None
         return list(policy.model_fields) if policy else []
     for part in loc:

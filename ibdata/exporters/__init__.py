@@ -52,8 +52,9 @@ def export(
     format has another default (`neorl`: 30); rewards are multiplied by reward_scale. progress None shows a
     bar on stderr if that is a terminal. Every transition is kept, and nothing is left behind on failure.
 
-    Raises UsageError for an option or a path that cannot be meant, a library that is not installed or data
-    that the format cannot hold; DatasetError for a damaged dataset; IbdataError where the system refuses.
+    Raises UsageError for an option or a path that cannot be meant, or data that the format cannot hold;
+    MissingError where a library is not installed; DatasetError for a damaged dataset; IbdataError where the
+    system refuses.
     """
     from ibdata.dataset.reader import Dataset
     from ibdata.errors import UsageError

@@ -13,7 +13,7 @@ from typing import Any
 
 from ibdata.dataset.files import TEMPORARY, sync_folder
 from ibdata.engines import signals
-from ibdata.errors import IbdataError, Interrupted, UsageError
+from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
 
 
 @contextmanager
@@ -71,14 +71,12 @@ def reserve(path: Path, size: int) -> None:
     path.unlink()
 
 
-def needed(module: str, extra: str) -> Any:
-    """An optional library; UsageError where it is not installed."""
+def needed(module: str, format: str, extra: str) -> Any:
+    """An optional library; MissingError where it is not installed."""
     try:
         return import_module(module)
-    except ImportError as error:
-        raise UsageError(
-            f"{error.name or module}: not installed, but needed here: pip install 'ibdata[{extra}]'"
-        ) from None
+    except ImportError:
+        raise MissingError(f"the export to {format}", module, extra) from None
 
 
 def differs(what: str) -> IbdataError:

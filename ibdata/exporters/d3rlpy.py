@@ -39,7 +39,7 @@ def episode(block: Block) -> Arrays:
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the file and compare it with the data."""
-    h5py = needed("h5py", "hdf5")
+    h5py = needed("h5py", "d3rlpy", "hdf5")
     reserve(path, view.bytes + OVERHEAD * (view.episodes + 1))
     with h5py.File(path, "x") as file:
         file.create_dataset("columns", data=list(KEYS))

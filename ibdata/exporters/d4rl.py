@@ -20,7 +20,7 @@ OVERHEAD = 2**20  # bytes, of the file; measured: 0.37 MB
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the HDF5 file and compare it with the data."""
-    h5py = needed("h5py", "hdf5")
+    h5py = needed("h5py", "d4rl", "hdf5")
     reserve(path, view.bytes + OVERHEAD)
     with h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__

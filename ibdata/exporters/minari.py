@@ -48,9 +48,8 @@ def episode(block: Block) -> dict[str, Any]:
 
 def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     """Write the dataset with Minari and compare what Minari reads with the data."""
-    needed("h5py", "minari")
-    needed("PIL", "minari")  # Minari's storages import it, but Minari does not ask for it
-    needed("minari", "minari")
+    for library in ("minari", "h5py", "PIL"):  # Minari's storages import PIL, but Minari does not ask for it
+        needed(library, "minari", "minari")
     from minari import MinariDataset
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage

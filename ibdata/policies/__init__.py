@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pkgutil
+from collections.abc import Iterable
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field
 
-from ibdata.policies.base import OBSERVATION, Policy
+from ibdata.policies.base import OBSERVATION, Deterministic, Policy, Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
@@ -23,9 +24,22 @@ POLICIES: dict[str, type[Policy]] = {
     for policy in sorted(_leaves(Policy), key=lambda policy: policy.__module__)
 }
 
+
+def _one_of(kinds: Iterable[type[Policy]]) -> Any:
+    """The block of any of these kinds."""
+    return Annotated[Union[tuple(kinds)], Field(discriminator="kind")]  # noqa: UP007
+
+
 if TYPE_CHECKING:
     AnyPolicy = Policy
+    AnyBase = Policy
+    DeterministicBase = Deterministic
 else:
-    AnyPolicy = Annotated[Union[tuple(POLICIES.values())], Field(discriminator="kind")]  # noqa: UP007
+    # What a wrapper's base may be is known when all are; a wrapper around another has no use yet.
+    AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if issubclass(p, Deterministic))
+    for _policy in POLICIES.values():
+        _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
+    AnyPolicy = _one_of(POLICIES.values())
 
-__all__ = ["OBSERVATION", "POLICIES", "AnyPolicy", "Policy"]
+__all__ = ["OBSERVATION", "POLICIES", "AnyBase", "AnyPolicy", "DeterministicBase", "Policy"]

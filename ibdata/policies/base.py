@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 History = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
@@ -31,6 +31,7 @@ class Policy(Plugin, ABC):
 
     It names its `kind: Literal["…"]`, its options as fields, the observations of history it wants
     (`frames`), and the uniform draws it uses per step (`draws`). It sees nothing but observations.
+    `Deterministic` and `Wrapper` below do part of the work.
     """
 
     frames: ClassVar[int] = 1
@@ -60,6 +61,60 @@ class Policy(Plugin, ABC):
         """Log density (n,) of actions (n, 3) given histories (n, frames, 6).
 
         The measure is Lebesgue's on (-1, 1) plus unit masses at ±1 and at a base policy's own float32
-        action, in each dimension. NaN where no density is known.
+        action, in each dimension (or at its whole action, where it is replaced as a whole). NaN where no
+        density is known.
         """
         return np.full(len(action), np.nan)
+
+
+def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Proposed actions (n, 3) as the caller of `act` applies them: clipped, rounded, without -0."""
+    clipped = np.clip(np.asarray(proposed, dtype=np.float64), -1.0, 1.0)
+    return clipped.astype(np.float32) + np.float32(0.0)
+
+
+class Deterministic(Policy):
+    """A policy whose action follows from the history: all mass lies at it."""
+
+    def own(self, history: History) -> npt.NDArray[np.float32]:
+        """The actions (n, 3) as they are applied."""
+        return applied(self.act(history, np.empty((len(history), 0))))
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        return np.where((action == self.own(history)).all(axis=1), 0.0, -np.inf)
+
+
+def _without_name(base: Policy) -> Policy:
+    if base.name is not None:
+        raise ValueError("found a base with a name, expected the name beside the outer kind")
+    return base
+
+
+Unnamed = AfterValidator(_without_name)
+
+
+class Wrapper(Policy):
+    """A policy around another, its `base`, whose history and draws it passes on; the base's come first."""
+
+    own_draws: ClassVar[int]
+
+    base: Policy
+
+    @property
+    def frames(self) -> int:  # type: ignore[override]  # read from instances only
+        """Observations of history that the base wants."""
+        return self.base.frames
+
+    @property
+    def draws(self) -> int:  # type: ignore[override]
+        """Uniform draws per step: the base's and its own."""
+        return self.base.draws + self.own_draws
+
+    def form(self) -> dict[str, Any]:
+        """As every policy's, with the form of the base."""
+        return {**super().form(), "base": self.base.form()}
+
+    def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:
+        """The base's action (n, 3) as it would be applied, and the draws left (n, own draws)."""
+        n = self.base.draws
+        return applied(self.base.act(history, np.ascontiguousarray(u[:, :n]))), np.ascontiguousarray(u[:, n:])

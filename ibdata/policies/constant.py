@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field
 
-from ibdata.policies.base import Floats, History, Policy
+from ibdata.policies.base import Deterministic, Floats, History
 
 Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True), AfterValidator(lambda value: value + 0.0)]
 
 
-class Constant(Policy):
+class Constant(Deterministic):
     """The same action (Δv, Δg, Δh) at every step; zero unless said otherwise."""
 
     kind: Literal["constant"] = "constant"
@@ -23,7 +23,3 @@ class Constant(Policy):
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         return np.tile(np.array(self.action), (len(history), 1))
-
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        own = np.array(self.action, dtype=np.float32)
-        return np.where((action == own).all(axis=1), 0.0, -np.inf)

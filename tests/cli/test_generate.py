@@ -130,3 +130,27 @@ def test_an_error_of_an_experiment_is_json_with_file_and_line(ibdata, tmp_path):
 def test_out_defaults_to_the_experiments_name(ibdata, tmp_path: Path):
     ibdata("generate", "--config", "safe", *SMALL)
     assert (tmp_path / "data/safe/meta/manifest.json").is_file()
+
+
+def test_a_shipped_suite_is_made_in_a_folder_of_its_name(ibdata, tmp_path):
+    tiny = ("--set", "episodes=1", "--set", "steps=3", "--workers", "1")
+    done = ibdata("generate", "--config", "siemens-offline", *tiny, "--json")
+    data = json.loads(done.stdout)
+    assert (data["out"], data["rows"], len(data["datasets"])) == ("data/siemens-offline", 48, 16)
+    assert data["datasets"][0]["name"] == "bad-0"
+    assert (tmp_path / data["datasets"][0]["out"] / "meta/manifest.json").is_file()
+    again = ibdata("generate", "--config", "siemens-offline", *tiny, "--resume")
+    assert again.returncode == 0
+    assert "16 in data/siemens-offline" in again.stdout
+    assert data["datasets"][0]["content_root"] in again.stdout
+
+
+def test_a_dry_run_of_a_suite_says_what_each_would_be_and_all(ibdata, tmp_path):
+    tiny = ("--config", "siemens-offline", "--set", "steps=3", "--dry-run")
+    data = json.loads(ibdata("generate", *tiny, "--out", "here", "--json").stdout)
+    assert (data["out"], data["rows"], data["episodes"]) == ("here", 4800, 1600)
+    assert [e["rows"] for e in data["experiments"]] == [300] * 16
+    shown = ibdata("generate", *tiny).stdout
+    assert "bad-0: 300 rows, " in shown
+    assert "rows      4800" in shown
+    assert list(tmp_path.iterdir()) == []

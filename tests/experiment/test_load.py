@@ -8,18 +8,22 @@ from pathlib import Path
 import pytest
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, find, load, shipped
+from ibdata.experiment import Experiment, find, load, shipped, suites
 from ibdata.policies import POLICIES
 
 KINDS = ", ".join(POLICIES)
+BASES = "bad, constant, mediocre, optimized, random, safe"
+FIXED = "bad, constant, mediocre, optimized"
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
 RESERVED = "a reserved name on some systems, expected another"
 
+WORDS = {"KINDS": KINDS, "KEYS": KEYS, "BASES": BASES, "FIXED": FIXED}
+
 # What stands in refused.txt: a line, and its problem indented below it.
 TABLE = Path(__file__).with_name("refused.txt").read_text(encoding="utf-8")
 REFUSED = {
-    line: problem.replace("{KINDS}", KINDS).replace("{KEYS}", KEYS)
+    line: re.sub(r"\{([A-Z]+)\}", lambda word: WORDS[word[1]], problem)
     for line, problem in re.findall(r"^(\w.*)\n    (.*)$", TABLE, flags=re.MULTILINE)
 }
 HOSTILE = [
@@ -213,7 +217,7 @@ def test_find_takes_a_path_and_else_a_shipped_name(tmp_path, monkeypatch, with_l
 def test_a_config_that_is_nowhere_is_told_with_the_shipped_names(config, near):
     with pytest.raises(UsageError, match=r"^config: found ") as caught:
         load(config)
-    names = ", ".join(shipped())
+    names = ", ".join([*(name for name in shipped() if "/" not in name), *suites()])
     assert str(caught.value) == f"config: found {config!r}, expected a file or one of {names}{near}"
 
 

@@ -24,6 +24,7 @@ from ibdata.experiment import Experiment
 RANDOM = {"kind": "random"}
 SAFE = {"kind": "safe"}
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.1]}
+GREEDY = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.2}
 
 # dynamics, setpoints, policy, start: the canonical form as JSON, and its SHA-256.
 GOLDEN = {
@@ -50,6 +51,18 @@ GOLDEN = {
         '"policy": {"action": [0.5, -1.0, 0.1], "kind": "constant"}, '
         '"setpoint": "0x1.9000000000000p+6", "start": {"burn_in": [15, 64]}}',
         "e98625a22f9bc0c1419149b209a3c67e23a6fd961a3c53ebbb80dd06cee43e0d",
+    ),
+    "exploration around a baseline": (
+        ("siemens", 70, {**GREEDY, "per_dimension": False}, "default"),
+        '{"dynamics": "siemens", "policy": {"base": {"kind": "optimized"}, "epsilon": 0.2, '
+        '"kind": "epsilon_greedy"}, "setpoint": "0x1.1800000000000p+6", "start": "default"}',
+        "933898fbcaaec0436b563ebd7ea753403e948936689f17605c03281e9bc84d12",
+    ),
+    "noise around a baseline": (
+        ("siemens", 70, {"kind": "gaussian", "base": NUDGE, "scale": 0.25}, "default"),
+        '{"dynamics": "siemens", "policy": {"base": {"action": [0.5, -1.0, 0.1], "kind": "constant"}, '
+        '"kind": "gaussian", "scale": 0.25}, "setpoint": "0x1.1800000000000p+6", "start": "default"}',
+        "0a6a3cafedb405722b640c2195b1db475c68f1c762e6ea97b9229721266f9b9c",
     ),
 }
 
@@ -102,6 +115,11 @@ def test_what_is_no_part_of_a_cell_leaves_its_digest(change):
 def test_an_option_given_at_its_default_leaves_the_digest():
     spelt_out = {"kind": "constant", "action": [0, 0, 0], "name": "still"}
     assert digests(policies=[spelt_out]) == digests(policies=[{"kind": "constant"}])
+    around = [
+        {"kind": "gaussian", "base": base, "scale": 1} for base in ({**spelt_out}, {"kind": "constant"})
+    ]
+    del around[0]["base"]["name"]
+    assert digests(policies=around[:1]) == digests(policies=around[1:])
 
 
 def test_the_other_cells_of_an_experiment_leave_a_digest():
@@ -121,6 +139,11 @@ def test_whatever_changes_the_cell_changes_its_digest():
         {"policies": [{"kind": "constant"}]},
         {"policies": [NUDGE]},
         {"policies": [{**NUDGE, "action": [0.5, -1, 0.2]}]},
+        {"policies": [GREEDY]},
+        {"policies": [{**GREEDY, "epsilon": 0.4}]},
+        {"policies": [{**GREEDY, "base": {"kind": "bad"}}]},
+        {"policies": [{**GREEDY, "base": {"kind": "bad"}, "per_dimension": True}]},
+        {"policies": [{"kind": "optimized"}]},
         {"start": "uniform"},
         {"start": {"burn_in": [0, 0]}},
         {"start": {"burn_in": [0, 1]}},

@@ -51,6 +51,11 @@ REFUSED = {
         (["setpoints=[10, 20]", "setpoints.1=30"], "setpoints", [10.0, 30.0]),
         (["policies.0.kind=safe"], "labels", ("safe",)),
         (["policies=[{kind: safe}, {kind: random}]"], "labels", ("safe", "random")),
+        (
+            ["policies.0={kind: gaussian, scale: 1, base: {kind: bad}}", "policies.0.base.kind=mediocre"],
+            "policies.0.base.kind",
+            "mediocre",
+        ),
         (["start.burn_in=[1, 2]"], "start.burn_in", [1, 2]),
         (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
@@ -60,7 +65,7 @@ REFUSED = {
 def test_overrides_replace_what_the_file_says(loaded, with_lines, overrides, attribute, value):
     found = loaded(with_lines(), overrides)
     for part in attribute.split("."):
-        found = getattr(found, part)
+        found = found[int(part)] if part.isdigit() else getattr(found, part)
     assert (found() if callable(found) else found) == value
 
 

@@ -6,7 +6,7 @@ import jsonschema
 import pytest
 
 from ibdata.errors import ConfigError
-from ibdata.experiment import Experiment, as_yaml, load, shipped
+from ibdata.experiment import Experiment, as_yaml, load, load_all, shipped
 from ibdata.experiment.strict_yaml import Document
 
 SPECIAL = {
@@ -15,6 +15,11 @@ SPECIAL = {
         "name: '1e3'",
         "policies: [{kind: constant, action: [0.1, -1, 1e-7], name: 'null'}, {kind: safe, name: '0'}]",
         "splits: {'1': {policy: 'null'}, 'true': {policy: '0'}, on: {overlap: true}}",
+    ],
+    "policies around others": [
+        "policies: [{kind: epsilon_greedy, base: {kind: constant, action: [0, 1, -0.1]}, epsilon: 0.2},"
+        " {kind: epsilon_greedy, base: {kind: bad}, epsilon: 1, per_dimension: true, name: a},"
+        " {kind: gaussian, base: {kind: optimized}, scale: 1e-3}]",
     ],
     "drifting": ["name: 'on'", "setpoints: drifting", "start: uniform"],
     "drifting from several": ["setpoints: {drifting: [10, 0.1]}", "start: {burn_in: [0, 64]}"],
@@ -36,7 +41,9 @@ BAD = [
     "dynamics: {base: paper, eta_man: 1}", "start: {burn_in: [3]}", "output: {latent: yes}", "version: 2",
     "splits: {A: {}}", "splits: {a: {overlap: 1}}", "setpoints: 101", "setpoints: '70'",
     "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: []", "name: A", "version: true",
-    "output: {latent: 1}",
+    "output: {latent: 1}", "policies: [{kind: gaussian, base: {kind: safe}, scale: 1}]",
+    "policies: [{kind: epsilon_greedy, base: {kind: epsilon_greedy}, epsilon: 1}]",
+    "policies: [{kind: epsilon_greedy, base: {kind: bad}, epsilon: 2}]",
 ]  # fmt: skip
 special = pytest.mark.parametrize("lines", SPECIAL.values(), ids=SPECIAL)
 
@@ -78,13 +85,35 @@ def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
 def test_a_shipped_config_has_its_files_name_and_fits_the_schema(schema, name):
     text = shipped()[name].read_bytes()
     assert text.startswith(b"# yaml-language-server: $schema=")
-    assert load(name).name == name
+    assert load(name).name == name.split("/")[-1]
     schema.validate(Document(text).data)
     schema.validate(load(name).plain())
 
 
 def test_the_configs_of_the_paper_are_shipped():
-    assert {"random", "random-paper", "safe", "drifting", "transfer"} <= set(shipped())
+    assert {"random", "random-paper", "safe", "drifting", "transfer", "depeweg"} <= set(shipped())
+
+
+def test_the_siemens_sets_are_each_baseline_at_five_levels_and_random_actions():
+    sets = {experiment.name: experiment for experiment in load_all("siemens-offline")}
+    baselines = ("bad", "mediocre", "optimized")
+    assert list(sets) == sorted([*(f"{b}-{e}" for b in baselines for e in (0, 20, 40, 60, 80)), "global-100"])
+    for name, made in sets.items():
+        kind, level = name.split("-")
+        greedy = {"kind": "epsilon_greedy", "base": {"kind": kind}, "epsilon": int(level) / 100}
+        expected = {"0": {"kind": kind}, "100": {"kind": "random"}}.get(level, greedy)
+        [cell] = made.cells
+        assert (cell.policy.form(), cell.label) == (expected, name)
+        assert (made.dynamics, made.setpoints, made.start) == ("siemens", 70.0, "default")
+        assert (made.episodes, made.steps) == (100, 1000)
+
+
+def test_the_batch_of_depeweg_has_seven_runs_to_train_and_three_to_test_at_each_setpoint():
+    made = load("depeweg")
+    assert [cell.setpoint for cell in made.cells] == [10.0 * i for i in range(1, 11)]
+    assert (made.episodes, made.steps, made.labels) == (10, 1000, ("random",))
+    indices = {name: list(split.indices(10)) for name, split in made.splits.items()}
+    assert indices == {"train": [0, 1, 2, 3, 4, 5, 6], "test": [7, 8, 9]}
 
 
 def test_the_source_of_the_transfer_is_larger_than_the_target_and_leaves_episodes_to_test_on():

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError
 from ibdata.exporters import FORMATS
 from ibdata.exporters._view import View
 
@@ -208,7 +208,7 @@ def test_no_dataset_is_a_dataset_error(tmp_path):
 @pytest.mark.parametrize("to", ["d4rl", "d3rlpy"])
 def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_path, to, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(UsageError, match=r"h5py: not installed.*pip install 'ibdata\[hdf5\]'"):
+    with pytest.raises(MissingError, match=rf"export to {to} needs h5py: pip install 'ibdata\[hdf5\]'"):
         ibdata.export(dataset, to, tmp_path / "a" / "made")
     assert list(tmp_path.iterdir()) == []
 

@@ -17,13 +17,26 @@ from pydantic import ValidationError
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.policies import POLICIES, Policy
+from ibdata.policies.base import Deterministic, Wrapper
 
 # Options to try for each kind that has any to give, all of them different from their defaults.
 EXAMPLES = {
     "constant": [{}, {"action": [1.0, -0.25, 0.1]}],
-    "random": [{}],
-    "safe": [{}],
 }
+# Around every policy that may be a base; 24 nodes integrate a normal of 0.4 to 1e-7.
+PLAIN = [kind for kind in POLICIES if not issubclass(POLICIES[kind], Wrapper)]
+FIXED = [kind for kind in PLAIN if issubclass(POLICIES[kind], Deterministic)]
+EXAMPLES["epsilon_greedy"] = [
+    *({"base": {"kind": kind}, "epsilon": 0.2} for kind in PLAIN),
+    *({"base": {"kind": kind}, "epsilon": 0.6, "per_dimension": True} for kind in FIXED),
+    *(
+        {"base": {"kind": kind}, "epsilon": epsilon}
+        for kind in ("safe", "mediocre")
+        for epsilon in (0.0, 1.0)
+    ),
+    {"base": {"kind": "constant", "action": [1.0, -0.25, 0.1]}, "epsilon": 0.4},
+]
+EXAMPLES["gaussian"] = [{"base": {"kind": kind}, "scale": 0.4} for kind in FIXED]
 CASES = [(kind, options) for kind in POLICIES for options in EXAMPLES.get(kind, [{}])]
 IDS = [f"{kind}-{json.dumps(options)}" for kind, options in CASES]
 policies = pytest.mark.parametrize("policy", [POLICIES[kind](**options) for kind, options in CASES], ids=IDS)
@@ -32,11 +45,12 @@ SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 
 
 def histories(policy, values=EDGES):
-    """One lane (n, frames, 6) for every pair of velocity and gain, the older frames elsewhere."""
+    """One lane (n, frames, 6) for every pair of velocity and gain, the older frames those of other lanes."""
     pairs = np.array(list(product(values, values)), dtype=np.float32)
     history = np.full((len(pairs), policy.frames, 6), 50.0, dtype=np.float32)
-    history[:, 0, 1:3] = pairs
-    history[:, 1:, 3:] = np.float32(70.0)
+    for k in range(policy.frames):
+        history[:, k, 1:3] = np.roll(pairs, k, axis=0)
+        history[:, k, 3:5] = np.roll(pairs[::-1], 2 * k, axis=0)
     return history
 
 
@@ -60,7 +74,7 @@ def read_only(array):
 
 def test_every_example_is_of_a_policy_that_there_is():
     assert set(EXAMPLES) <= set(POLICIES)
-    assert {"constant", "random", "safe"} <= set(POLICIES)
+    assert {"constant", "random", "safe", "optimized", "epsilon_greedy", "gaussian"} <= set(POLICIES)
 
 
 @pytest.mark.parametrize(("kind", "options"), CASES, ids=IDS)
@@ -139,19 +153,30 @@ def atoms_of(policy, lane, dimension):
     return sorted({-1.0, 1.0} | set(values[counts > 4].tolist()))
 
 
+def whole_atom(policy, lane):
+    """The one action (1, 3) that has a mass of its own as a whole, or none (0, 3)."""
+    whole = policy.kind == "epsilon_greedy" and not policy.per_dimension and policy.epsilon < 1.0
+    if whole and isinstance(policy.base, Deterministic):
+        return policy.base.own(lane)
+    return np.empty((0, 3), dtype=np.float32)
+
+
 @policies
 def test_the_density_integrates_to_1_in_every_state(policy):
     """Gauss-Legendre on (-1, 1) and unit masses at the atoms, over the product of the dimensions."""
     nodes, node_weights = np.polynomial.legendre.leggauss(24)
     for i, _ in enumerate(history := histories(policy, (20.0, 40.0, 50.0, 60.0, 80.0))):
         lane = history[i : i + 1]
+        whole = whole_atom(policy, lane)
         axes, weights = [], []
         for dimension in range(3):
-            atoms = atoms_of(policy, lane, dimension)
+            atoms = [-1.0, 1.0] if len(whole) else atoms_of(policy, lane, dimension)
             axes.append(np.concatenate([nodes, atoms]))
             weights.append(np.concatenate([node_weights, np.ones(len(atoms))]))
         action = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
         weight = np.einsum("i,j,k->ijk", *weights).ravel()
+        if len(whole) and not (np.abs(whole) == 1.0).all():  # else it is on the grid already
+            action, weight = np.concatenate([action, whole]), np.append(weight, 1.0)
         density = np.exp(policy.log_prob(np.repeat(lane, len(action), axis=0), action))
         assert (density * weight).sum() == pytest.approx(1.0, abs=1e-6), lane[0, 0].tolist()
 

@@ -1,0 +1,56 @@
+"""The experiments that come with ibdata, and what a name on the command line means."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from ibdata.errors import UsageError
+from ibdata.experiment.messages import suggestion
+
+
+def _root() -> Path:
+    here = Path(__file__).resolve().parent.parent
+    # Installed, the configs lie inside the package; in a checkout, beside it.
+    return next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
+
+
+def shipped() -> dict[str, Path]:
+    """The configs that come with ibdata, by name without ending; those of a suite as suite/name."""
+    root = _root()
+    paths = [*sorted(root.glob("*.yaml")), *sorted(root.glob("*/*.yaml"))]
+    return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
+
+
+def suites() -> dict[str, Path]:
+    """The folders of configs that come with ibdata, by name."""
+    return {path.name: path for path in sorted(_root().iterdir()) if is_suite(path)}
+
+
+def is_suite(path: Path) -> bool:
+    """Whether it is a folder that holds configs."""
+    return os.path.isdir(path) and any(path.glob("*.yaml"))
+
+
+def find(config: str | os.PathLike[str]) -> Path:
+    """The config file or the folder of them meant: a path, else a shipped name with or without '.yaml'.
+
+    A folder without configs is passed over. Raises UsageError where nothing is meant.
+    """
+    path = Path(config)
+    if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for a refused name
+        return path
+    known = {**shipped(), **suites()}
+    name = os.fspath(config).removesuffix(".yaml")
+    if name not in known:
+        raise UsageError(
+            f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(_short(known))}"
+            f"{suggestion(name, known)}"
+        )
+    return known[name]
+
+
+def _short(names: Iterable[str]) -> list[str]:
+    """The names but for those inside of suites."""
+    return [name for name in names if "/" not in name]

@@ -1,0 +1,126 @@
+"""A base policy whose action is replaced by a random one now and then."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field, model_validator
+
+from ibdata.compiling import compiled
+from ibdata.noise import exp, log
+from ibdata.policies.base import Deterministic, Floats, History, Unnamed, Wrapper
+from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
+
+if TYPE_CHECKING:
+    from ibdata.policies import AnyBase
+
+THIRD = LOG_DENSITY / 3.0  # log(1/2), the density of one dimension
+
+Probability = Annotated[
+    float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False), AfterValidator(lambda value: value + 0.0)
+]
+
+
+class EpsilonGreedy(Wrapper):
+    """At each step, with probability ε, U(-1, 1)³ instead of the base's action.
+
+    The whole action is replaced, or, with `per_dimension`, each of the three numbers on its own.
+    `siemens-research/lion`, generate_data.py, does the first in its toy environment; that the published
+    Industrial Benchmark data were made so is inferred.
+    """
+
+    kind: Literal["epsilon_greedy"] = "epsilon_greedy"
+    base: Annotated[AnyBase, Unnamed] = Field(description="the policy that acts otherwise")
+    epsilon: Probability = Field(description="probability of a random action, in [0, 1]")
+    per_dimension: bool = Field(
+        default=False, strict=True, description="replace velocity, gain and shift each on its own"
+    )
+
+    @property
+    def own_draws(self) -> int:  # type: ignore[override]  # read from instances only
+        """Draws that decide, then those of the random action."""
+        return 6 if self.per_dimension else 4
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        base, rest = self.split(history, u)
+        action = np.empty(base.shape)
+        _act(base, rest, self.epsilon, self.per_dimension, action)
+        return action
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        """Log density (n,): log(1 - ε) at the action of a deterministic base, log(ε/8) elsewhere.
+
+        Around a base that is random itself, the log of the mixture of both densities. Per dimension: the
+        sum of log(1 - ε) where that number is the base's, and log(ε/2) where it is not.
+        """
+        out = np.empty(len(action))
+        if isinstance(self.base, Deterministic):
+            _log_prob(self.base.own(history), action, self.epsilon, self.per_dimension, out)
+        else:
+            _log_mixture(self.base.log_prob(history, action), action, self.epsilon, out)
+        return out
+
+    @model_validator(mode="after")
+    def _check(self) -> EpsilonGreedy:
+        if self.per_dimension and not isinstance(self.base, Deterministic):
+            raise ValueError(
+                f"found per_dimension: true around {self.base.kind}, which is random itself; expected false"
+            )
+        return self
+
+
+@compiled
+def _act(base: npt.NDArray[np.float32], u: Floats, epsilon: float, each: bool, out: Floats) -> None:
+    first = 3 if each else 1
+    for i in range(out.shape[0]):
+        for j in range(3):
+            replaced = u[i, j if each else 0] < epsilon
+            out[i, j] = 2.0 * u[i, first + j] - 1.0 if replaced else np.float64(base[i, j])
+
+
+@compiled
+def _log(x: float) -> float:
+    return log(x) if x > 0.0 else -np.inf
+
+
+@compiled
+def _log_uniform(action: npt.NDArray[np.float32], i: int) -> float:
+    """Log density of U(-1, 1)³, with the mass that float32 rounds to ±1."""
+    total = LOG_DENSITY
+    for j in range(3):
+        if abs(action[i, j]) == 1.0:
+            total += LOG_EDGE
+    return total
+
+
+@compiled
+def _log_prob(
+    own: npt.NDArray[np.float32],
+    action: npt.NDArray[np.float32],
+    epsilon: float,
+    each: bool,
+    out: Floats,
+) -> None:
+    log_kept, log_replaced = _log(1.0 - epsilon), _log(epsilon)
+    for i in range(out.shape[0]):
+        same = 0
+        total = 0.0
+        for j in range(3):
+            # A base that never acts has no mass of its own.
+            if action[i, j] == own[i, j] and epsilon < 1.0:
+                same += 1
+                total += log_kept
+            else:
+                total += log_replaced + THIRD + (LOG_EDGE if abs(action[i, j]) == 1.0 else 0.0)
+        out[i] = total if each else log_kept if same == 3 else log_replaced + _log_uniform(action, i)
+
+
+@compiled
+def _log_mixture(base: Floats, action: npt.NDArray[np.float32], epsilon: float, out: Floats) -> None:
+    for i in range(out.shape[0]):
+        a = _log(1.0 - epsilon) + base[i]
+        b = _log(epsilon) + _log_uniform(action, i)
+        top, bottom = max(a, b), min(a, b)
+        out[i] = base[i] if np.isnan(base[i]) else top + log(1.0 + exp(bottom - top))

@@ -1,0 +1,108 @@
+"""A base policy with normal noise on its action."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ibdata.compiling import compiled
+from ibdata.noise import exp, log, standard_normal
+from ibdata.policies.base import Floats, History, Unnamed, Wrapper
+
+if TYPE_CHECKING:
+    from ibdata.policies import DeterministicBase
+
+EDGE = 1.0 - 2.0**-25  # what float32 rounds to 1 begins here
+LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
+FAR = 3.0
+TERMS = 60
+
+
+class Gaussian(Wrapper):
+    """The base's action plus N(0, scale²) on each of its numbers, clipped to [-1, 1].
+
+    The base must be deterministic; around one that is random itself there is no simple density.
+    """
+
+    own_draws: ClassVar[int] = 3
+
+    kind: Literal["gaussian"] = "gaussian"
+    base: Annotated[DeterministicBase, Unnamed] = Field(description="a policy that draws nothing itself")
+    scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
+        description="standard deviation of the noise"
+    )
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        base, rest = self.split(history, u)
+        action = np.empty(base.shape)
+        _act(base, rest, self.scale, action)
+        return action
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        """Log density (n,): the normal's inside (-1, 1), at ±1 the mass that clipping puts there."""
+        out = np.empty(len(action))
+        _log_prob(self.base.own(history), action, self.scale, out)
+        return out
+
+
+@compiled
+def _act(base: npt.NDArray[np.float32], u: Floats, scale: float, out: Floats) -> None:
+    for i in range(out.shape[0]):
+        for j in range(3):
+            out[i, j] = np.float64(base[i, j]) + scale * standard_normal(u[i, j])
+
+
+@compiled
+def _log_prob(
+    own: npt.NDArray[np.float32], action: npt.NDArray[np.float32], scale: float, out: Floats
+) -> None:
+    log_height = -log(scale) - LOG_SQRT_2PI
+    for i in range(out.shape[0]):
+        total = 0.0
+        for j in range(3):
+            mean, x = np.float64(own[i, j]), np.float64(action[i, j])
+            if x >= 1.0:
+                total += log_cdf((mean - EDGE) / scale)
+            elif x <= -1.0:
+                total += log_cdf((-mean - EDGE) / scale)
+            else:
+                total += log_height - 0.5 * ((x - mean) / scale) * ((x - mean) / scale)
+        out[i] = total
+
+
+@compiled
+def log_cdf(z: float) -> float:
+    """log Φ(z), the logarithm of the normal distribution function, to 1e-12 of its value or 1e-16.
+
+    >>> float(log_cdf(0.0)) == float(log(0.5)), float(log_cdf(100.0))
+    (True, 0.0)
+    """
+    x = abs(z)
+    log_density = -0.5 * x * x - LOG_SQRT_2PI
+    if x >= FAR:
+        log_tail = log_density + log(_mills(x))
+        return log_tail if z < 0.0 else log(1.0 - exp(log_tail))
+    middle = exp(log_density) * _series(x)  # Φ(x) - ½
+    return log(0.5 - middle) if z < 0.0 else log(0.5 + middle)
+
+
+@compiled
+def _series(x: float) -> float:
+    """(Φ(x) - ½) / φ(x) = x + x³/3 + x⁵/(3·5) + …, for |x| <= 3."""
+    term = total = x
+    for k in range(1, TERMS):
+        term = term * (x * x) / (2.0 * k + 1.0)
+        total += term
+    return total
+
+
+@compiled
+def _mills(x: float) -> float:
+    """(1 - Φ(x)) / φ(x) = 1/(x + 1/(x + 2/(x + 3/(x + …)))), for x >= 3 (Laplace)."""
+    down = x
+    for k in range(TERMS, 0, -1):
+        down = x + k / down
+    return 1.0 / down

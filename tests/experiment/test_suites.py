@@ -1,0 +1,92 @@
+"""Folders of experiments: which files they are, and what is wrong with any of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment import find, load, load_all, shipped, suites
+
+TEXT = "name: {name}\nsetpoints: 70\npolicies: [{{kind: random}}]\n"
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def folder():
+    """Two experiments, and what is none."""
+    made = Path("two")
+    made.mkdir()
+    for file, name in (("b", "first"), ("a", "second")):
+        (made / f"{file}.yaml").write_text(TEXT.format(name=name))
+    (made / "notes.txt").write_text("no experiment")
+    return made
+
+
+def problems(*args):
+    with pytest.raises(ConfigError) as caught:
+        load_all(*args)
+    return list(caught.value.problems)
+
+
+def test_the_experiments_of_a_folder_come_in_the_order_of_its_files(folder):
+    assert [experiment.name for experiment in load_all(folder)] == ["second", "first"]
+    assert load_all(folder / "a.yaml") == [load(folder / "a.yaml")]
+
+
+def test_overrides_and_seed_go_to_each(folder):
+    made = load_all(folder, ["steps=3"], seed=4)
+    assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
+
+
+def test_a_suite_is_shipped_under_its_name_and_each_of_its_files_under_both():
+    assert find("siemens-offline") == suites()["siemens-offline"]
+    assert find("siemens-offline/bad-20.yaml") == shipped()["siemens-offline/bad-20"]
+    assert load("siemens-offline/bad-20").name == "bad-20"
+    assert len(load_all("siemens-offline")) == 16
+
+
+def test_the_name_of_a_folder_without_experiments_is_free(folder):
+    Path("random").mkdir()
+    assert find("random") == shipped()["random"]
+    (Path("random") / "x.yaml").write_text(TEXT.format(name="x"))
+    assert find("random") == Path("random")
+
+
+def test_the_problems_of_all_files_are_told_at_once_with_their_files(folder):
+    (folder / "a.yaml").write_text("name: A\nsetpoints: 70\npolicies: [{kind: random}]\n")
+    (folder / "b.yaml").write_text("name: b\nsetpoints: 101\npolicies: [{kind: random}]\n")
+    first, second = problems(folder)
+    assert first.startswith("two/a.yaml:1:7: name: found 'A'")
+    assert second == "two/b.yaml:2:12: setpoints: found 101, expected a number of at most 100"
+
+
+def test_an_override_that_fits_no_file_is_told_once_and_one_that_fits_some_with_the_others(folder):
+    assert problems(folder, ["stpes=3"]) == ["--set stpes=3: stpes: no such option; did you mean 'steps'?"]
+    assert problems(folder, ["policies.1.kind=safe"]) == [
+        "--set policies.1.kind=safe: there is no policies.1 to set"
+    ]
+    greedy = "[{kind: epsilon_greedy, base: {kind: bad}, epsilon: 0.5}]"
+    (folder / "a.yaml").write_text(f"name: a\nsetpoints: 70\npolicies: {greedy}\n")
+    assert problems(folder, ["policies.0.epsilon=0.1"]) == [
+        "two/b.yaml: --set policies.0.epsilon=0.1: policies.0.epsilon: no such option; "
+        "expected one of kind, name"
+    ]
+
+
+def test_two_experiments_of_one_name_are_a_problem(folder):
+    (folder / "b.yaml").write_text(TEXT.format(name="second"))
+    assert problems(folder) == [
+        "two/b.yaml: name: found 'second' as in another file of the folder, expected a name of its own"
+    ]
+
+
+def test_a_folder_where_one_experiment_is_meant_is_told_with_an_example(folder):
+    with pytest.raises(UsageError) as caught:
+        load(folder)
+    assert str(caught.value) == ("two: found a folder of experiments, expected one, such as two/a.yaml")
