@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,9 @@ from tqdm import tqdm
 from ibdata.dataset.history import stacked
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
@@ -85,6 +88,15 @@ class View:
         """The columns that have a role."""
         names: list[str] = self.dataset.info["groups"].get(role, [])
         return names
+
+    def described(self) -> pd.DataFrame:
+        """The rows of `Dataset.episodes` that are exported."""
+        episodes = self.dataset.episodes
+        if self.split is None:
+            return episodes
+        batches = self.dataset.iter_batches(["episode"], self.split)
+        numbers = {number for batch in batches for number in np.unique(_numpy(batch["episode"])).tolist()}
+        return episodes[episodes["episode"].isin(numbers)]
 
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
         """The rows in order, in tables of whole episodes; `what` is said beside the progress bar.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from ibdata.exporters._arrays import same
 from ibdata.exporters._target import differs, needed, reserve
 from ibdata.exporters._view import Array, Arrays, Block, View
 from ibdata.version import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # what Minari takes, with a version always
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
@@ -59,10 +62,10 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
     data = path.absolute() / "data"  # Minari spoils relative paths when it adds up sizes
     observations, actions = _spaces(view)
-    experiment = _experiment(view)
-    environment = _environment(view, experiment)
+    experiment, episodes = _experiment(view), view.described()
+    environment = _environment(view, episodes, experiment)
     storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
-    storage.update_metadata(_metadata(view, name))
+    storage.update_metadata(_metadata(view, episodes, name))
     seed = experiment.get("seed")
     storage.update_episodes(EpisodeBuffer(seed=seed, **one) for one in _episodes(view, "write"))
     _check(view, MinariDataset(data), observations)
@@ -115,7 +118,7 @@ def _spaces(view: View) -> tuple[Any, Any]:
     return box("observation", view.history), box("action", 1)
 
 
-def _environment(view: View, experiment: dict[str, Any]) -> Any:
+def _environment(view: View, episodes: pd.DataFrame, experiment: dict[str, Any]) -> Any:
     """What `recover_environment` makes: the environment with the dataset's dynamics, start and observations.
 
     Its setpoint is the dataset's where that is one only.
@@ -123,7 +126,7 @@ def _environment(view: View, experiment: dict[str, Any]) -> Any:
     from gymnasium.envs.registration import EnvSpec
 
     info = view.dataset.info
-    setpoints = view.dataset.episodes["setpoint"].unique().tolist()
+    setpoints = episodes["setpoint"].unique().tolist()
     kwargs = {
         "dynamics": info["dynamics"],
         "start": experiment.get("start", "default"),
@@ -145,14 +148,14 @@ def _experiment(view: View) -> dict[str, Any]:
     return data
 
 
-def _metadata(view: View, name: str) -> dict[str, Any]:
+def _metadata(view: View, episodes: pd.DataFrame, name: str) -> dict[str, Any]:
     from minari import __version__ as minari_version
 
     dataset = view.dataset
     return {
         "dataset_id": name,
         "minari_version": minari_version,
-        "algorithm_name": ", ".join(sorted(dataset.episodes["policy"].unique())),
+        "algorithm_name": ", ".join(sorted(episodes["policy"].unique())),
         "description": f"Industrial Benchmark, {dataset.info['name']}, content root {dataset.content_root}",
         "requirements": [f"ibdata>={__version__}"],
     }
