@@ -51,7 +51,7 @@ def export(view: View, path: Path, target: Path) -> str:
 schema = {{
 {"".join(f"    {key!r}: {column!r},{chr(10)}" for key, column in SCHEMA.items())}}}
 config = config.offline_data(
-    input_=[{str(target)!r}],  # a list: RLlib takes a text to be a path and spoils URLs
+    input_=[{str(target.absolute())!r}],  # a list: RLlib takes a text to be a path and spoils URLs
     input_read_schema=schema,
     input_read_method_kwargs={{"columns": list(schema.values())}},
     dataset_num_iters_per_learner=3,

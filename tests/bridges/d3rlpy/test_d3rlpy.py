@@ -117,3 +117,9 @@ def test_what_d3rlpy_writes_itself_has_the_same_form(dataset, tmp_path):
 
 def test_the_version_is_the_one_that_was_tried():
     assert d3rlpy.__version__ == "2.8.1"
+
+
+def test_the_snippet_of_the_page_leaves_no_logs(use_with, tmp_path):
+    (names,) = use_with("d3rlpy")
+    assert names["dataset"].transition_count == 200
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "target.h5"]

@@ -116,7 +116,11 @@ def test_minari_still_checks_neither_lengths_nor_bounds(root):
     box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
     wrong = np.full((3, 1), 7, np.float32)
     buffer = EpisodeBuffer(
-        observations=wrong, actions=wrong, rewards=wrong[:, 0], terminations=[False] * 3, truncations=[False] * 3
+        observations=wrong,
+        actions=wrong,
+        rewards=wrong[:, 0],
+        terminations=[False] * 3,
+        truncations=[False] * 3,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -143,3 +147,8 @@ def test_the_environment_is_named_with_the_datasets_own_settings(dataset, root):
     assert spec["entry_point"] == "ibdata.environment:IndustrialBenchmarkEnv"
     assert spec["kwargs"] == {"dynamics": "siemens", "start": "default", "history": 3, "reward_scale": 0.5}
     assert minari.load_dataset("ibdata/target-v0").env_spec.kwargs["setpoint"] == 70
+
+
+def test_the_snippet_of_the_page(use_with):
+    (names,) = use_with("Minari")
+    assert names["data"].total_steps == 200
