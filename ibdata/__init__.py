@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ibdata.engines.generate import generate
     from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
+    from ibdata.evaluation import evaluate
     from ibdata.experiment import Experiment, load
     from ibdata.exporters import export
 
@@ -19,6 +20,7 @@ __all__ = [
     "Experiment",
     "IbdataError",
     "__version__",
+    "evaluate",
     "export",
     "generate",
     "generate_all",
@@ -31,6 +33,7 @@ _HOMES = {
     "Dataset": ("ibdata.dataset.reader", "Dataset"),
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
+    "evaluate": ("ibdata.evaluation", "evaluate"),
     "export": ("ibdata.exporters", "export"),
     "generate": ("ibdata.engines.generate", "generate"),
     "generate_all": ("ibdata.engines.suite", "generate_all"),

@@ -18,6 +18,7 @@ from ibdata.columns import Layout, Table, layout
 from ibdata.dynamics.state import State, initial_state
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
+from ibdata.experiment.cells import Cell
 from ibdata.experiment.fields import BurnIn
 from ibdata.noise import (
     DRIFT_SLOTS,
@@ -55,12 +56,12 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
     clipped = 0
-    for start, end in _blocks(experiment, first, stop):
+    for start, end in blocks(experiment, first, stop):
         clipped += Block(experiment, start, end).fill(table, (start - first) * experiment.steps, places)
     return Columns(places.names, table, clipped)
 
 
-def _blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
+def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Runs of at most LANES episodes that have one policy."""
     per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
     while first < stop:
@@ -78,14 +79,23 @@ class Block:
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
         self.policy, self.label = cells[0].policy, cells[0].label
-        self.keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[lane_cells]
+        self.keys, self.policy_keys = (
+            np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
+            for digests in zip(*map(self._digests, cells), strict=True)
+        )
         self.source = Source()
         self.noise = blank_noise(self.n)
         self.parameters = experiment.variant.parameters()
         self.state = self._start(np.array([cell.setpoint for cell in cells])[lane_cells])
 
+    @staticmethod
+    def _digests(cell: Cell) -> tuple[bytes, bytes]:
+        """What the addresses of the environment's random numbers and of the policy's begin with."""
+        return cell.digest, cell.digest
+
     def _raw(self, purpose: Purpose, step: int, steps: int, count: int) -> Raw:
-        return self.source.lanes(self.keys, self.indices, purpose, step, steps, count)
+        keys = self.policy_keys if purpose is Purpose.POLICY else self.keys
+        return self.source.lanes(keys, self.indices, purpose, step, steps, count)
 
     def _dynamics_raw(self, dynamics: Purpose, drift: Purpose, step: int, steps: int) -> tuple[Raw, Raw]:
         """Integers for the dynamics and for the moving setpoint; of the latter no steps if it is constant."""

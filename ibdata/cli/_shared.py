@@ -42,6 +42,16 @@ def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
         click.echo(f"{name.ljust(width)}  {value}")
 
 
+def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Columns of text under their names, the first to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
+    for row in (names, *rows):
+        cells = [
+            x.ljust(w) if i == 0 else x.rjust(w) for i, (x, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        click.echo("  ".join(cells))
+
+
 def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:
     """Problems as JSON, each with the file, row and rule."""
     return [problem._asdict() for problem in problems]

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs, size
+from ibdata.cli._shared import (
+    MAX_LINES,
+    folder_argument,
+    json_option,
+    print_json,
+    print_pairs,
+    print_table,
+    size,
+)
 
 
 @click.command("info")
@@ -23,7 +32,8 @@ def command(folder: Path, as_json: bool) -> None:
     dataset = Dataset(folder)
     info, counts = dataset.info, dataset.info["counts"]
     if as_json:
-        print_json({"path": str(folder), "content_root": dataset.content_root, "info": info})
+        root = dataset.content_root
+        print_json({"path": str(folder), "content_root": root, "info": info, "returns": dataset.returns()})
         return
     pairs = [
         ("name", info["name"]),
@@ -37,3 +47,27 @@ def command(folder: Path, as_json: bool) -> None:
     for role, names in info["groups"].items():
         pairs.append((role, ", ".join(names)))
     print_pairs(pairs)
+    click.echo()
+    _print_returns(dataset.returns())
+
+
+def _print_returns(returns: dict[str, Any]) -> None:
+    """Mean returns of the behaviour at each setpoint, the first so many."""
+    rows = [
+        (
+            r["policy"],
+            f"{r['setpoint']:g}",
+            str(r["episodes"]),
+            f"{r['mean_return']:.0f}",
+            "-" if r["standard_error"] is None else f"{r['standard_error']:.0f}",
+            f"{r['mean_reward']:.2f}",
+            "-" if r["score"] is None else f"{r['score']:.1f}",
+        )
+        for r in returns["results"]
+    ]
+    names = ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score")
+    print_table(names, rows[:MAX_LINES])
+    if len(rows) > MAX_LINES:
+        click.echo(f"and {len(rows) - MAX_LINES} more; --json has all")
+    if returns["scale"]:
+        click.echo(f"score: {returns['scale']}")

@@ -55,6 +55,7 @@ def info(experiment: Experiment, written: list[Written]) -> dict[str, Any]:
         "name": experiment.name,
         "dynamics": experiment.plain()["dynamics"],
         "drifting": experiment.drifting,
+        "start": experiment.plain()["start"],
         "counts": {
             "rows": experiment.rows,
             "episodes": len(experiment.cells) * experiment.episodes,

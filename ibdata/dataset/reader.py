@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest
 from ibdata.dataset.history import stacked
+from ibdata.dataset.returns import behaviour_returns
 from ibdata.errors import DatasetError, UsageError
 
 if TYPE_CHECKING:
@@ -56,8 +57,20 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = _read(manifest.locate(self.path, "meta/episodes.parquet"), None).to_pandas()
+        frame: pd.DataFrame = self._episodes().to_pandas()
         return frame
+
+    def returns(self) -> dict[str, Any]:
+        """Undiscounted returns of the behaviour: by policy and setpoint, with a score where there is a scale.
+
+        `results`: policy, setpoint, episodes, mean_return, standard_error, interval, mean_reward (per step)
+        and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
+        published variant and constant setpoints, else it is None, as is every score.
+        """
+        return behaviour_returns(self._episodes(), self.info)
+
+    def _episodes(self) -> pa.Table:
+        return _read(manifest.locate(self.path, "meta/episodes.parquet"), None)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.

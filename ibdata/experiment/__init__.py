@@ -17,7 +17,7 @@ from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.strict_yaml import Document, Loc, StrictYamlError
 from ibdata.policies import POLICIES
 
-__all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites"]
+__all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]
 
 
 def load(
@@ -44,8 +44,21 @@ def load(
     try:
         return Experiment.model_validate(document.data)
     except ValidationError as error:
-        found = [line for e in error.errors() for line in _lines(e, document, str(path), places)]
+        found = [
+            _line(*problem, document, str(path), places)
+            for e in error.errors()
+            for problem in _problems(e, document.data)
+        ]
         raise ConfigError(list(dict.fromkeys(found))) from None
+
+
+def validated(data: dict[str, Any]) -> Experiment:
+    """The experiment of plain data; ConfigError with every problem as `key: found, expected`."""
+    try:
+        return Experiment.model_validate(data)
+    except ValidationError as error:
+        problems = [problem for e in error.errors() for problem in _problems(e, data)]
+        raise ConfigError([f"{'.'.join(map(str, loc))}: {text}" for loc, text, _ in problems]) from None
 
 
 def load_all(
@@ -135,19 +148,20 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
     return [*new, path]
 
 
-def _lines(error: Any, document: Document, path: str, places: dict[Loc, str]) -> list[str]:
-    """One pydantic error as lines with their place; several for problems between keys."""
+def _problems(error: Any, data: Any) -> list[tuple[Loc, str, bool]]:
+    """One pydantic error as paths and messages, and whether it is the key; several for those between keys."""
     inner = error.get("ctx", {}).get("error")
     if isinstance(inner, Problems):
-        return [_line(loc, message, document, path, places, False) for loc, message in inner.found]
-    loc = _resolved(error["loc"], document.data, keep_last=error["type"] in ("extra_forbidden", "missing"))
+        return [(loc, message, False) for loc, message in inner.found]
+    loc = _resolved(error["loc"], data, keep_last=error["type"] in ("extra_forbidden", "missing"))
     if error["type"] == "union_tag_invalid":
         loc = (*loc, "kind")
-    message = rephrase(error, keys_at(Experiment, document.data, loc[:-1], POLICIES))
-    return [_line(loc, message, document, path, places, error["type"] == "extra_forbidden")]
+    message = rephrase(error, keys_at(Experiment, data, loc[:-1], POLICIES))
+    return [(loc, message, error["type"] == "extra_forbidden")]
 
 
-def _line(loc: Loc, message: str, document: Document, path: str, places: dict[Loc, str], key: bool) -> str:
+def _line(loc: Loc, message: str, key: bool, document: Document, path: str, places: dict[Loc, str]) -> str:
+    """A problem with its place: the override that put it there, or file, line and column."""
     name = ".".join(map(str, loc))
     for length in range(len(loc), 0, -1):
         if loc[:length] in places:

@@ -35,7 +35,12 @@ class Cell:
     @cached_property
     def digest(self) -> bytes:
         """SHA-256 (32 bytes) of the canonical form as JSON with sorted keys."""
-        return hashlib.sha256(json.dumps(self.form(), sort_keys=True).encode()).digest()
+        return form_digest(self.form())
+
+
+def form_digest(form: dict[str, Any]) -> bytes:
+    """SHA-256 (32 bytes) of a canonical form."""
+    return hashlib.sha256(json.dumps(form, sort_keys=True).encode()).digest()
 
 
 def variant_form(base: str, variant: Variant) -> Any:

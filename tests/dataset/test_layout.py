@@ -75,7 +75,7 @@ def test_the_shards_of_the_manifest_are_whole_episodes_cut_where_splits_begin(da
 def test_info_describes_counts_splits_groups_and_columns(dataset):
     info = read(dataset, "meta/info.json")
     assert list(info) == [
-        "format", "version", "name", "dynamics", "drifting", "counts", "splits", "groups", "columns",
+        "format", "version", "name", "dynamics", "drifting", "start", "counts", "splits", "groups", "columns",
     ]  # fmt: skip
     assert (info["format"], info["version"], info["name"]) == ("ibdata-dataset", 1, "small")
     size = sum(path.stat().st_size for path in (dataset.path / "data").iterdir())

@@ -1,0 +1,134 @@
+"""ibdata evaluate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ibdata.cli._shared import json_option, print_json, print_table
+
+if TYPE_CHECKING:
+    from ibdata.evaluation import Evaluation
+
+
+@click.command("evaluate")
+@click.option(
+    "--policy",
+    "policies",
+    required=True,
+    multiple=True,
+    metavar="NAME|YAML",
+    help="A kind, a block such as '{kind: safe}', or a file with one; several to compare them.",
+)
+@click.option(
+    "--setpoint", "setpoints", type=float, multiple=True, default=[70.0], help="One or several; default 70."
+)
+@click.option("--steps", type=int, default=100, show_default=True, help="Steps of an episode.")
+@click.option("--discount", type=float, default=0.97, show_default=True, help="In [0, 1].")
+@click.option("--episodes", type=int, default=100, show_default=True, help="Of each policy and setpoint.")
+@click.option("--start", default="default", metavar="S", help="default, uniform, or '{burn_in: [15, 64]}'.")
+@click.option(
+    "--dynamics", default="siemens", metavar="D", help="siemens, paper, or '{base: …, field: value}'."
+)
+@click.option("--seed", type=int, default=0, metavar="N", help="Default 0.")
+@json_option
+def command(
+    policies: tuple[str, ...],
+    setpoints: tuple[float, ...],
+    start: str,
+    dynamics: str,
+    as_json: bool,
+    **settings: Any,
+) -> None:
+    """Play fresh episodes with policies and sum up their rewards.
+
+    \b
+    ibdata evaluate --policy optimized --setpoint 70
+    ibdata evaluate --policy safe --policy random --setpoint 10 --setpoint 100 --steps 1000 --discount 1
+    ibdata evaluate --policy '{kind: epsilon_greedy, base: {kind: bad}, epsilon: 0.2}' --json
+    """
+    from ibdata.evaluation import evaluate
+
+    evaluation = evaluate(
+        list(policies),
+        setpoints,
+        start=_value("--start", start),
+        dynamics=_value("--dynamics", dynamics),
+        **settings,
+    )
+    if as_json:
+        print_json(evaluation.plain())
+        return
+    _print(evaluation)
+
+
+def _value(option: str, text: str) -> Any:
+    """What an option says in YAML."""
+    from ibdata.errors import UsageError
+    from ibdata.experiment.strict_yaml import Document, StrictYamlError
+
+    try:
+        return Document(text).data
+    except StrictYamlError as error:
+        raise UsageError(f"{option} {text}: {error.message}") from None
+
+
+def _print(evaluation: Evaluation) -> None:
+    print_table(
+        (
+            "policy",
+            "setpoint",
+            "return",
+            "± s.e.",
+            "95 % interval",
+            "p10",
+            "return/100",
+            "reward/step",
+            "score",
+        ),
+        [
+            (
+                r.policy,
+                _setpoint(r.setpoint),
+                f"{r.mean_return:.1f}",
+                _number(r.standard_error, 1),
+                _interval(r.interval),
+                f"{r.p10:.1f}",
+                f"{r.mean_return / 100:.2f}",
+                f"{r.mean_reward:.2f}",
+                _number(r.score, 1),
+            )
+            for r in evaluation.results
+        ],
+    )
+    if evaluation.differences:
+        click.echo()
+        print_table(
+            ("difference", "setpoint", "return", "± s.e.", "95 % interval"),
+            [
+                (
+                    f"{d.policy} - {d.less}",
+                    _setpoint(d.setpoint),
+                    f"{d.mean_difference:.1f}",
+                    _number(d.standard_error, 1),
+                    _interval(d.interval),
+                )
+                for d in evaluation.differences
+            ],
+        )
+    if evaluation.scale:
+        click.echo(f"\nscore: {evaluation.scale}")
+
+
+def _setpoint(setpoint: float | None) -> str:
+    return "all" if setpoint is None else f"{setpoint:g}"
+
+
+def _number(x: float | None, digits: int) -> str:
+    return "-" if x is None else f"{x:.{digits}f}"
+
+
+def _interval(interval: Sequence[float] | None) -> str:
+    return "-" if interval is None else f"[{interval[0]:.1f}, {interval[1]:.1f}]"

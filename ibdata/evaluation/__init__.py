@@ -1,0 +1,154 @@
+"""Evaluating policies: returns of fresh episodes, with standard errors, on common random numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata import reference
+from ibdata.errors import UsageError
+from ibdata.estimates import estimate
+from ibdata.evaluation.play import returns
+from ibdata.evaluation.policies import policy_of
+from ibdata.experiment import validated
+
+Floats = npt.NDArray[np.float64]
+
+
+class Result(NamedTuple):
+    """Returns of a policy at a setpoint, or over all setpoints (None), each counting the same.
+
+    mean_return and its standard error, 95 % interval and p10, the 10th percentile of the episodes' returns,
+    are discounted and unscaled; mean_reward is per step and undiscounted. The score is `Evaluation.scale`'s.
+    """
+
+    policy: str
+    setpoint: float | None
+    episodes: int
+    mean_return: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+    p10: float
+    mean_reward: float
+    score: float | None
+
+
+class Difference(NamedTuple):
+    """The return of a policy less that of another in the same episodes, at a setpoint or over all (None)."""
+
+    policy: str
+    less: str
+    setpoint: float | None
+    mean_difference: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """Results per policy and setpoint, paired differences of the policies, and what both are made of."""
+
+    results: list[Result]
+    differences: list[Difference]
+    scale: str | None
+    returns: Floats  # (policies, setpoints, episodes)
+
+    def plain(self) -> dict[str, Any]:
+        """Results, differences and scale as plain data."""
+        return {
+            "results": [result._asdict() for result in self.results],
+            "differences": [difference._asdict() for difference in self.differences],
+            "scale": self.scale,
+        }
+
+
+def evaluate(
+    policy: Any,
+    setpoint: float | Sequence[float] = 70.0,
+    *,
+    steps: int = 100,
+    discount: float = 0.97,
+    episodes: int = 100,
+    start: Any = "default",
+    dynamics: Any = "siemens",
+    seed: int = 0,
+    history: int = 1,
+) -> Evaluation:
+    """Play fresh episodes with a policy, or with several in a list, and sum up their returns.
+
+    A policy is a kind such as "optimized", a block (mapping, YAML text or file), a `Policy`, or any object
+    with `act(history, u)` or `predict(observation)`; the latter sees `history` observations, newest first,
+    flattened to (n, 6 · history). The return is the sum over t of discount to the t times the reward.
+    setpoint is one or several; start and dynamics are as in an experiment. All policies meet the same random
+    numbers of the environment, so their differences are paired, episode by episode.
+
+    Raises UsageError or ConfigError for arguments that are not valid, PolicyError for actions that are none.
+    """
+    if not 0.0 <= discount <= 1.0:
+        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    if history < 1:
+        raise UsageError(f"history: found {history}, expected at least 1")
+    policies = [policy_of(p, history) for p in (policy if isinstance(policy, list | tuple) else [policy])]
+    if not policies:
+        raise UsageError("policy: found none, expected at least one")
+    setpoints = list(setpoint) if isinstance(setpoint, Sequence) else [setpoint]
+    plain = {
+        "name": "evaluate",
+        "setpoints": setpoints,
+        "dynamics": dynamics,
+        "policies": [{"kind": "random"}],
+    }
+    settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
+    experiment = validated({**plain, **settings}).model_copy(update={"policies": policies})
+    discounted, undiscounted = returns(experiment, float(discount))
+    scale = reference.scale(experiment.dynamics, experiment.start, steps, discount)
+    points = [cell.setpoint for cell in experiment.cells[: len(setpoints)]]
+    results: list[Result] = []
+    labels = experiment.labels
+    for i, label in enumerate(labels):
+        rows = [
+            _result(label, p, discounted[i, j : j + 1], undiscounted[i, j] / steps, scale)
+            for j, p in enumerate(points)
+        ]
+        results += rows
+        if len(rows) > 1:
+            results.append(_overall(label, rows, discounted[i]))
+    differences = [
+        _difference(labels[b], labels[a], p, discounted[b, part] - discounted[a, part])
+        for a, b in combinations(range(len(labels)), 2)
+        for p, part in _parts(points)
+    ]
+    return Evaluation(results, differences, scale.text if scale else None, discounted)
+
+
+def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
+    """Each setpoint and, where there are several, all (None), with their places."""
+    every: list[tuple[float | None, slice]] = [(p, slice(j, j + 1)) for j, p in enumerate(setpoints)]
+    return every if len(every) == 1 else [*every, (None, slice(None))]
+
+
+def _result(
+    label: str, setpoint: float, values: Floats, rewards: Floats, scale: reference.Scale | None
+) -> Result:
+    found = estimate(list(values))
+    score = scale.score(setpoint, found.mean) if scale else None
+    reward = estimate([rewards]).mean
+    return Result(label, setpoint, values.size, *found, float(np.quantile(values, 0.1)), reward, score)
+
+
+def _overall(label: str, rows: list[Result], values: Floats) -> Result:
+    """All setpoints together; a score where each has one: their mean."""
+    scores = [row.score for row in rows if row.score is not None]
+    score = sum(scores) / len(rows) if len(scores) == len(rows) else None
+    reward = sum(row.mean_reward for row in rows) / len(rows)
+    p10 = float(np.quantile(values, 0.1))
+    return Result(label, None, values.size, *estimate(list(values)), p10, reward, score)
+
+
+def _difference(label: str, less: str, setpoint: float | None, values: Floats) -> Difference:
+    return Difference(label, less, setpoint, *estimate(list(values)))

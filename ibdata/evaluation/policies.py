@@ -1,0 +1,107 @@
+"""What may be evaluated: a built-in policy by name or block, or any object that acts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+from pydantic import ConfigDict
+
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment import validated
+from ibdata.experiment.messages import shown, suggestion
+from ibdata.experiment.strict_yaml import Document, StrictYamlError
+from ibdata.policies import POLICIES, Policy
+from ibdata.policies.base import Floats, History
+
+
+class Acting(Policy):
+    """An object with `act(history, u)`, or with the `predict(observation)` of SB3 and d3rlpy.
+
+    Its uniform draws come from the address of its name.
+    """
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    kind: str = "object"
+    target: Any
+    history: int
+
+    @property
+    def frames(self) -> int:  # type: ignore[override]  # read from instances only
+        """Observations of history: those that the object says, else those asked for."""
+        return int(getattr(self.target, "frames", self.history))
+
+    @property
+    def draws(self) -> int:  # type: ignore[override]
+        """Uniform draws per step that the object says."""
+        return int(getattr(self.target, "draws", 0))
+
+    def form(self) -> dict[str, Any]:
+        """The name: no more is known."""
+        return {"kind": self.kind, "name": self.label}
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        if hasattr(self.target, "act"):
+            action: npt.ArrayLike = self.target.act(history, u)
+            return action
+        predicted: Any = self.target.predict(history.reshape(len(history), -1).copy())
+        actions: npt.ArrayLike = (
+            predicted[0] if isinstance(predicted, tuple) else predicted
+        )  # SB3: and a state
+        return actions
+
+
+def policy_of(given: Any, history: int = 1) -> Policy:
+    """The policy meant by a Policy, a kind, a block, YAML text, a file, or an object that acts.
+
+    Raises UsageError or ConfigError with what is wrong with it.
+    """
+    if isinstance(given, Policy):
+        return given
+    if isinstance(given, Mapping):
+        return _block(dict(given), "policy")
+    if isinstance(given, str | os.PathLike):
+        return _named(given)
+    if callable(getattr(given, "act", None)) or callable(getattr(given, "predict", None)):
+        name = "".join(c if c.isascii() and c.isalnum() else "-" for c in type(given).__name__.lower())
+        return Acting(target=given, history=history, name=name.strip("-")[:64] or "object")
+    raise UsageError(
+        f"policy: found {shown(given)}, expected one with act(history, u) or predict(observation)"
+    )
+
+
+def _named(given: str | os.PathLike[str]) -> Policy:
+    text = os.fspath(given)
+    if text in POLICIES:
+        return _block({"kind": text}, f"policy {text}")
+    if os.path.isfile(text):
+        place, source = text, Path(text).read_bytes()
+    elif "{" in text or ":" in text:
+        place, source = "policy", text.encode()
+    else:
+        raise UsageError(
+            f"policy: found {text!r}, expected one of {', '.join(POLICIES)}, a block such as "
+            f"'{{kind: safe}}', or a file with one{suggestion(text, POLICIES)}"
+        )
+    try:
+        block = Document(source).data
+    except StrictYamlError as error:
+        raise ConfigError([f"{place}:{error}"]) from None
+    if not isinstance(block, dict):
+        raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
+    return _block(block, place)
+
+
+def _block(block: dict[str, Any], place: str) -> Policy:
+    """The policy of a block; its problems name the place and the option."""
+    try:
+        return validated({"name": "x", "setpoints": 0, "policies": [block]}).policies[0]
+    except ConfigError as error:
+        problems = [problem.removeprefix("policies.0.") for problem in error.problems]
+        raise ConfigError(
+            [f"{place}: {problem.removeprefix('policies.0: ')}" for problem in problems]
+        ) from None

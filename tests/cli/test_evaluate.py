@@ -1,0 +1,79 @@
+"""`ibdata evaluate` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+FEW = ("--episodes", "5", "--steps", "100")
+
+
+def test_json_holds_results_differences_and_the_scale(ibdata):
+    policies = (
+        "--policy",
+        "optimized",
+        "--policy",
+        "{kind: epsilon_greedy, base: {kind: bad}, epsilon: 0.5}",
+    )
+    done = ibdata("evaluate", *policies, "--setpoint", "70", "--setpoint", "50", *FEW, "--json")
+    data = json.loads(done.stdout)
+    assert data["version"] == 1
+    places = [(r["policy"], r["setpoint"]) for r in data["results"]]
+    assert places == [(policy, p) for policy in ("optimized", "epsilon_greedy") for p in (70.0, 50.0, None)]
+    first = data["results"][0]
+    assert set(first) == {
+        "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
+        "score",
+    }  # fmt: skip
+    assert -7000 < first["interval"][0] < first["mean_return"] < first["interval"][1] < -5000
+    assert [d["setpoint"] for d in data["differences"]] == [70.0, 50.0, None]
+    assert "100 steps, discount 0.97" in data["scale"]
+    assert done.stderr == ""
+
+
+def test_it_is_the_library_call(ibdata):
+    import ibdata as library
+
+    options = ("--start", "{burn_in: [3, 9]}", "--dynamics", "{base: paper, eta_mean: 0.1}", "--seed", "5")
+    done = ibdata("evaluate", "--policy", "safe", *FEW, "--discount", "0.5", *options, "--json")
+    expected = library.evaluate(
+        "safe", start={"burn_in": [3, 9]}, dynamics={"base": "paper", "eta_mean": 0.1}, seed=5, episodes=5,
+        discount=0.5,
+    ).plain()  # fmt: skip
+    assert json.loads(done.stdout) == {"version": 1, **json.loads(json.dumps(expected))}
+
+
+def test_people_get_a_table(ibdata):
+    lines = ibdata("evaluate", "--policy", "safe", "--policy", "random", *FEW).stdout.splitlines()
+    assert lines[0].split() == [
+        "policy", "setpoint", "return", "±", "s.e.", "95", "%", "interval", "p10", "return/100",
+        "reward/step", "score",
+    ]  # fmt: skip
+    assert lines[1].startswith("safe")
+    assert lines[5].startswith("random - safe")
+    assert lines[7].startswith("score: 0 = random, 100 = optimized")
+    single = ibdata("evaluate", "--policy", "safe", "--episodes", "1", "--steps", "5").stdout
+    assert " - " in single
+    assert "score:" not in single
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--policy", "optimised"), "did you mean 'optimized'?"),
+        (
+            ("--policy", "safe", "--setpoint", "101"),
+            "setpoints.0: found 101.0, expected a number of at most 100",
+        ),
+        (("--policy", "safe", "--start", "[1"), "--start [1: not valid YAML"),
+        (("--policy", "safe", "--discount", "2"), "discount: found 2.0, expected a number in [0, 1]"),
+        ((), "Missing option '--policy'"),
+    ],
+    ids=str,
+)
+def test_a_call_that_cannot_be_meant_exits_2_with_a_line(ibdata, args, message):
+    done = ibdata("evaluate", *args)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stdout == ""

@@ -1,0 +1,254 @@
+"""Returns of fresh episodes: what is summed up, on which random numbers, and what is said of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from ibdata import evaluate, generate
+from ibdata.dynamics import VARIANTS, Noise, initial_state, step
+from ibdata.dynamics.exact import exponential, normal
+from ibdata.errors import ConfigError, UsageError
+from ibdata.evaluation.play import EvaluationBlock
+from ibdata.experiment import Experiment
+from ibdata.noise import Purpose, Source, stream_key, uniform
+from ibdata.rollout import PolicyError
+
+NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
+# The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
+ENVIRONMENT = (
+    '{"dynamics": "siemens", "label": "evaluate", "setpoint": "0x1.1800000000000p+6", "start": "default"}'
+)
+POLICY = (
+    '{"dynamics": "siemens", "label": "evaluate", "policy": {"kind": "random"}, '
+    '"setpoint": "0x1.1800000000000p+6", "start": "default"}'
+)
+ADDRESSES = {
+    ENVIRONMENT: "de83d400",
+    POLICY: "ad3c2f08",
+}
+
+
+class Watching:
+    """Does nothing, and keeps what it sees."""
+
+    def __init__(self, frames=1):
+        self.frames, self.seen = frames, []
+
+    def act(self, history, u):
+        self.seen.append(history.copy())
+        return np.zeros((len(history), 3))
+
+
+class Predicting:
+    """A learned policy as SB3 and d3rlpy have them."""
+
+    def __init__(self, answer):
+        self.answer, self.seen = answer, []
+
+    def predict(self, observation):
+        self.seen.append(observation)
+        return self.answer(observation)
+
+
+def returns(policy, setpoint=70.0, **settings):
+    return evaluate(policy, setpoint, **{"steps": 30, "episodes": 4, **settings}).returns[0]
+
+
+def replayed(seed, index, steps, discount, action):
+    """The return of an episode at setpoint 70, by `step` and noise from the documented addresses."""
+    key = stream_key(seed, hashlib.sha256(ENVIRONMENT.encode()).digest())
+    raw = Source().raw(key, index, Purpose.DYNAMICS, 0, steps + 1, 8)
+    state, total = initial_state(np.array([70.0])), 0.0
+    for t in range(steps + 1):
+        u = [uniform(x) for x in raw[t]]
+        values = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7])]
+        blank = [np.zeros(1)] * (len(Noise._fields) - 8)
+        noise = Noise(*(np.array([x]) for x in values), *blank)
+        act = np.array([action if t else (0.0, 0.0, 0.0)], dtype=np.float32)
+        state = step(state, act, noise, VARIANTS["siemens"])
+        if t:
+            total += discount ** (t - 1) * float(state.reward[0])
+    return total
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
+def test_the_return_is_the_discounted_sum_of_the_rewards_after_the_zero_action_step(discount):
+    found = returns(NUDGE, discount=discount, seed=3)[0]
+    expected = [replayed(3, index, 30, discount, NUDGE["action"]) for index in range(4)]
+    assert found == pytest.approx(expected, rel=1e-13)
+
+
+def test_the_random_numbers_have_their_addresses_for_ever():
+    [cell] = Experiment(name="x", setpoints=70, policies=[{"kind": "random"}]).cells
+    assert tuple(d.hex()[:8] for d in EvaluationBlock._digests(cell)) == tuple(ADDRESSES.values())
+    assert {form: hashlib.sha256(form.encode()).hexdigest()[:8] for form in ADDRESSES} == ADDRESSES
+
+
+@pytest.mark.parametrize("start", ["default", "uniform", {"burn_in": [2, 9]}], ids=str)
+def test_all_policies_meet_the_same_environment(start):
+    """A base that always acts is the base, although its wrapper draws from an address of its own."""
+    always = {"kind": "epsilon_greedy", "base": NUDGE, "epsilon": 0.0}
+    found = evaluate([NUDGE, always, {"kind": "bad"}], start=start, steps=30, episodes=4)
+    np.testing.assert_array_equal(found.returns[0], found.returns[1])
+    assert (found.returns[0] != found.returns[2]).all()
+
+
+def test_a_policy_of_ones_own_meets_it_too():
+    np.testing.assert_array_equal(returns(Watching()), returns("constant"))
+
+
+def test_an_evaluation_shares_no_random_number_with_a_dataset(tmp_path):
+    """The same cells, with random actions and with none."""
+    for policy in ("random", "constant"):
+        experiment = Experiment(name="x", setpoints=70, policies=[{"kind": policy}], episodes=4, steps=30)
+        made = generate(experiment, tmp_path / policy, workers=1).episodes["return"].to_numpy()
+        assert not np.isclose(made, returns(policy, discount=1.0)[0]).any()
+
+
+def test_nothing_but_the_address_matters():
+    """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
+    few = returns("random", [10.0, 70.0])
+    np.testing.assert_array_equal(returns("random", [70.0])[0], few[1])
+    np.testing.assert_array_equal(returns("random", [70.0], episodes=300)[0, :4], few[1])
+    np.testing.assert_array_equal(
+        evaluate(["safe", "random"], 10.0, steps=30, episodes=4).returns[1], few[:1]
+    )
+    assert (returns("random", seed=1) != few[1]).all()
+
+
+def test_steps_beyond_a_chunk_go_on(monkeypatch):
+    whole = returns("optimized")
+    monkeypatch.setattr("ibdata.evaluation.play.CHUNK", 7)
+    np.testing.assert_array_equal(returns("optimized"), whole)
+
+
+def test_a_policy_sees_its_history_newest_first_and_its_rewards_are_those_of_the_next_observation():
+    watching = Watching(frames=3)
+    found = returns(watching, discount=0.9)[0]
+    seen = np.array(watching.seen)
+    assert seen.shape == (30, 4, 3, 6)
+    np.testing.assert_array_equal(seen[2:, :, 2], seen[:-2, :, 0])
+    np.testing.assert_array_equal(seen[0, :, 1:], np.repeat(seen[0, :, :1], 2, axis=1))
+    longer = Watching()
+    returns(longer, steps=31)
+    after = np.array(longer.seen)[1:, :, 0].astype(np.float64)
+    rewards = -after[:, :, 5] - 3.0 * after[:, :, 4]
+    assert found == pytest.approx((0.9 ** np.arange(30.0)) @ rewards, rel=1e-6)
+
+
+def test_predict_gets_flat_histories_and_may_return_a_state():
+    model = Predicting(lambda observation: (np.zeros((len(observation), 3)), None))
+    np.testing.assert_array_equal(returns(model, history=2), returns("constant"))
+    assert {x.shape for x in model.seen} == {(4, 12)}
+    np.testing.assert_array_equal(model.seen[5][:, 6:], model.seen[4][:, :6])
+    np.testing.assert_array_equal(returns(Predicting(lambda x: np.zeros((len(x), 3)))), returns("constant"))
+
+
+def test_an_answer_that_is_no_action_names_the_policy_and_the_step():
+    with pytest.raises(PolicyError, match=r"policy predicting: episode 0: step 0: found actions of shape"):
+        returns(Predicting(lambda observation: observation))
+
+
+def test_the_statistics_are_those_of_the_returns():
+    found = evaluate("random", [10.0, 70.0], steps=30, episodes=50)
+    low, high, overall = found.results
+    for result, values in ((low, found.returns[0, 0]), (high, found.returns[0, 1])):
+        error = values.std(ddof=1) / np.sqrt(50)
+        assert result.mean_return == pytest.approx(values.mean(), rel=1e-14)
+        assert result.standard_error == pytest.approx(error, rel=1e-12)
+        # Student's t with 49 degrees of freedom: 2.009575
+        half = 2.009575 * error
+        assert result.interval == pytest.approx((values.mean() - half, values.mean() + half), rel=1e-6)
+        assert result.p10 == np.quantile(values, 0.1)
+    assert (low.setpoint, high.setpoint, overall.setpoint) == (10.0, 70.0, None)
+    assert overall.mean_return == pytest.approx((low.mean_return + high.mean_return) / 2.0)
+    assert overall.standard_error == pytest.approx(np.hypot(low.standard_error, high.standard_error) / 2.0)
+    assert overall.p10 == np.quantile(found.returns, 0.1)
+    assert (low.episodes, overall.episodes) == (50, 100)
+    assert low.mean_reward == pytest.approx(returns("random", 10.0, episodes=50, discount=1.0).mean() / 30)
+
+
+def test_differences_are_paired_and_of_every_two_policies():
+    found = evaluate(["safe", "mediocre", "bad"], [10.0, 70.0], steps=30, episodes=20)
+    assert [(d.policy, d.less, d.setpoint) for d in found.differences] == [
+        (policy, less, p)
+        for policy, less in (("mediocre", "safe"), ("bad", "safe"), ("bad", "mediocre"))
+        for p in (10.0, 70.0, None)
+    ]
+    by_hand = found.returns[2, 1] - found.returns[0, 1]
+    difference = found.differences[4]
+    assert difference.mean_difference == pytest.approx(by_hand.mean())
+    assert difference.standard_error == pytest.approx(by_hand.std(ddof=1) / np.sqrt(20))
+
+
+def test_one_episode_has_no_standard_error():
+    [result] = evaluate("random", steps=5, episodes=1).results
+    assert result.standard_error is result.interval is None
+
+
+def test_the_score_is_that_of_the_scale_where_there_is_one():
+    found = evaluate(["optimized", "mediocre"], [70.0, 50.0])
+    assert [r.score for r in found.results[:3]] == pytest.approx([100.0] * 3, abs=2.0)
+    assert all(r.score < 0.0 for r in found.results[3:])
+    assert found.results[2].score == (found.results[0].score + found.results[1].score) / 2.0
+    assert found.scale.startswith("0 = random, 100 = optimized at the same setpoint: siemens dynamics")
+    for other in ({"steps": 99}, {"discount": 1.0}, {"start": "uniform"}, {"dynamics": {"base": "paper"}}):
+        unscaled = evaluate("optimized", **{"episodes": 2, **other})
+        assert (unscaled.scale, unscaled.results[0].score) == (None, None)
+    assert [r.score for r in evaluate("optimized", [70.0, 71.0], episodes=2).results][1:] == [None, None]
+
+
+def test_plain_is_json():
+    plain = evaluate(["random", "safe"], episodes=3, steps=5).plain()
+    assert json.loads(json.dumps(plain))["results"][1]["policy"] == "safe"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"setpoint": 101}, "setpoints.0: found 101, expected a number of at most 100"),
+        ({"setpoint": []}, "setpoints: found [], expected at least 1 item"),
+        ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
+        (
+            {"start": "unifrom"},
+            "start: found 'unifrom', expected one of default, uniform; did you mean 'uniform'?",
+        ),
+        (
+            {"dynamics": {"base": "paper", "eta_men": 1}},
+            "dynamics.eta_men: no such option; did you mean 'eta_mean'?",
+        ),
+        ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
+        ({"discount": float("nan")}, "discount: found nan, expected a number in [0, 1]"),
+        ({"history": 0}, "history: found 0, expected at least 1"),
+        ({"policy": []}, "policy: found none, expected at least one"),
+        ({"policy": "optimised"}, "did you mean 'optimized'?"),
+        ({"policy": 3}, "policy: found 3, expected one with act(history, u) or predict(observation)"),
+        ({"policy": "{kind: safe"}, "policy:1:1"),
+        ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
+        ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),
+        ({"policy": "a: {b: 1}"}, 'policy: found {"a": {"b": 1}}, expected a mapping with \'kind\''),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_meant_is_one_line(arguments, message):
+    with pytest.raises(UsageError) as caught:
+        evaluate(**{"policy": "random", "episodes": 2, **arguments})
+    assert message in str(caught.value)
+
+
+def test_a_policy_may_stand_in_a_file(tmp_path):
+    file = tmp_path / "policy.yaml"
+    file.write_text("kind: constant\naction: [0.5, -1, 0.25]\n")
+    np.testing.assert_array_equal(returns(file), returns(NUDGE))
+    file.write_text("kind: constant\nactoin: 1\n")
+    with pytest.raises(ConfigError, match=r"policy.yaml: actoin: no such option; did you mean 'action'\?"):
+        returns(file)
+
+
+def test_labels_are_the_names_and_later_equal_ones_are_numbered():
+    found = evaluate(["safe", {"kind": "safe"}, {"kind": "safe", "name": "calm"}], episodes=2, steps=2)
+    assert [r.policy for r in found.results] == ["safe", "safe-2", "calm"]
