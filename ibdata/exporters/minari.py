@@ -8,7 +8,7 @@ metadata of an episode have the dataset's seed. Constant memory. Needs ibdata[mi
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from ibdata.version import __version__
 if TYPE_CHECKING:
     import pandas as pd
 
+Common = Callable[[str], Any]
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # what Minari takes, with a version always
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
@@ -62,11 +63,11 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
     data = path.absolute() / "data"  # Minari spoils relative paths when it adds up sizes
     observations, actions = _spaces(view)
-    experiment, episodes = _experiment(view), view.described()
-    environment = _environment(view, episodes, experiment)
+    common, episodes = _common(view), view.described()
+    environment = _environment(view, episodes, common)
     storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
     storage.update_metadata(_metadata(view, episodes, name))
-    seed = experiment.get("seed")
+    seed = common("seed")
     storage.update_episodes(EpisodeBuffer(seed=seed, **one) for one in _episodes(view, "write"))
     _check(view, MinariDataset(data), observations)
     root = target.parents[len(Path(name).parts) - 1]
@@ -118,34 +119,37 @@ def _spaces(view: View) -> tuple[Any, Any]:
     return box("observation", view.history), box("action", 1)
 
 
-def _environment(view: View, episodes: pd.DataFrame, experiment: dict[str, Any]) -> Any:
+def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
     """What `recover_environment` makes: the environment with the dataset's dynamics, start and observations.
 
     Its setpoint is the dataset's where that is one only.
     """
     from gymnasium.envs.registration import EnvSpec
 
-    info = view.dataset.info
     setpoints = episodes["setpoint"].unique().tolist()
-    kwargs = {
-        "dynamics": info["dynamics"],
-        "start": experiment.get("start", "default"),
-        "history": view.history,
-        "reward_scale": view.reward_scale,
-    }
+    kwargs: dict[str, Any] = {"history": view.history, "reward_scale": view.reward_scale}
+    kwargs |= {key: common(key) for key in ("dynamics", "start") if common(key) is not None}
     if len(setpoints) == 1:
-        kwargs["setpoint"] = {"drifting": setpoints[0]} if info["drifting"] else setpoints[0]
-    steps = info["counts"]["steps"]
-    return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=steps, kwargs=kwargs)
+        kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info["drifting"] else setpoints[0]
+    return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=common("steps"), kwargs=kwargs)
 
 
-def _experiment(view: View) -> dict[str, Any]:
-    """The dataset's experiment as plain data."""
-    try:
-        data: dict[str, Any] = Document(manifest.content(view.dataset.path, "meta/experiment.yaml")).data
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{view.dataset.path}/meta/experiment.yaml: cannot be read: {error}") from None
-    return data
+def _common(view: View) -> Common:
+    """What an option is in the dataset's experiment, or in all of them where it was merged; else None."""
+    paths = [file["path"] for file in view.dataset.manifest["files"]]
+    experiments = []
+    for path in paths:
+        if path.startswith("meta/experiment"):
+            try:
+                experiments.append(Document(manifest.content(view.dataset.path, path)).data)
+            except (OSError, ValueError) as error:
+                raise DatasetError(f"{view.dataset.path / path}: cannot be read: {error}") from None
+
+    def common(key: str) -> Any:
+        first, *others = (experiment.get(key) for experiment in experiments)
+        return first if all(other == first for other in others) else None
+
+    return common
 
 
 def _metadata(view: View, episodes: pd.DataFrame, name: str) -> dict[str, Any]:
