@@ -22,7 +22,7 @@ class MissingError(IbdataError, ImportError):
 
     def __init__(self, what: str, library: str, extra: str) -> None:
         self.arguments = (what, library, extra)
-        super().__init__(f"{what} needs {library}: pip install 'ibdata[{extra}]'")
+        super().__init__(f"{what} needs {library}: pip install {library}, or ibdata with its extra '{extra}'")
 
     def __reduce__(self) -> tuple[type[MissingError], tuple[str, str, str]]:
         return type(self), self.arguments

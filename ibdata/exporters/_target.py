@@ -71,12 +71,12 @@ def reserve(path: Path, size: int) -> None:
     path.unlink()
 
 
-def needed(module: str, format: str, extra: str) -> Any:
-    """An optional library; MissingError where it is not installed."""
+def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
+    """An optional library, of a package of that name or another; MissingError where it is not installed."""
     try:
         return import_module(module)
     except ImportError:
-        raise MissingError(f"the export to {format}", module, extra) from None
+        raise MissingError(f"the export to {format}", package or module, extra) from None
 
 
 def differs(what: str) -> IbdataError:

@@ -52,8 +52,9 @@ def episode(block: Block) -> dict[str, Any]:
 
 def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     """Write the dataset with Minari and compare what Minari reads with the data."""
-    for library in ("minari", "h5py", "PIL"):  # Minari's storages import PIL, but Minari does not ask for it
-        needed(library, "minari", "minari")
+    needed("minari", "minari", "minari")
+    needed("h5py", "minari", "minari")
+    needed("PIL", "minari", "minari", "pillow")  # Minari's storages import it, but Minari does not ask for it
     from minari import MinariDataset
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage

@@ -10,9 +10,17 @@ import pytest
 
 import ibdata
 from ibdata import Dataset, Experiment
+from ibdata.exporters import FORMATS
 
 OBSERVED = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+ELSEWHERE = ("minari",)  # tested where its library is, see tests/bridges
 Plain = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture(params=[name for name in FORMATS if name not in ELSEWHERE])
+def to(request) -> str:
+    """A format."""
+    return request.param
 
 
 @pytest.fixture(scope="session")

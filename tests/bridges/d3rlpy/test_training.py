@@ -55,7 +55,9 @@ def test_behaviour_cloning_gets_the_return_of_the_policy_it_is_shown(tmp_path):
 )
 def test_offline_algorithms_run(tmp_path, config):
     scaler = d3rlpy.preprocessing.StandardObservationScaler()
-    learned = fitted(config(observation_scaler=scaler, gamma=0.97, batch_size=64), tmp_path, "optimized-40", 30)
+    learned = fitted(
+        config(observation_scaler=scaler, gamma=0.97, batch_size=64), tmp_path, "optimized-40", 30
+    )
     actions = learned.predict(np.zeros((5, 6 * HISTORY), np.float32))
     assert actions.shape == (5, 3)
     assert np.isfinite(actions).all()

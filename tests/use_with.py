@@ -1,4 +1,4 @@
-"""The snippets of docs/use-with.md, run in a folder that holds what they read."""
+"""The snippets of docs/use-with.md, run in a folder that holds what they read: fixtures of every bridge."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 import ibdata
 
-TEXT = (Path(__file__).parents[2] / "docs" / "use-with.md").read_text()
+TEXT = (Path(__file__).parents[1] / "docs" / "use-with.md").read_text()
 STEPS = 100  # of an episode; the page's datasets have 1000
 Snippets = Callable[[str], list[dict[str, Any]]]
 
