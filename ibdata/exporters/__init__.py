@@ -70,6 +70,8 @@ def export(
         raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     view = View(source, split, history, reward_scale, progress)
+    if view.rows == 0:
+        raise UsageError(f"split: {split!r} has no rows, expected some")
     options: dict[str, Any] = {}
     if id is not None:
         if "id" not in inspect.signature(format.export).parameters:

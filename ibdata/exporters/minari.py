@@ -34,8 +34,15 @@ OVERHEAD = 100_000  # bytes, of an episode's chunks; measured: 55 to 75 kB
 
 
 def place(view: View, out: Path, id: str | None = None) -> Path:
-    """The dataset's folder below the root; UsageError for an id that Minari would not take."""
-    return out / _id(view, id)
+    """The dataset's folder below the root; UsageError for an id or a root that Minari would not take."""
+    name = Path(_id(view, id))
+    for folder in (out, *(out / parent for parent in name.parents)):
+        if (folder / "data").exists() or "data" in name.parts[:-1]:
+            raise UsageError(
+                f"{folder}: found a folder named data in it, which Minari would take for a dataset's; "
+                "choose another --out or --id"
+            )
+    return out / name
 
 
 def episode(block: Block) -> dict[str, Any]:
@@ -84,7 +91,7 @@ dataset = minari.load_dataset({name!r})
 
 def _id(view: View, id: str | None) -> str:
     name = id if id is not None else f"ibdata/{view.dataset.info['name']}-v0"
-    if not ID.fullmatch(name):
+    if not ID.fullmatch(name) or "//" in name:
         raise UsageError(
             f"id: found {name!r}, expected NAMESPACE/NAME-vN of letters, digits, _ and -, "
             "with a namespace of two characters or more; choose one with --id"

@@ -182,6 +182,21 @@ def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
+    empty = {**dataset.info["splits"], "none": {"episodes": 0, "rows": 0, "files": []}}
+    monkeypatch.setitem(dataset.info, "splits", empty)
+    with pytest.raises(UsageError, match="split: 'none' has no rows"):
+        ibdata.export(dataset, "csv", tmp_path / "made", split="none")
+
+
+def test_an_episode_that_does_not_end_is_a_damaged_dataset(dataset, tmp_path, monkeypatch):
+    cut = dataset.table().slice(0, 90).to_batches()
+    monkeypatch.setattr(dataset, "iter_batches", lambda *args: (b.select(args[0]) for b in cut))
+    with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):
+        ibdata.export(dataset, "npz", tmp_path / "made")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_target_within_the_dataset_is_refused(dataset):
     with pytest.raises(UsageError, match="lies within the dataset"):
         ibdata.export(dataset, "csv", dataset.path / "data" / "x.csv")

@@ -122,4 +122,5 @@ def test_the_version_is_the_one_that_was_tried():
 def test_the_snippet_of_the_page_leaves_no_logs(use_with, tmp_path):
     (names,) = use_with("d3rlpy")
     assert names["dataset"].transition_count == 200
+    assert [result.policy for result in names["scores"].results] == ["optimized", "random", "bc"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "target.h5"]

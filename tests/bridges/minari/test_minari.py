@@ -97,11 +97,22 @@ def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
         equal(episode.observations[1:], arrays["next_observations"][40_000 * i : 40_000 * (i + 1)])
 
 
-@pytest.mark.parametrize("id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0"])
+@pytest.mark.parametrize("id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0", "ib//x-v0"])
 def test_an_id_that_minari_would_not_take_is_refused_before_anything_is_written(dataset, root, id):
     with pytest.raises(UsageError, match="expected NAMESPACE/NAME-vN"):
         ibdata.export(dataset, "minari", root, id=id)
     assert not root.exists()
+
+
+@pytest.mark.parametrize(("folder", "id"), [("data", "ib/x-v0"), ("ib/data", "ib/x-v0"), ("", "data/x-v0")])
+def test_a_folder_named_data_above_the_dataset_is_refused(dataset, root, folder, id):
+    """Minari takes what holds such a folder for a dataset, and lists none of the others."""
+    (root / folder).mkdir(parents=True)
+    with pytest.raises(UsageError, match="found a folder named data in it"):
+        ibdata.export(dataset, "minari", root, id=id)
+    (root / "data").mkdir(exist_ok=True)
+    with pytest.raises((ValueError, AttributeError)):
+        minari.list_local_datasets()
 
 
 @pytest.mark.parametrize("id", ["p70.5-v0", "x/mine-v0", "ibdata/mine"])
