@@ -97,7 +97,9 @@ def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
         equal(episode.observations[1:], arrays["next_observations"][40_000 * i : 40_000 * (i + 1)])
 
 
-@pytest.mark.parametrize("id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0", "ib//x-v0"])
+@pytest.mark.parametrize(
+    "id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0", "ib//x-v0"]
+)
 def test_an_id_that_minari_would_not_take_is_refused_before_anything_is_written(dataset, root, id):
     with pytest.raises(UsageError, match="expected NAMESPACE/NAME-vN"):
         ibdata.export(dataset, "minari", root, id=id)

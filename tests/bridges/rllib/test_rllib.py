@@ -24,7 +24,13 @@ def started():
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    plain = {"name": "shown", "setpoints": 70, "policies": [{"kind": "optimized"}], "episodes": 2, "steps": 500}
+    plain = {
+        "name": "shown",
+        "setpoints": 70,
+        "policies": [{"kind": "optimized"}],
+        "episodes": 2,
+        "steps": 500,
+    }
     experiment = ibdata.Experiment.model_validate(plain)
     return ibdata.generate(experiment, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
 
