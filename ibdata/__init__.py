@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ibdata.errors import IbdataError
     from ibdata.evaluation import evaluate
     from ibdata.experiment import Experiment, load
+    from ibdata.exporters import export
 
 __all__ = [
     "Dataset",
@@ -26,6 +27,7 @@ __all__ = [
     "IbdataError",
     "__version__",
     "evaluate",
+    "export",
     "generate",
     "generate_all",
     "load",
@@ -43,6 +45,7 @@ _HOMES = {
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "evaluate": ("ibdata.evaluation", "evaluate"),
+    "export": ("ibdata.exporters", "export"),
     "generate": ("ibdata.engines.generate", "generate"),
     "generate_all": ("ibdata.engines.suite", "generate_all"),
     "load": ("ibdata.experiment", "load"),

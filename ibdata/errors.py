@@ -59,12 +59,13 @@ class BusyError(IbdataError):
 class Interrupted(IbdataError):
     """A signal asked to stop; the exit code is 128 plus the signal's number."""
 
-    def __init__(self, signal_number: int) -> None:
+    def __init__(
+        self, signal_number: int, left: str = "--resume goes on from the shards that are whole"
+    ) -> None:
         self.signal_number = signal_number
+        self.left = left
         self.exit_code = 128 + signal_number
-        super().__init__(
-            f"stopped by signal {signal_number}; --resume goes on from the shards that are whole"
-        )
+        super().__init__(f"stopped by signal {signal_number}; {left}")
 
-    def __reduce__(self) -> tuple[type[Interrupted], tuple[int]]:
-        return type(self), (self.signal_number,)
+    def __reduce__(self) -> tuple[type[Interrupted], tuple[int, str]]:
+        return type(self), (self.signal_number, self.left)

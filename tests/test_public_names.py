@@ -18,6 +18,7 @@ def test_the_names_of_ibdata():
         "IbdataError",
         "__version__",
         "evaluate",
+        "export",
         "generate",
         "generate_all",
         "load",

@@ -73,11 +73,14 @@ def test_every_shipped_experiment_is_named():
         assert f"`{name.split('/')[0]}`" in TEXT
 
 
-def test_every_command_and_policy_is_named(command: str):
+def test_every_command_policy_and_format_is_named(command: str):
     from ibdata.cli import cli
+    from ibdata.exporters import FORMATS
     from ibdata.policies import POLICIES
 
     for name in cli.list_commands(None):
         assert f"ibdata {name}" in TEXT
     for kind in POLICIES:
         assert f"kind: {kind}" in TEXT
+    for name in FORMATS:
+        assert f"| `{name}` |" in TEXT

@@ -1,0 +1,86 @@
+"""ibdata export."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs
+from ibdata.exporters import FORMATS
+
+
+class _WithFormats(click.Command):
+    """A command whose help ends with what each format says of itself, read without importing it."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Formats"):
+            formatter.write_dl([(name, _docstring(name)) for name in FORMATS])
+
+
+def _docstring(name: str) -> str:
+    spec = importlib.util.find_spec(f"ibdata.exporters.{name}")
+    assert spec is not None
+    assert spec.origin is not None
+    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_text())) or "").split())
+
+
+@click.command("export", cls=_WithFormats)
+@folder_argument
+@click.option("--to", required=True, type=click.Choice(FORMATS), help="The format, see below.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="What to make; must not exist.",
+)
+@click.option("--split", metavar="NAME", help="Only this split.")
+@click.option(
+    "--history", type=int, metavar="N", help="Frames an observation, newest first; default 1, neorl 30."
+)
+@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by this.")
+@click.option("--id", metavar="ID", help="Minari's NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
+@click.option("--quiet", "-q", is_flag=True, help="No progress bar.")
+@json_option
+def command(
+    folder: Path,
+    to: str,
+    out: Path,
+    split: str | None,
+    history: int | None,
+    reward_scale: float,
+    id: str | None,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Write a dataset in the form of another library, and print the Python that loads it.
+
+    Every transition is kept, the last of each episode with its next observation. Floats are float32, but
+    in csv. What was written is read back and compared; it has its name only when it is whole.
+
+    \b
+    ibdata export data/random --to minari --out minari-datasets
+    ibdata export data/transfer --to npz --out target.npz --split target --history 10
+    """
+    from ibdata.exporters import export
+
+    made = export(
+        folder,
+        to,
+        out,
+        split=split,
+        history=history,
+        reward_scale=reward_scale,
+        id=id,
+        progress=False if quiet else None,
+    )
+    if as_json:
+        print_json(made._asdict())
+        return
+    print_pairs(
+        [("export", made.path), ("rows", f"{made.rows} in {made.episodes} episodes"), ("format", made.format)]
+    )
+    click.echo(f"\n{made.snippet}", nl=False)

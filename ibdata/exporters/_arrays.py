@@ -1,0 +1,101 @@
+"""Writing and comparing sets of long arrays of the same number of rows, block by block."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ibdata.exporters._target import differs
+from ibdata.exporters._view import Array, Arrays, Block, View
+
+Form = Callable[[Block], Arrays]
+Read = Callable[[str, int], Array]  # the next n rows of an array
+
+
+def transitions(block: Block) -> Arrays:
+    """The arrays of D4RL: one entry a transition in each, and the latent state in infos/."""
+    return {
+        "observations": block.observations,
+        "actions": block.actions,
+        "rewards": block.rewards,
+        "next_observations": block.next_observations,
+        "terminals": block.terminated,
+        "timeouts": block.truncated,
+        "infos/episode": block.episode,
+        "infos/step": block.step,
+        **{f"infos/{name}": array for name, array in block.extras.items()},
+    }
+
+
+def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
+    """Write the arrays, and others that are short, as a compressed NPZ.
+
+    A ZIP holds one member after the other, so each array grows in a file of its own first.
+    """
+    parts: dict[str, Path] = {}
+    with ExitStack() as stack:
+        files: dict[str, IO[bytes]] = {}
+        for block in view.blocks("write"):
+            for name, array in form(block).items():
+                if name not in files:
+                    parts[name] = path.with_name(f"{len(parts)}.npy")
+                    files[name] = stack.enter_context(parts[name].open("xb"))
+                    _header(files[name], view.rows, array)
+                files[name].write(np.ascontiguousarray(array).data)
+    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED, allowZip64=True, compresslevel=1) as archive:
+        for name, part in parts.items():
+            archive.write(part, f"{name}.npy")
+            part.unlink()
+        for name, array in others.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def check_npz(view: View, form: Form, path: Path) -> None:
+    """Compare the arrays of an NPZ with the data."""
+    with zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        members: dict[str, tuple[IO[bytes], tuple[int, ...], np.dtype[Any]]] = {}
+
+        def read(name: str, rows: int) -> Array:
+            if name not in members:
+                file = stack.enter_context(archive.open(f"{name}.npy"))
+                np.lib.format.read_magic(file)
+                shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+                members[name] = (file, (-1, *shape[1:]), dtype)
+            file, shape, dtype = members[name]
+            size = rows * dtype.itemsize * math.prod(shape[1:])
+            return np.frombuffer(file.read(size), dtype).reshape(shape)
+
+        check(view, form, read, path)
+
+
+def _header(file: IO[bytes], rows: int, array: Array) -> None:
+    """Begin a file of NumPy that will hold so many rows like those of the array."""
+    np.lib.format.write_array_header_1_0(
+        file,
+        {
+            "descr": np.lib.format.dtype_to_descr(array.dtype),
+            "fortran_order": False,
+            "shape": (rows, *array.shape[1:]),
+        },
+    )
+
+
+def check(view: View, form: Form, read: Read, path: Path) -> None:
+    """Compare what is read back with the data, value by value; IbdataError where they differ."""
+    for block in view.blocks("check"):
+        for name, array in form(block).items():
+            found = read(name, len(array))
+            if found.dtype != array.dtype or found.shape != array.shape or not same(found, array):
+                raise differs(f"{path}: {name}")
+
+
+def same(a: Array, b: Array) -> bool:
+    """Whether two arrays hold the same bits, NaN included."""
+    return np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()

@@ -1,0 +1,70 @@
+"""A file for d3rlpy's ReplayBuffer.load. d3rlpy shifts observations to get the next ones and so would lose
+the last transition of an episode that a time limit ends: a row with the final observation is appended to
+each. Its action is 0.5, which also keeps d3rlpy from taking actions that are all -1, 0 or 1 for discrete
+ones; its reward 0; neither is ever in a transition but as the next action of the last. Written in constant
+memory, but d3rlpy loads all of it. Needs ibdata[hdf5] to write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ibdata.exporters._arrays import same
+from ibdata.exporters._target import differs, needed, reserve
+from ibdata.exporters._view import Arrays, Block, View
+
+VERSION = "2.1"  # of d3rlpy's form
+OVERHEAD = 4096  # bytes, of an episode; measured: 1.6 kB
+PADDING = 0.5  # of the appended row's action
+KEYS = ("observations", "actions", "rewards", "terminated")
+
+
+def episode(block: Block) -> Arrays:
+    """An episode as d3rlpy holds it; with one row more where it does not terminate.
+
+    observations (n, 6 · history), actions (n, 3), rewards (n, 1), terminated ().
+    """
+    padding = 0 if block.terminated[-1] else 1
+    return {
+        "observations": np.concatenate([block.observations, block.next_observations[-1:][:padding]]),
+        "actions": np.pad(block.actions, ((0, padding), (0, 0)), constant_values=PADDING),
+        "rewards": np.pad(block.rewards, (0, padding))[:, None],
+        "terminated": block.terminated[-1:].reshape(()),
+    }
+
+
+def export(view: View, path: Path, target: Path) -> str:
+    """Write the file and compare it with the data."""
+    h5py = needed("h5py", "d3rlpy", "hdf5")
+    reserve(path, view.bytes + OVERHEAD * (view.episodes + 1))
+    with h5py.File(path, "x") as file:
+        file.create_dataset("columns", data=list(KEYS))
+        file.create_dataset("num_episodes", data=view.episodes)
+        file.create_dataset("version", data=VERSION)
+        for name, array in _datasets(view, "write"):
+            file.create_dataset(name, data=array)
+    with h5py.File(path, "r") as file:
+        for name, array in _datasets(view, "check"):
+            found = np.asarray(file[name][()])
+            if found.dtype != array.dtype or found.shape != array.shape or not same(found, array):
+                raise differs(f"{path}: {name}")
+    return f"""\
+from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
+
+with open({str(target)!r}, "rb") as file:
+    dataset = ReplayBuffer.load(file, InfiniteBuffer())
+"""
+
+
+def _datasets(view: View, what: str) -> Iterator[tuple[str, Any]]:
+    """The name and the values of each HDF5 dataset."""
+    number = 0
+    for block in view.blocks(what):
+        for one in block.split():
+            for key, array in episode(one).items():
+                yield f"{key}_{number}", array
+            number += 1

@@ -1,0 +1,187 @@
+"""A Minari dataset in `--out`/NAMESPACE/NAME-vN, where `--out` is Minari's root (MINARI_DATASETS_PATH) and
+the id is `--id`, else ibdata/<name>-v0. HDF5, because Minari's Arrow and Parquet corrupt episodes of
+32,768 steps or more. T + 1 observations, the final one included; float32; latent state and action_log_prob
+in `infos`, T + 1 each, NaN at the end where the dataset does not know it (`latent: next` does). The
+metadata of an episode have the dataset's seed. Constant memory. Needs ibdata[minari].
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment.strict_yaml import Document
+from ibdata.exporters._arrays import same
+from ibdata.exporters._target import differs, needed, reserve
+from ibdata.exporters._view import Array, Arrays, Block, View
+from ibdata.version import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Common = Callable[[str], Any]
+ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # what Minari takes, with a version always
+ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
+ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
+
+OVERHEAD = 100_000  # bytes, of an episode's chunks; measured: 55 to 75 kB
+
+
+def place(view: View, out: Path, id: str | None = None) -> Path:
+    """The dataset's folder below the root; UsageError for an id or a root that Minari would not take."""
+    name = Path(_id(view, id))
+    for folder in (out, *(out / parent for parent in name.parents)):
+        if (folder / "data").exists() or "data" in name.parts[:-1]:
+            raise UsageError(
+                f"{folder}: found a folder named data in it, which Minari would take for a dataset's; "
+                "choose another --out or --id"
+            )
+    return out / name
+
+
+def episode(block: Block) -> dict[str, Any]:
+    """The arrays of an episode of T steps: T + 1 observations (6 · history) and infos (1), T of the rest."""
+    return {
+        "observations": np.concatenate([block.observations, block.next_observations[-1:]]),
+        "actions": block.actions,
+        "rewards": block.rewards,
+        "terminations": block.terminated,
+        "truncations": block.truncated,
+        "infos": dict(_infos(block.extras)),
+    }
+
+
+def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
+    """Write the dataset with Minari and compare what Minari reads with the data."""
+    needed("minari", "minari", "minari")
+    needed("h5py", "minari", "minari")
+    needed("PIL", "minari", "minari", "pillow")  # Minari's storages import it, but Minari does not ask for it
+    from minari import MinariDataset
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    name = _id(view, id)
+    path.mkdir()
+    reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
+    data = path.absolute() / "data"  # Minari spoils relative paths when it adds up sizes
+    observations, actions = _spaces(view)
+    common, episodes = _common(view), view.described()
+    environment = _environment(view, episodes, common)
+    storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
+    storage.update_metadata(_metadata(view, episodes, name))
+    seed = common("seed")
+    storage.update_episodes(EpisodeBuffer(seed=seed, **one) for one in _episodes(view, "write"))
+    _check(view, MinariDataset(data), observations)
+    root = target.parents[len(Path(name).parts) - 1]
+    return f"""\
+import os
+
+os.environ["MINARI_DATASETS_PATH"] = {str(root.absolute())!r}
+import minari
+
+dataset = minari.load_dataset({name!r})
+"""
+
+
+def _id(view: View, id: str | None) -> str:
+    name = id if id is not None else f"ibdata/{view.dataset.info['name']}-v0"
+    if not ID.fullmatch(name) or "//" in name:
+        raise UsageError(
+            f"id: found {name!r}, expected NAMESPACE/NAME-vN of letters, digits, _ and -, "
+            "with a namespace of two characters or more; choose one with --id"
+        )
+    return name
+
+
+def _episodes(view: View, what: str) -> Iterator[dict[str, Any]]:
+    for block in view.blocks(what):
+        yield from map(episode, block.split())
+
+
+def _infos(extras: Arrays) -> Iterator[tuple[str, Array]]:
+    """Each info at t = 0 … T, (T + 1, 1): Minari's Arrow cannot read (T + 1,) again."""
+    for name, values in extras.items():
+        if not name.startswith("next_"):
+            end = extras[f"next_{name}"][-1:] if f"next_{name}" in extras else np.array([np.nan], np.float32)
+            yield name, np.concatenate([values, end])[:, None]
+
+
+def _spaces(view: View) -> tuple[Any, Any]:
+    """Boxes with the bounds of the columns."""
+    from gymnasium.spaces import Box
+
+    bounds = {c["name"]: (c["low"], c["high"]) for c in view.dataset.info["columns"]}
+
+    def box(role: str, times: int) -> Any:
+        pairs = [bounds[name] for name in view.group(role)] * times
+        low = [-np.inf if low is None else low for low, _ in pairs]
+        high = [np.inf if high is None else high for _, high in pairs]
+        return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+    return box("observation", view.history), box("action", 1)
+
+
+def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
+    """What `recover_environment` makes: the environment with the dataset's dynamics, start and observations.
+
+    Its setpoint is the dataset's where that is one only.
+    """
+    from gymnasium.envs.registration import EnvSpec
+
+    setpoints = episodes["setpoint"].unique().tolist()
+    kwargs: dict[str, Any] = {"history": view.history, "reward_scale": view.reward_scale}
+    kwargs |= {key: common(key) for key in ("dynamics", "start") if common(key) is not None}
+    if len(setpoints) == 1:
+        kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info["drifting"] else setpoints[0]
+    return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=common("steps"), kwargs=kwargs)
+
+
+def _common(view: View) -> Common:
+    """What an option is in the dataset's experiment, or in all of them where it was merged; else None."""
+    paths = [file["path"] for file in view.dataset.manifest["files"]]
+    experiments = []
+    for path in paths:
+        if path.startswith("meta/experiment"):
+            try:
+                experiments.append(Document(manifest.content(view.dataset.path, path)).data)
+            except (OSError, ValueError) as error:
+                raise DatasetError(f"{view.dataset.path / path}: cannot be read: {error}") from None
+
+    def common(key: str) -> Any:
+        first, *others = (experiment.get(key) for experiment in experiments)
+        return first if all(other == first for other in others) else None
+
+    return common
+
+
+def _metadata(view: View, episodes: pd.DataFrame, name: str) -> dict[str, Any]:
+    from minari import __version__ as minari_version
+
+    dataset = view.dataset
+    return {
+        "dataset_id": name,
+        "minari_version": minari_version,
+        "algorithm_name": ", ".join(sorted(episodes["policy"].unique())),
+        "description": f"Industrial Benchmark, {dataset.info['name']}, content root {dataset.content_root}",
+        "requirements": [f"ibdata>={__version__}"],
+    }
+
+
+def _check(view: View, found: Any, space: Any) -> None:
+    """Compare what Minari reads with the data; it checks neither lengths nor bounds itself."""
+    if (found.total_episodes, found.total_steps) != (view.episodes, view.rows):
+        raise differs(f"{found.spec.data_path}: counts")
+    for number, (one, expected) in enumerate(zip(found, _episodes(view, "check"), strict=True)):
+        pairs = [(key, getattr(one, key), array) for key, array in expected.items() if key != "infos"]
+        pairs += [(key, one.infos[key], array) for key, array in expected["infos"].items()]
+        for key, array, wanted in pairs:
+            if array.dtype != wanted.dtype or array.shape != wanted.shape or not same(array, wanted):
+                raise differs(f"{found.spec.data_path}: episode {number}: {key}")
+        if not ((one.observations >= space.low) & (one.observations <= space.high)).all():
+            raise DatasetError(f"{view.dataset.path}: found observations out of bounds, see ibdata validate")

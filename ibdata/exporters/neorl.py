@@ -1,0 +1,68 @@
+"""An NPZ for NeoRL's loader: obs, next_obs, action, reward (N, 1), done (N, 1), index; history 30 unless told
+otherwise, so 180 columns, newest frame first. Rewards are unscaled unless told otherwise. One setpoint
+only. `done` marks the time limit too, as in NeoRL's own files. The loader puts a 0 in front of `index`, so
+the file holds the ends of the episodes; and it reads float32, so more than 16,777,216 rows are refused.
+Constant memory.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ibdata.errors import UsageError
+from ibdata.exporters._arrays import check_npz, same, write_npz
+from ibdata.exporters._target import differs
+from ibdata.exporters._view import Array, Arrays, Block, View
+
+HISTORY = 30
+MAX_ROWS = 2**24  # above it, float32 has no whole numbers one apart
+
+
+def form(block: Block) -> Arrays:
+    """The arrays of NeoRL, but for the index."""
+    return {
+        "obs": block.observations,
+        "next_obs": block.next_observations,
+        "action": block.actions,
+        "reward": block.rewards[:, None],
+        "done": (block.terminated | block.truncated)[:, None].astype(np.float32),
+    }
+
+
+def export(view: View, path: Path, target: Path) -> str:
+    """Write the NPZ and compare it with the data; UsageError for several setpoints or too many rows."""
+    if view.rows > MAX_ROWS:
+        raise UsageError(f"neorl: found {view.rows} rows, expected at most {MAX_ROWS}; use --split")
+    index = _index(view)
+    write_npz(view, form, path, index=index)
+    check_npz(view, form, path)
+    with np.load(path) as archive:
+        if not same(archive["index"], index):
+            raise differs(f"{path}: index")
+    return f"""\
+import numpy as np
+
+data = dict(np.load({str(target)!r}))
+data["index"] = np.insert(data["index"], 0, 0)[:-1]  # first rows, as NeoRL's loader gives them
+"""
+
+
+def _index(view: View) -> Array:
+    """The end of each episode; UsageError where there are several setpoints."""
+    name = view.group("observation")[0]
+    setpoints: set[float] = set()
+    ends: list[Array] = []
+    rows = 0
+    for table in view.tables([name, "reward", "terminated", "truncated"], "setpoint"):
+        setpoints.update(np.unique(table[name].to_numpy()).tolist())
+        if len(setpoints) > 1:
+            found = ", ".join(f"{p:g}" for p in sorted(setpoints)[:5])
+            raise UsageError(
+                f"neorl: found the setpoints {found}, expected one only; use --split, see ibdata split"
+            )
+        last = table["truncated"].to_numpy() | table["terminated"].to_numpy()
+        ends.append(np.flatnonzero(last) + 1 + rows)
+        rows += table.num_rows
+    return np.concatenate(ends)

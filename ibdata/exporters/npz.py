@@ -1,0 +1,24 @@
+"""NumPy's NPZ, with the keys of D4RL: observations, actions, rewards, next_observations, terminals, timeouts,
+and infos/… with episode, step, latent state and action_log_prob. Compressed; the last transition of each
+episode is there, with its next observation. Written in constant memory; np.load reads a whole array at a
+time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ibdata.exporters._arrays import check_npz, transitions, write_npz
+from ibdata.exporters._view import View
+
+
+def export(view: View, path: Path, target: Path) -> str:
+    """Write the NPZ and compare it with the data."""
+    write_npz(view, transitions, path)
+    check_npz(view, transitions, path)
+    return f"""\
+import numpy as np
+
+data = np.load({str(target)!r})
+data["observations"], data["actions"], data["rewards"], data["next_observations"], data["terminals"]
+"""

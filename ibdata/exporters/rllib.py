@@ -1,0 +1,92 @@
+"""Parquet for RLlib's offline algorithms: `--out` is a file if it ends in .parquet, else a folder that gets
+arrays.parquet. RLlib wants a vector a row, so observations are fixed-size lists; next_observation is there
+because RLlib makes an episode of each row; there is no column of text, on which training would end. It
+prints the configuration that RLlib needs. Written in constant memory.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ibdata.exporters._tables import Rows
+from ibdata.exporters._target import differs
+from ibdata.exporters._view import Array, Block, View
+
+ROW_GROUP_ROWS = 100_000
+OPTIONS = {"compression": "zstd", "write_page_checksum": True}
+SUFFIX = ".parquet"
+FILE = "arrays.parquet"
+SCHEMA = {
+    "eps_id": "episode",
+    "t": "step",
+    "obs": "observation",
+    "actions": "action",
+    "rewards": "reward",
+    "new_obs": "next_observation",
+    "terminateds": "terminated",
+    "truncateds": "truncated",
+}
+
+
+def export(view: View, path: Path, target: Path) -> str:
+    """Write the Parquet file and compare it with the data."""
+    file = path
+    if path.suffix != SUFFIX:
+        path.mkdir()
+        file = path / FILE
+        target = target / FILE
+    with ExitStack() as stack:
+        writer: pq.ParquetWriter | None = None
+        for block in view.blocks("write"):
+            table = _table(block)
+            writer = writer or stack.enter_context(pq.ParquetWriter(file, table.schema, **OPTIONS))
+            writer.write_table(table, row_group_size=ROW_GROUP_ROWS)
+    _check(view, file)
+    return f"""\
+schema = {{
+{"".join(f"    {key!r}: {column!r},{chr(10)}" for key, column in SCHEMA.items())}}}
+config = config.offline_data(
+    input_=[{str(target.absolute())!r}],  # a list: RLlib takes a text to be a path and spoils URLs
+    input_read_schema=schema,
+    input_read_method_kwargs={{"columns": list(schema.values())}},
+    dataset_num_iters_per_learner=3,
+    map_batches_kwargs={{"concurrency": 1, "num_cpus": 1}},
+)  # no input_read_batch_size: it is for episodes only
+"""
+
+
+def _table(block: Block) -> pa.Table:
+    """The columns of SCHEMA."""
+    arrays = {
+        "episode": block.episode,
+        "step": block.step,
+        "observation": block.observations,
+        "action": block.actions,
+        "reward": block.rewards,
+        "next_observation": block.next_observations,
+        "terminated": block.terminated,
+        "truncated": block.truncated,
+    }
+    return pa.table({name: _column(array) for name, array in arrays.items()})
+
+
+def _column(array: Array) -> pa.Array:
+    if array.ndim == 1:
+        return pa.array(array)
+    return pa.FixedSizeListArray.from_arrays(
+        pa.array(np.ascontiguousarray(array).reshape(-1)), array.shape[1]
+    )
+
+
+def _check(view: View, file: Path) -> None:
+    """Compare the file with the data."""
+    with pq.ParquetFile(file, page_checksum_verification=True) as parquet:
+        found = Rows(parquet.iter_batches(ROW_GROUP_ROWS), parquet.schema_arrow)
+        for block in view.blocks("check"):
+            if not found.take(len(block.rewards)).equals(_table(block)):
+                raise differs(str(file))

@@ -1,0 +1,167 @@
+"""Minari itself reads every value again; the traps of Minari 0.5.4 are held here, so that a change shows."""
+
+from __future__ import annotations
+
+import json
+import warnings
+
+import gymnasium
+import minari
+import numpy as np
+import pytest
+from minari.data_collector import EpisodeBuffer
+
+import ibdata
+from ibdata.errors import UsageError
+
+
+def equal(found, expected):
+    assert found.dtype == expected.dtype
+    assert found.shape == expected.shape
+    assert found.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize(("split", "history", "scale"), [(None, 1, 1.0), ("target", 4, 0.01)])
+def test_every_value_is_there_again(dataset, root, split, history, scale):
+    options = {"split": split, "history": history, "reward_scale": scale}
+    made = ibdata.export(dataset, "minari", root, **options)
+    assert made.path == str(root / "ibdata" / "small-v0")
+    found = minari.load_dataset("ibdata/small-v0")
+    arrays = dataset.arrays(history=history, split=split)
+    table = dataset.table(split=split)
+    assert (found.total_episodes, found.total_steps) == (made.episodes, made.rows)
+    assert len(arrays["rewards"]) == made.rows
+    for i, episode in enumerate(found):
+        rows = slice(25 * i, 25 * i + 25)
+        assert episode.observations.shape == (26, 6 * history)
+        equal(episode.observations[:-1], arrays["observations"][rows])
+        equal(episode.observations[1:], arrays["next_observations"][rows])
+        equal(episode.actions, arrays["actions"][rows])
+        equal(episode.rewards, (arrays["rewards"][rows].astype(float) * scale).astype(np.float32))
+        assert episode.terminations.tolist() == [False] * 25
+        assert episode.truncations.tolist() == [False] * 24 + [True]
+        for name, info in episode.infos.items():
+            equal(info[:-1, 0], table[name].to_numpy()[rows])
+            if name != "action_log_prob":
+                equal(info[1:, 0], table[f"next_{name}"].to_numpy()[rows])
+        assert len(episode.infos) == 15
+        assert found.observation_space.contains(episode.observations[0])
+
+
+def test_metadata_say_where_it_comes_from(dataset, root):
+    ibdata.export(dataset, "minari", root)
+    found = minari.load_dataset("ibdata/small-v0")
+    metadata = found.storage.metadata
+    assert dataset.content_root in metadata["description"]
+    assert metadata["algorithm_name"] == "random, safe"
+    assert metadata["requirements"] == [f"ibdata>={ibdata.__version__}"]
+    assert [m["seed"] for m in found.storage.get_episode_metadata(range(12))] == [11] * 12
+    assert set(next(iter(found.storage.get_episode_metadata([0])))) == {"id", "seed", "total_steps"}
+
+
+def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):
+    dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=["steps=20"])
+    ibdata.export(dataset, "minari", root)
+    episode = minari.load_dataset("ibdata/random-v0")[3]
+    assert np.isnan(episode.infos["latent_mu_v"][-1, 0])
+    equal(episode.infos["latent_mu_v"][:-1, 0], dataset.table()["latent_mu_v"].to_numpy()[60:80])
+
+
+def test_splitting_filtering_and_listing_work(dataset, root):
+    ibdata.export(dataset, "minari", root, id="deep/er/mine-v3")
+    assert not list(root.rglob(".tmp-*"))
+    assert list(minari.list_local_datasets()) == ["deep/er/mine-v3"]
+    found = minari.load_dataset("deep/er/mine-v3")
+    assert [part.total_episodes for part in minari.split_dataset(found, sizes=[8, 4], seed=0)] == [8, 4]
+    hot = found.filter_episodes(lambda episode: episode.observations[0, 0] == 70)
+    assert hot.total_episodes == 6
+
+
+def test_the_snippet_loads_it(dataset, tmp_path):
+    made = ibdata.export(dataset, "minari", tmp_path / "elsewhere", id="mine-v0")
+    names: dict = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINARI_DATASETS_PATH", "to be put back")
+        exec(made.snippet, names)
+    assert names["dataset"].total_steps == 300
+
+
+def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
+    """Longer than Minari's Arrow and Parquet can bear."""
+    overrides = ["steps=40000", "setpoints=70", "episodes=2", "output={latent: false}"]
+    dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
+    ibdata.export(dataset, "minari", root)
+    found = minari.load_dataset("ibdata/random-v0")
+    arrays = dataset.arrays()
+    for i, episode in enumerate(found):
+        equal(episode.observations[1:], arrays["next_observations"][40_000 * i : 40_000 * (i + 1)])
+
+
+@pytest.mark.parametrize(
+    "id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0", "ib//x-v0"]
+)
+def test_an_id_that_minari_would_not_take_is_refused_before_anything_is_written(dataset, root, id):
+    with pytest.raises(UsageError, match="expected NAMESPACE/NAME-vN"):
+        ibdata.export(dataset, "minari", root, id=id)
+    assert not root.exists()
+
+
+@pytest.mark.parametrize(("folder", "id"), [("data", "ib/x-v0"), ("ib/data", "ib/x-v0"), ("", "data/x-v0")])
+def test_a_folder_named_data_above_the_dataset_is_refused(dataset, root, folder, id):
+    """Minari takes what holds such a folder for a dataset, and lists none of the others."""
+    (root / folder).mkdir(parents=True)
+    with pytest.raises(UsageError, match="found a folder named data in it"):
+        ibdata.export(dataset, "minari", root, id=id)
+    (root / "data").mkdir(exist_ok=True)
+    with pytest.raises((ValueError, AttributeError)):
+        minari.list_local_datasets()
+
+
+@pytest.mark.parametrize("id", ["p70.5-v0", "x/mine-v0", "ibdata/mine"])
+def test_minari_still_refuses_these_ids(root, id):
+    box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+    with pytest.raises((ValueError, TypeError)):
+        minari.create_dataset_from_buffers(id, [], observation_space=box, action_space=box)
+
+
+def test_minari_still_checks_neither_lengths_nor_bounds(root):
+    """Hence the export compares both itself."""
+    box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+    wrong = np.full((3, 1), 7, np.float32)
+    buffer = EpisodeBuffer(
+        observations=wrong,
+        actions=wrong,
+        rewards=wrong[:, 0],
+        terminations=[False] * 3,
+        truncations=[False] * 3,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        minari.create_dataset_from_buffers("ib/bad-v0", [buffer], observation_space=box, action_space=box)
+    assert minari.load_dataset("ib/bad-v0")[0].observations.shape == (3, 1)
+
+
+def test_a_dataset_beside_it_is_left_alone_and_listed(dataset, root, monkeypatch):
+    """One malformed folder breaks Minari's list for all; so a failed export leaves no folder."""
+    ibdata.export(dataset, "minari", root, id="ibdata/first-v0")
+    monkeypatch.setattr("ibdata.exporters.minari.same", lambda found, expected: False)
+    with pytest.raises(ibdata.IbdataError, match="read back other values"):
+        ibdata.export(dataset, "minari", root, id="ibdata/second-v0")
+    assert list(minari.list_local_datasets()) == ["ibdata/first-v0"]
+    assert [path.name for path in (root / "ibdata").iterdir()] == ["first-v0"]
+
+
+def test_the_environment_is_named_with_the_datasets_own_settings(dataset, root):
+    ibdata.export(dataset, "minari", root, history=3, reward_scale=0.5)
+    ibdata.export(dataset, "minari", root, split="target", id="ibdata/target-v0")
+    raw = json.loads((root / "ibdata" / "small-v0" / "data" / "metadata.json").read_text())["env_spec"]
+    spec = json.loads(raw)
+    assert (spec["id"], spec["max_episode_steps"]) == ("ibdata/IndustrialBenchmark-v0", 25)
+    assert spec["entry_point"] == "ibdata.environment:IndustrialBenchmarkEnv"
+    assert spec["kwargs"] == {"dynamics": "siemens", "start": "default", "history": 3, "reward_scale": 0.5}
+    assert minari.load_dataset("ibdata/target-v0").env_spec.kwargs["setpoint"] == 70
+
+
+def test_the_snippet_of_the_page(use_with):
+    (names,) = use_with("Minari")
+    assert names["data"].total_steps == 200

@@ -1,0 +1,111 @@
+"""polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the dataset bit for bit alike."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+import ibdata
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning:ray")
+PROBED = ["obs_fatigue", "act_shift", "reward", "latent_mu_v"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def offline(tmp_path_factory):
+    """No network, and no cache of the user's."""
+    cache = str(tmp_path_factory.mktemp("cache"))
+    os.environ.update(
+        HF_HUB_OFFLINE="1", HF_HOME=cache, HF_DATASETS_CACHE=cache, HF_HUB_DISABLE_TELEMETRY="1"
+    )
+
+
+@pytest.fixture(scope="session")
+def ray_data(generated):
+    import ray
+
+    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield ray.data
+    ray.shutdown()
+
+
+def by_huggingface(root):
+    from datasets import load_dataset
+
+    return load_dataset(str(root), split="train").with_format("numpy")[:]
+
+
+def by_polars(root):
+    import polars as pl
+
+    return pl.scan_parquet(f"{root}/data/*.parquet").collect()
+
+
+def by_duckdb(root):
+    import duckdb
+
+    with duckdb.connect() as connection:
+        return connection.sql(f"select * from '{root}/data/*.parquet' order by episode, step").fetchnumpy()
+
+
+@pytest.mark.parametrize("reader", [by_huggingface, by_polars, by_duckdb])
+@pytest.mark.parametrize("name", ["random", "transfer"])
+def test_values_are_those_of_ibdata(generated, reader, name):
+    rows, table = reader(generated / "data" / name), ibdata.open(generated / "data" / name).table()
+    for column in PROBED:
+        found, expected = np.asarray(rows[column]), table[column].to_numpy()
+        assert found.dtype == expected.dtype
+        assert found.tobytes() == expected.tobytes()
+
+
+def test_values_by_ray_data_are_those_of_ibdata(generated, ray_data):
+    table = ibdata.open(generated / "data" / "random").table()
+    rows = (
+        ray_data.read_parquet(str(generated / "data" / "random" / "data"))
+        .sort(["episode", "step"])
+        .to_pandas()
+    )
+    for column in PROBED:
+        assert rows[column].to_numpy().tobytes() == table[column].to_numpy().tobytes()
+
+
+def test_splits_are_configs_of_hugging_face(generated):
+    from datasets import get_dataset_config_names, load_dataset
+
+    root = str(generated / "data" / "transfer")
+    assert sorted(get_dataset_config_names(root)) == ["default", "source", "target"]
+    dataset = ibdata.open(root)
+    for config in ("source", "target"):
+        found = load_dataset(root, config, split="train")
+        assert len(found) == dataset.info["splits"][config]["rows"]
+        expected = dataset.table(["reward"], config)["reward"].to_numpy()
+        assert found.with_format("numpy")["reward"][:].tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("heading", "rows"),
+    [("pandas", 1000), ("polars", 100), ("duckdb", 10), ("D4RL's form, and NumPy", None), ("NeoRL", None)],
+)
+def test_snippets(use_with, heading, rows):
+    (names,) = use_with(heading)
+    assert rows in (None, len(names["data"]))
+
+
+def test_the_snippet_of_hugging_face(use_with):
+    (names,) = use_with("Hugging Face datasets")
+    assert (len(names["everything"]), len(names["target"])) == (2000, 200)
+    assert tuple(names["batch"].shape) == (32,)
+
+
+def test_the_snippet_of_pytorch(use_with):
+    (names,) = use_with("PyTorch")
+    assert tuple(names["observations"].shape) == tuple(names["next_observations"].shape) == (256, 60)
+    assert len(names["data"]) == 1000
+    assert not names["terminated"].any()
+
+
+def test_the_snippet_of_ray_data(use_with, ray_data):
+    (names,) = use_with("Ray Data")
+    assert names["data"].count() == 1000

@@ -1,0 +1,99 @@
+"""RLlib trains on the export with the printed configuration; the traps of RLlib 2.60 are held here."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import ray
+from ray.rllib.algorithms.bc import BCConfig
+from ray.rllib.algorithms.marwil import MARWILConfig
+
+import ibdata
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # Ray warns of itself
+
+
+@pytest.fixture(scope="module", autouse=True)
+def started():
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield
+    ray.shutdown()
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    plain = {
+        "name": "shown",
+        "setpoints": 70,
+        "policies": [{"kind": "optimized"}],
+        "episodes": 2,
+        "steps": 500,
+    }
+    experiment = ibdata.Experiment.model_validate(plain)
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
+
+
+def configured(config_class, snippet):
+    box = gymnasium.spaces.Box
+    config = config_class().environment(
+        observation_space=box(-np.inf, np.inf, (6,), np.float32), action_space=box(-1, 1, (3,), np.float32)
+    )
+    config = config.training(train_batch_size_per_learner=128, lr=1e-3).debugging(seed=0)
+    names = {"config": config}
+    exec(snippet, names)
+    return names["config"]
+
+
+def losses(config, iterations):
+    algorithm = config.build_algo()
+    try:
+        return [
+            float(algorithm.train()["learners"]["default_policy"]["policy_loss"]) for _ in range(iterations)
+        ]
+    finally:
+        algorithm.stop()
+
+
+def test_ray_reads_every_value_again(dataset, tmp_path):
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
+    rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
+    arrays = dataset.arrays()
+    for column, name in (
+        ("observation", "observations"),
+        ("action", "actions"),
+        ("next_observation", "next_observations"),
+    ):
+        assert np.stack(rows[column]).astype(np.float32).tobytes() == arrays[name].tobytes()
+    scaled = (arrays["rewards"].astype(float) * 0.01).astype(np.float32)
+    assert rows["reward"].to_numpy().tobytes() == scaled.tobytes()
+    assert rows["truncated"].sum() == 2
+    assert not rows["terminated"].any()
+
+
+def test_behaviour_cloning_learns_on_the_printed_configuration(dataset, tmp_path):
+    made = ibdata.export(dataset, "rllib", tmp_path / "made")
+    found = losses(configured(BCConfig, made.snippet), 20)
+    assert np.mean(found[-5:]) < np.mean(found[:5]) - 1
+
+
+def test_marwil_runs_on_the_printed_configuration(dataset, tmp_path):
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
+    assert np.isfinite(losses(configured(MARWILConfig, made.snippet), 2)).all()
+
+
+def test_a_column_of_text_still_ends_the_training(dataset, tmp_path):
+    """Hence the export has none, and names its columns."""
+    made = ibdata.export(dataset, "rllib", tmp_path / "made.parquet")
+    table = pq.read_table(made.path)
+    pq.write_table(table.append_column("policy", [["safe"] * table.num_rows]), tmp_path / "text.parquet")
+    snippet = made.snippet.replace("made.parquet", "text.parquet")
+    snippet = snippet.replace('input_read_method_kwargs={"columns": list(schema.values())},', "")
+    with pytest.raises(Exception, match=r"numpy\.str_|can't convert"):
+        losses(configured(BCConfig, snippet), 1)
+
+
+def test_the_snippet_of_the_page(use_with):
+    (names,) = use_with("RLlib")
+    assert np.isfinite(losses(names["config"], 1)).all()

@@ -1,0 +1,46 @@
+"""The snippets of docs/use-with.md, run in a folder that holds what they read: fixtures of every bridge."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ibdata
+
+TEXT = (Path(__file__).parents[1] / "docs" / "use-with.md").read_text()
+STEPS = 100  # of an episode; the page's datasets have 1000
+Snippets = Callable[[str], list[dict[str, Any]]]
+
+
+@pytest.fixture(scope="session")
+def generated(tmp_path_factory) -> Path:
+    """A folder in which the page's two datasets have been made, with shorter episodes."""
+    folder = tmp_path_factory.mktemp("page")
+    for name in ("random", "transfer"):
+        ibdata.generate(name, folder / "data" / name, workers=1, overrides=[f"steps={STEPS}"])
+    return folder
+
+
+@pytest.fixture
+def use_with(generated, tmp_path, monkeypatch) -> Snippets:
+    """Run the Python blocks under a heading, each for itself, and return their names."""
+    (tmp_path / "data").symlink_to(generated / "data")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "put back afterwards")
+
+    def run(heading: str) -> list[dict[str, Any]]:
+        section = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", TEXT, re.MULTILINE | re.DOTALL)
+        assert section is not None, heading
+        found = []
+        for block in re.findall(r"^```python\n(.*?)^```$", section[1], re.MULTILINE | re.DOTALL):
+            names: dict[str, Any] = {}
+            exec(compile(block, f"use-with.md, {heading}", "exec"), names)
+            found.append(names)
+        assert found
+        return found
+
+    return run
