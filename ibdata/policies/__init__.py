@@ -42,4 +42,26 @@ else:
         _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
     AnyPolicy = _one_of(POLICIES.values())
 
-__all__ = ["OBSERVATION", "POLICIES", "AnyBase", "AnyPolicy", "DeterministicBase", "Policy"]
+
+def described() -> list[dict[str, Any]]:
+    """Every policy: kind, summary, and its options with default and description."""
+    return [
+        {
+            "kind": kind,
+            "summary": (policy.__doc__ or "").split("\n")[0],
+            "options": [
+                {
+                    "name": name,
+                    "required": field.is_required(),
+                    "default": None if field.is_required() else field.default,
+                    "description": field.description or "",
+                }
+                for name, field in policy.model_fields.items()
+                if name not in ("kind", "name")
+            ],
+        }
+        for kind, policy in POLICIES.items()
+    ]
+
+
+__all__ = ["OBSERVATION", "POLICIES", "AnyBase", "AnyPolicy", "DeterministicBase", "Policy", "described"]

@@ -1,0 +1,30 @@
+"""ibdata init."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import json_option, print_json
+
+
+@click.command("init")
+@click.argument("file", metavar="[FILE]", default="experiment.yaml", type=click.Path(path_type=Path))
+@json_option
+def command(file: Path, as_json: bool) -> None:
+    """Write an experiment with comments, to be changed.
+
+    A file that is there is left as it is.
+
+    \b
+    ibdata init
+    ibdata init mine.yaml
+    """
+    from ibdata.experiment.template import write_template
+
+    write_template(file)
+    if as_json:
+        print_json({"file": str(file)})
+        return
+    click.echo(f"{file}: change it, then: ibdata generate --config {file} --dry-run")

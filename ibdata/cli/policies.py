@@ -1,0 +1,35 @@
+"""ibdata policies."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from ibdata.cli._shared import json_option, print_json
+
+
+@click.command("policies")
+@json_option
+def command(as_json: bool) -> None:
+    """List the policies and their options.
+
+    \b
+    ibdata policies
+    ibdata policies --json
+    """
+    from ibdata.policies import described
+
+    found = described()
+    if as_json:
+        print_json({"policies": found})
+        return
+    for policy in found:
+        click.echo(f"{policy['kind']}: {policy['summary']}")
+        for option in policy["options"]:
+            click.echo(f"    {option['name']} ({_default(option)}): {option['description']}")
+
+
+def _default(option: dict[str, Any]) -> str:
+    return "required" if option["required"] else f"default {json.dumps(option['default'])}"

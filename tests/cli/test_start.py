@@ -1,0 +1,94 @@
+"""The commands of the first minutes: init, policies, help, completion."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+
+import ibdata
+from ibdata.cli import cli, main
+from ibdata.experiment.template import template
+from ibdata.policies import POLICIES
+
+COMMANDS = cli.list_commands(None)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
+
+    def run(*args):
+        with pytest.raises(SystemExit) as end:
+            main(args)
+        return (end.value.code or 0, *capsys.readouterr())
+
+    return run
+
+
+def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
+    code, out, _ = run("init", "mine.yaml")
+    assert (code, out) == (0, "mine.yaml: change it, then: ibdata generate --config mine.yaml --dry-run\n")
+    experiment = ibdata.load(tmp_path / "mine.yaml")
+    assert experiment.name == "mine"
+    assert set(experiment.splits) == {"source", "target"}
+    assert (
+        ibdata.generate(experiment, tmp_path / "out", workers=1, overrides=()).info["counts"]["episodes"]
+        == 40
+    )
+
+
+def test_the_template_shows_every_option():
+    """All but the version of the format, and the size of files."""
+    plain = set(ibdata.Experiment.model_fields) - {"version"}
+    assert {key for key in plain if f"\n{key}:" in template("x")} == plain
+
+
+def test_init_leaves_a_file_that_is_there_and_makes_nothing_where_it_cannot(run, tmp_path):
+    (tmp_path / "experiment.yaml").write_text("mine")
+    assert run("init")[::2] == (2, "experiment.yaml: exists already; choose another name\n")
+    assert (tmp_path / "experiment.yaml").read_text() == "mine"
+    code, _, err = run("init", "nowhere/x.yaml")
+    assert (code, err) == (1, "nowhere/x.yaml: cannot be written: No such file or directory\n")
+
+
+@pytest.mark.parametrize("name", ["x y.yaml", "con", "ÄÖ.yaml", "a.b.yaml", "CAPITAL.yaml"])
+def test_a_file_name_that_names_no_experiment_gives_another_name(run, tmp_path, name):
+    run("init", name)
+    assert ibdata.load(tmp_path / name).name in ("experiment", name)
+
+
+def test_policies_lists_every_kind_and_option(run):
+    _, out, _ = run("policies")
+    _, as_json, _ = run("policies", "--json")
+    listed = {policy["kind"]: policy for policy in json.loads(as_json)["policies"]}
+    assert set(listed) == set(POLICIES)
+    for kind, policy in POLICIES.items():
+        assert f"{kind}: " in out
+        options = [option["name"] for option in listed[kind]["options"]]
+        assert options == [name for name in policy.model_fields if name not in ("kind", "name")]
+        assert all(f"    {name} (" in out for name in options)
+        assert all(option["description"] for option in listed[kind]["options"])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_examples_of_the_command_itself(run, name):
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    assert f"  ibdata {name}" in out.replace("Usage: ibdata", "")
+
+
+def test_the_shell_completes_commands_and_options(command):
+    env = {
+        "_IBDATA_COMPLETE": "bash_complete",
+        "COMP_WORDS": "ibdata gen",
+        "COMP_CWORD": "1",
+        "PATH": "/usr/bin",
+    }
+    done = subprocess.run([command], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout == "plain,generate\n"
+    env |= {"COMP_WORDS": "ibdata generate --res", "COMP_CWORD": "2"}
+    done = subprocess.run([command], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout == "plain,--resume\n"
