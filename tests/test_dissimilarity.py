@@ -1,0 +1,61 @@
+"""docs/dissimilarity.md says what its tables say, and fewer states with another seed say the same.
+
+Bounds on means are 5 standard errors of both measurements; the seed is fixed.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs/dissimilarity.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def script():
+    loader = SourceFileLoader("ibdata_scripts_dissimilarity", str(ROOT / "scripts/dissimilarity"))
+    module = module_from_spec(spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
+def listed(dynamics):
+    """Means and half intervals by setpoint: fatigue and consumption after 1 step, then after 10."""
+    part = TEXT.split(f"| `{dynamics}`: p′")[1].split("\n\n")[0]
+    rows = [line for line in part.splitlines() if re.match(r"\| \d+ ", line)]
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    return {float(c[0]): [tuple(map(float, x.split(" ± "))) for x in c[2:]] for c in cells}
+
+
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_the_tables_are_those_of_another_sample_within_five_standard_errors(script, dynamics):
+    table = listed(dynamics)
+    assert list(table) == list(script.SETPOINTS)
+    for column, values in enumerate(script.measure(dynamics, n=150, draws=64, seed=1).values()):
+        for i, p in enumerate(script.SETPOINTS):
+            mean, half = table[p][column]
+            error = values[i].std(ddof=1) / np.sqrt(values.shape[1])
+            assert abs(values[i].mean() - mean) <= 5 * np.hypot(error, half / 1.96) + 0.01
+
+
+@pytest.mark.parametrize("column", range(4))
+def test_distance_grows_on_either_side_but_is_no_function_of_the_difference_alone(column):
+    table = {p: cells[column][0] for p, cells in listed("siemens").items()}
+    for side in ([p for p in table if p <= 50][::-1], [p for p in table if p >= 50]):
+        distances = [table[p] for p in side]
+        assert distances == sorted(distances)
+        assert distances[0] == 0
+    if column in (0, 2):
+        assert table[10] > 2 * table[90]
+    if column == 3:
+        assert table[75] > table[20]
+
+
+def test_in_the_paper_variant_the_fatigue_of_such_states_knows_no_setpoint():
+    assert all(cells[0][0] == cells[2][0] == 0 for cells in listed("paper").values())
