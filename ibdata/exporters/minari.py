@@ -2,7 +2,8 @@
 the id is `--id`, else ibdata/<name>-v0. HDF5, because Minari's Arrow and Parquet corrupt episodes of
 32,768 steps or more. T + 1 observations, the final one included; float32; latent state and action_log_prob
 in `infos`, T + 1 each, NaN at the end where the dataset does not know it (`latent: next` does). The
-metadata of an episode have the dataset's seed. Constant memory. Needs ibdata[minari].
+metadata of an episode have the dataset's seed. Memory grows by some 30 kB an episode, in HDF5. Needs
+ibdata[minari].
 """
 
 from __future__ import annotations

@@ -85,7 +85,8 @@ def _column(array: Array) -> pa.Array:
 
 def _check(view: View, file: Path) -> None:
     """Compare the file with the data."""
-    with pq.ParquetFile(file, page_checksum_verification=True) as parquet:
+    # With pre_buffer, which is the default, all that was read would stay in memory.
+    with pq.ParquetFile(file, page_checksum_verification=True, pre_buffer=False) as parquet:
         found = Rows(parquet.iter_batches(ROW_GROUP_ROWS), parquet.schema_arrow)
         for block in view.blocks("check"):
             if not found.take(len(block.rewards)).equals(_table(block)):

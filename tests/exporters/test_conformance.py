@@ -182,6 +182,17 @@ def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
+    """So memory does not grow with the dataset: at most the rows asked for and one episode more."""
+    monkeypatch.setattr("ibdata.exporters._view.BLOCK_ROWS", 60)
+    for history, limit in ((1, 60), (3, 20)):
+        blocks = list(View(dataset, history=history).blocks("write"))
+        assert sum(len(block.rewards) for block in blocks) == 480
+        assert all(len(block.rewards) <= limit + 40 for block in blocks)
+        assert all(block.step[0] == 0 and block.truncated[-1] for block in blocks)
+        assert all(len(one.rewards) == 40 for block in blocks for one in block.split())
+
+
 def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
     empty = {**dataset.info["splits"], "none": {"episodes": 0, "rows": 0, "files": []}}
     monkeypatch.setitem(dataset.info, "splits", empty)
