@@ -26,12 +26,15 @@ SOURCES = ("compiling.py", "noise.py", "lanes.py", "dataset/statistics.py", "dyn
 
 
 def compiled(function: F) -> F:
-    """`numba.njit` with fastmath off and the cache in `FOLDER`; plain Python under NUMBA_DISABLE_JIT=1."""
+    """`numba.njit` with fastmath off and the cache in `FOLDER`; plain Python under NUMBA_DISABLE_JIT=1.
+
+    It lets go of Python's lock, so that what is simulated can be encoded and hashed meanwhile.
+    """
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # numba decides where a function is kept when it is decorated
     try:
-        return cast(F, numba.njit(cache=True)(function))
+        return cast(F, numba.njit(cache=True, nogil=True)(function))
     finally:
         config.CACHE_DIR = before
 

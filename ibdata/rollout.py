@@ -54,12 +54,21 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 
     Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
     """
+    *_, (columns, _) = filling(experiment, first, stop)
+    return columns
+
+
+def filling(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[Columns, int]]:
+    """The columns while they fill, and the rows from the beginning that are there, always whole episodes.
+
+    Raises as `rollout`.
+    """
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
         clipped += Block(experiment, start, end).fill(table, (start - first) * experiment.steps, places)
-    return Columns(places.names, table, clipped)
+        yield Columns(places.names, table, clipped), (end - first) * experiment.steps
 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:

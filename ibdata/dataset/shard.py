@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +21,7 @@ from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import Columns, rollout
+from ibdata.rollout import Columns, filling
 
 
 class Content(NamedTuple):
@@ -42,24 +44,57 @@ class Written(NamedTuple):
 
 
 def write_shard(recipe: Recipe, shard: Shard, folder: Path, floats: Columns | None = None) -> Written:
-    """Commit a shard to its file: simulated, or with these columns."""
+    """Commit a shard to its file: simulated, or with these columns.
+
+    What is there is encoded and hashed while the rest is simulated; all three let go of Python's lock.
+    """
     experiment = recipe.of_shard(shard)
-    if floats is None:
-        floats = rollout(experiment, shard.first, shard.stop)
-    # Hashing and encoding both let go of Python's lock: side by side they take less time.
-    with ThreadPoolExecutor(1) as pool:
-        content = pool.submit(describe, recipe, shard, floats)
-        with committed(folder, shard.file) as file:
-            encode(experiment, shard, floats, file)
-    entry = FileEntry(shard.file, file.size, file.sha256())
-    return Written(shard, entry, content.result())
+    total = (shard.stop - shard.first) * experiment.steps
+    parts = filling(experiment, shard.first, shard.stop) if floats is None else iter([(floats, total)])
+    encoded: list[Future[None]] = []
+    hashed: list[Future[list[bytes]]] = []
+    rows = 0
+    with committed(folder, shard.file) as file, _writer(experiment, file) as writer, _threads() as threads:
+        for made, ready in parts:
+            if rows == 0:
+                table = arrow_table(experiment, shard, made)  # without a copy: it fills as the columns do
+            start, stop = (n if n == total else n - n % ROW_GROUP_ROWS for n in (rows, ready))
+            if start < stop:
+                part = table.slice(start, stop - start)
+                encoded.append(threads[0].submit(writer.write_table, part, row_group_size=ROW_GROUP_ROWS))
+            hashed.append(threads[1].submit(_digests, experiment, shard, made, rows, ready))
+            rows = ready
+        for future in encoded:
+            future.result()
+        digests = [digest for future in hashed for digest in future.result()]
+        content = describe(recipe, shard, made, digests)
+    return Written(shard, FileEntry(shard.file, file.size, file.sha256()), content)
+
+
+def _writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:
+    described = columns(experiment)
+    return pq.ParquetWriter(file, arrow_schema(described), **writer_options(described))
+
+
+@contextmanager
+def _threads() -> Iterator[tuple[ThreadPoolExecutor, ThreadPoolExecutor]]:
+    """One thread to encode in order, one to hash."""
+    with ThreadPoolExecutor(1) as encoder, ThreadPoolExecutor(1) as hasher:
+        yield encoder, hasher
 
 
 def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingFile) -> None:
     """Write a shard as Parquet."""
-    described = columns(experiment)
-    with pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as writer:
+    with _writer(experiment, file) as writer:
         writer.write_table(arrow_table(experiment, shard, floats), row_group_size=ROW_GROUP_ROWS)
+
+
+def _digests(experiment: Experiment, shard: Shard, floats: Columns, start: int, stop: int) -> list[bytes]:
+    """The digests of the episodes in rows start … stop - 1 of a shard."""
+    steps = experiment.steps
+    part = shard._replace(first=shard.first + start // steps, stop=shard.first + stop // steps)
+    own = floats._replace(table=floats.table[:, start:stop])
+    return episode_digests(digest_runs(experiment, part, own), [steps] * (part.stop - part.first))
 
 
 def content_of(digests: list[bytes]) -> str:
@@ -67,8 +102,11 @@ def content_of(digests: list[bytes]) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def describe(recipe: Recipe, shard: Shard, floats: Columns) -> Content:
-    """Digests, returns and statistics of a shard; IbdataError where a value is not finite."""
+def describe(recipe: Recipe, shard: Shard, floats: Columns, digests: list[bytes] | None = None) -> Content:
+    """Digests, if they are not known, returns and statistics of a shard.
+
+    Raises IbdataError where a value is not finite.
+    """
     experiment = recipe.of_shard(shard)
     parts = moments(floats.table)
     finite = np.isfinite(parts.squares)
@@ -76,9 +114,8 @@ def describe(recipe: Recipe, shard: Shard, floats: Columns) -> Content:
     if not finite.all():
         name = floats.names[int(np.argmin(finite))]
         raise IbdataError(f"{shard.file}: {name}: found a value that is not finite, expected finite numbers")
-    episodes = shard.stop - shard.first
     return Content(
-        episode_digests(digest_runs(experiment, shard, floats), [experiment.steps] * episodes),
+        _digests(experiment, shard, floats, 0, floats.table.shape[1]) if digests is None else digests,
         sums(floats.table[floats.names.index("reward")], experiment.steps),
         parts,
         _sample(floats.table, experiment),
