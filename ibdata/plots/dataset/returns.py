@@ -48,4 +48,5 @@ def draw(figure: Figure, summary: Summary) -> None:
     axes.set_ylabel(summary.setpoint_label)
     axes.set_xlabel(label)
     axes.grid(axis="x", color="0.9")
+    axes.locator_params(axis="x", nbins=5)
     figure.legend(loc="outside upper left", ncols=3, title="median, quartiles, 5 and 95 %")

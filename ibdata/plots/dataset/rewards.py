@@ -27,6 +27,7 @@ def draw(figure: Figure, summary: Summary) -> None:
         axes.stairs(heights, counts.reward_edges, baseline=i, fill=True, color=BLUE, alpha=0.8)
         axes.axhline(i, color="0.8", linewidth=0.5, zorder=0)
     axes.set_yticks(range(len(shares)), summary.episodes.setpoints)
+    axes.locator_params(axis="x", nbins=6)
     axes.set_ylabel(summary.setpoint_label)
     axes.set_xlabel(summary.label("reward"))
     axes.set_title(f"share of each setpoint's steps; the highest bar is {shares.max():.1%}")
