@@ -1,4 +1,4 @@
-"""The guides are true: their code runs, in order, and prints what they say."""
+"""The guides are true: their code runs, in order, and prints what they say; the references are the models."""
 
 from __future__ import annotations
 
@@ -9,25 +9,58 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[1] / "docs"
-BRIDGED = "use-with.md"  # each of its snippets runs where its library is, see tests/test_use_with.py
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+# A page that a bridge's tests name needs its library; it is run there.
+BRIDGED = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/bridges").rglob("*.py"))
 GUIDES = [
     path.name
     for path in sorted(DOCS.glob("*.md"))
-    if "```python" in path.read_text(encoding="utf-8") and path.name != BRIDGED
+    if {"python", "sh"} & {language for language, _ in BLOCK.findall(path.read_text(encoding="utf-8"))}
+    and path.name not in BRIDGED
 ]
 
 
 @pytest.mark.parametrize("guide", GUIDES)
 def test_the_code_of_a_guide_prints_what_it_says(guide, tmp_path):
-    blocks = re.findall(
-        r"^```(\w+)\n(.*?)^```$", (DOCS / guide).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
-    )
-    (tmp_path / "guide.py").write_text("".join(text for language, text in blocks if language == "python"))
-    done = subprocess.run([sys.executable, "guide.py"], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts/guide"), str(DOCS / guide)],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    blocks = BLOCK.findall((DOCS / guide).read_text(encoding="utf-8"))
     assert done.stdout == "".join(text for language, text in blocks if language == "text")
 
 
 def test_the_guides_are_found():
-    assert "off-policy-evaluation.md" in GUIDES
+    assert {"index.md", "experiments.md", "off-policy-evaluation.md", "transfer.md"} <= set(GUIDES)
+    assert {"use-with.md", "transfer-example.md"} & set(GUIDES) == set()
+
+
+def test_the_references_are_what_the_models_say():
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts/reference"), "--check"], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+def test_links_and_pictures_lead_somewhere(page):
+    prose = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)#\s]+)", prose):
+        if "://" not in target:
+            assert (DOCS / target).exists(), target
+
+
+def test_a_failing_command_or_snippet_ends_a_guide(tmp_path):
+    for language, code in (("sh", "false\ntrue"), ("python", "raise SystemExit(3)")):
+        (tmp_path / "page.md").write_text(f"```{language}\n{code}\n```\n\n```python\nprint('later')\n```\n")
+        done = subprocess.run(
+            [sys.executable, str(ROOT / "scripts/guide"), "page.md"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode != 0
+        assert done.stdout == ""

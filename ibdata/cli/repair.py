@@ -22,6 +22,7 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
     \b
     ibdata repair data/random
     """
+    from ibdata.dataset import manifest
     from ibdata.dataset.reader import Dataset
     from ibdata.engines.repair import repair
 
@@ -31,5 +32,6 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
         print_json({"path": str(folder), "repaired": repaired, "content_root": root})
         return
     for path in repaired:
-        click.echo(f"repaired {path}")
+        removed = path == manifest.REPORT
+        click.echo(f"removed {path}; ibdata card {folder} makes it again" if removed else f"repaired {path}")
     click.echo(f"{folder}: {len(repaired)} files repaired, content root {root}")

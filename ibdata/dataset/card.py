@@ -12,12 +12,29 @@ SOURCES = {
     "siemens": "the authors' published Python code",
     "paper": "the equations as the paper prints them",
 }
+ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
 LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
 
 
 def card(recipe: Recipe, written: list[Written], root: str) -> bytes:
     """The card of a dataset."""
     return f"{_front_matter(recipe, written)}\n{_text(recipe, written, root)}".encode()
+
+
+def facts(recipe: Recipe) -> list[tuple[str, str]]:
+    """What a dataset is made of, each with its name; code in backticks."""
+    experiments = recipe.experiments
+    dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
+    setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
+    shown = ", ".join(f"{p:g}" for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
+    steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
+    return [
+        ("dynamics", "; ".join(dynamics)),
+        ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
+        ("policies", ", ".join(recipe.labels)),
+        ("episodes", f"{recipe.episodes} of {steps} steps"),
+        ("rows", f"{recipe.rows}"),
+    ]
 
 
 def _front_matter(recipe: Recipe, written: list[Written]) -> str:
@@ -41,23 +58,14 @@ def _front_matter(recipe: Recipe, written: list[Written]) -> str:
 
 
 def _text(recipe: Recipe, written: list[Written], root: str) -> str:
-    experiments = recipe.experiments
-    dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
-    setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
-    shown = ", ".join(f"{p:g}" for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
-    steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
     made = [
         f"# {recipe.name}",
         "",
-        "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata.",
+        ABOUT,
         "",
         "| | |",
         "|---|---|",
-        f"| dynamics | {'; '.join(dynamics)} |",
-        f"| setpoints | {shown}{', moving from there' if experiments[0].drifting else ''} |",
-        f"| policies | {', '.join(recipe.labels)} |",
-        f"| episodes | {recipe.episodes} of {steps} steps |",
-        f"| rows | {recipe.rows} |",
+        *(f"| {name} | {value} |" for name, value in facts(recipe)),
         f"| content root | `{root}` |",
         "",
         "A row is (o, a, o′, r) with the latent state; `meta/info.json` describes every column. Rewards are",

@@ -68,9 +68,10 @@ def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
 def renew(folder: Path, listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> None:
     """Commit the files that are staged under `.next`, with a manifest that lists these entries."""
     files = [entry._asdict() for entry in entries.values()]
-    content = {**{key: value for key, value in listed.items() if key != "checksum"}, **changes}
+    content = {key: value for key, value in listed.items() if key != "checksum"}
     if files != listed["files"]:
         content |= {"files": files, "versions": versions()}
+    content |= changes
     content["checksum"] = manifest.checksum(content)
     write(folder / manifest.NEXT, manifest.PATH, metadata.as_json(content))
     manifest.promote(folder)

@@ -23,6 +23,7 @@ PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 METADATA = ("meta/info.json", "meta/episodes.parquet", "meta/stats.json", EXPERIMENT)
 CARD = "README.md"
+REPORT = "report.html"  # where there is one: `ibdata card` makes it
 NEXT = ".next"
 NEW = ".new"
 FORMAT = "ibdata-manifest"

@@ -35,6 +35,10 @@ class Content(NamedTuple):
     labelled: dict[str, tuple[Moments, Table]]  # moments and sample of each split that is not whole files
 
 
+# The content of a shard that nobody has read.
+UNREAD = Content([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
+
+
 class Written(NamedTuple):
     """A shard that is on the disk."""
 

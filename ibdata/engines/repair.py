@@ -8,15 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ibdata.columns import columns
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.digest import episode_digests, table_runs
 from ibdata.dataset.files import FileEntry, file_sha256, write
 from ibdata.dataset.finish import documents, finish, renew
-from ibdata.dataset.shard import Content, Written, content_of, describe
-from ibdata.dataset.statistics import Moments
+from ibdata.dataset.shard import UNREAD, Written, content_of, describe
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
 from ibdata.engines.code import provenance, recipe_of, refuse_code
@@ -30,7 +27,6 @@ from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import rollout
 
-EMPTY = Moments(0, *(np.empty(0) for _ in range(4)))
 NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 
 
@@ -40,6 +36,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     Only those are touched, and only if what was made again has the content that the manifest lists. A
     damaged manifest is made again from meta/experiment.yaml, if the shards prove that it is theirs. Where
     pyarrow writes other bytes than the version that made the dataset, the manifest gets the new hashes.
+    A damaged report.html is taken away instead: `ibdata card` draws it again.
     allow_code lets custom policies run, which promise the same bits in the same environment only.
 
     Raises DatasetError where there is no dataset, or what was made again is not what was there.
@@ -98,6 +95,8 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     for path, make in documents(recipe, written, listed["content_root"]).items():
         if path in lost:
             entries[path] = write(folder / manifest.NEXT, path, make())
+    if manifest.REPORT in damaged:
+        del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
     renew(folder, listed, entries)
     return damaged
 
@@ -127,6 +126,7 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     everything = [*whole, *made.values()]
     finish(recipe, everything, folder / manifest.NEXT, reproducible, provenance(recipe))
     manifest.promote(folder)
+    (folder / manifest.REPORT).unlink(missing_ok=True)  # it may tell of splits that are lost
     return [manifest.PATH, *(shard.file for shard in wrong)]
 
 
@@ -150,11 +150,10 @@ def _made_again(recipe: Recipe, shards: list[Shard], folder: Path, workers: int)
 
 def _known(recipe: Recipe, shard: Shard, entry: FileEntry, simulate: bool) -> Written:
     """A shard whose file is whole, with its content where that is needed."""
-    content = Content([], np.empty(0), EMPTY, np.empty((0, 0)), 0, {})
-    if simulate:
-        floats = rollout(recipe.of_shard(shard), shard.first, shard.stop)
-        content = describe(recipe, shard, floats)
-    return Written(shard, entry, content)
+    if not simulate:
+        return Written(shard, entry, UNREAD)
+    floats = rollout(recipe.of_shard(shard), shard.first, shard.stop)
+    return Written(shard, entry, describe(recipe, shard, floats))
 
 
 def _digests_on_disk(path: Path, experiment: Experiment, shard: Shard) -> list[bytes] | None:

@@ -117,6 +117,8 @@ def _changed(source: Source) -> DatasetError:
 def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
     """Give a dataset the later splits of a recipe, in its metadata; its rows are read, and stay.
 
+    A report is taken away, as it tells of the old splits.
+
     Raises DatasetError where the rows are not what the dataset lists, BusyError where it is being written.
     """
     folder = dataset.path
@@ -135,6 +137,7 @@ def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
             staged.mkdir()
             for path, make in documents(recipe, written, listed["content_root"]).items():
                 entries[path] = write(staged, path, make())
+            entries.pop(manifest.REPORT, None)  # it tells of the old splits
             renew(folder, listed, entries, splits=recipe.plain()["splits"])
         except BaseException:
             target.discard(staged)

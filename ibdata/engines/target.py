@@ -147,7 +147,8 @@ def discard(root: Path) -> None:
                 path.unlink()
         if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):
             folder.rmdir()
-    (root / manifest.CARD).unlink(missing_ok=True)
+    for name in (manifest.CARD, manifest.REPORT):
+        (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:
         root.rmdir()

@@ -25,7 +25,7 @@ class BurnIn(Plugin):
         list[Annotated[int, Field(strict=True, ge=0, le=100_000), WHOLE]],
         Field(min_length=2, max_length=2),
         AfterValidator(_ordered),
-    ]
+    ] = Field(description="[fewest, most] steps, each number as likely")
 
 
 Start = Annotated[
@@ -44,7 +44,9 @@ def _no_number(value: Any) -> Any:
 class Output(Plugin):
     """How the dataset is stored; never what happens in it."""
 
-    dtype: Literal["float32", "float64"] = "float32"
+    dtype: Literal["float32", "float64"] = Field(
+        default="float32", description="of all float columns; actions are float32 values in both"
+    )
     latent: Annotated[Literal[False, True, "full", "next"], BeforeValidator(_no_number)] = Field(
         default=True, description="Markov state at t; full: also derived values; next: also of t + 1"
     )
@@ -56,21 +58,21 @@ class Output(Plugin):
 class EpisodeRange(Plugin):
     """Episodes of each cell by their index, from 0; the stop is included."""
 
-    start: Annotated[int, Field(strict=True, ge=0), WHOLE] = 0
-    stop: Annotated[int, Field(strict=True, ge=0), WHOLE]
+    start: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(default=0, description="the first")
+    stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
 
 
 class Split(Plugin):
     """The episodes that fulfil all of the conditions."""
 
-    setpoint: SetpointOrList | None = None
+    setpoint: SetpointOrList | None = Field(default=None, description="one or a list; default: all")
     policy: (
         Annotated[
             Annotated[str, Tag("<name>")] | Annotated[list[str], Field(min_length=1), Tag("<list>")],
             list_or("<name>"),
         ]
         | None
-    ) = None
+    ) = Field(default=None, description="a label or a list; default: all")
     episodes: (
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
@@ -78,7 +80,7 @@ class Split(Plugin):
             Discriminator(lambda value: "<range>" if isinstance(value, dict | Plugin) else "<number>"),
         ]
         | None
-    ) = Field(default=None, description="the first so many of each cell, or {start, stop}")
+    ) = Field(default=None, description="the first so many of each cell, or {start, stop}; default: all")
     overlap: bool = Field(default=False, strict=True, description="may share episodes with other splits")
 
     def setpoints(self) -> list[float] | None:

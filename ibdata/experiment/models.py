@@ -43,12 +43,14 @@ class Experiment(Plugin):
     version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
         default=1, description="version of this format"
     )
-    name: FileName
+    name: FileName = Field(description="of the experiment, its dataset and its folder")
     dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
     setpoints: Setpoints = Field(
         description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
     )
-    policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)]
+    policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)] = Field(
+        description="blocks with a kind and its options"
+    )
     episodes: Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE] = Field(
         default=1, description="per setpoint and policy"
     )
@@ -59,8 +61,10 @@ class Experiment(Plugin):
         default="default",
         description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
     )
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = 0
-    output: Output = Output()
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = Field(
+        default=0, description="of all random numbers; another seed is another dataset"
+    )
+    output: Output = Field(default=Output(), description="how the dataset is stored")
     splits: dict[SplitName, Split] = Field(
         default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
     )

@@ -1,13 +1,18 @@
-"""The paper's figures, drawn from ibdata's own dynamics; needs the extra `plot` (matplotlib)."""
+"""Pictures of the benchmark and of datasets; needs the extra `plot` (matplotlib)."""
 
 from __future__ import annotations
 
 import os
 import pkgutil
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ibdata.errors import IbdataError, UsageError
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
 
 FOLDER = "figures"
 DYNAMICS = ("siemens", "paper")
@@ -16,7 +21,12 @@ FORMS = ("png", "svg")
 
 def names() -> list[str]:
     """The figures, one a module of `ibdata.plots.paper`."""
-    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name("paper"))]))
+    return _modules("paper")
+
+
+def plots() -> list[str]:
+    """The pictures of a dataset, one a module of `ibdata.plots.dataset`."""
+    return _modules("dataset")
 
 
 def figure(
@@ -42,9 +52,7 @@ def figure(
         raise UsageError(f"{path}: found no name that ends in .png or .svg, expected one")
     if seed is not None and not 0 <= seed < 2**64:
         raise UsageError(f"seed: found {seed}, expected a whole number from 0 to 2⁶⁴ - 1")
-    if os.path.lexists(path) and (path.is_dir() or not overwrite):
-        todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
-        raise UsageError(f"{path}: exists already; expected {todo}")
+    _refuse_existing(path, overwrite)
     from ibdata.plots.style import image  # first, as it says what to install
 
     module = import_module(f"ibdata.plots.paper.{name}")
@@ -52,6 +60,55 @@ def figure(
     data = image(lambda drawing: module.draw(drawing, dynamics, chosen), module.SIZE, form)
     _write(path, data)
     return path
+
+
+def plot(
+    dataset: Dataset | str | os.PathLike[str],
+    out: str | os.PathLike[str] = FOLDER,
+    form: str = "png",
+    overwrite: bool = False,
+) -> list[Path]:
+    """Draw all pictures of a dataset into a folder; the same files again for the same dataset.
+
+    Every row counts, in constant memory: actions, coverage, returns, rewards, splits, traces (of the episode
+    with the median return) and tradeoff, each in a file of that name. form: png or svg.
+
+    Returns the files. Raises UsageError for a form that is none, and for files that are there unless told
+    to overwrite them; DatasetError for what is no dataset; MissingError without matplotlib; IbdataError
+    where the system refuses.
+    """
+    _one_of("form", form, FORMS)
+    paths = {name: Path(out, f"{name}.{form}") for name in plots()}
+    for path in paths.values():
+        _refuse_existing(path, overwrite)
+    pictures = drawn(dataset, form)
+    for name, path in paths.items():
+        _write(path, pictures[name])
+    return list(paths.values())
+
+
+def drawn(dataset: Dataset | str | os.PathLike[str], form: str = "png") -> dict[str, bytes]:
+    """The pictures of a dataset by name. Raises as `plot`."""
+    from ibdata.dataset.reader import Dataset
+    from ibdata.plots.style import image
+    from ibdata.plots.summary import Summary
+
+    summary = Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset))
+    made = {}
+    for name in plots():
+        module = import_module(f"ibdata.plots.dataset.{name}")
+        made[name] = image(partial(module.draw, summary=summary), module.size(summary), form)
+    return made
+
+
+def _modules(folder: str) -> list[str]:
+    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name(folder))]))
+
+
+def _refuse_existing(path: Path, overwrite: bool) -> None:
+    if os.path.lexists(path) and (path.is_dir() or not overwrite):
+        todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
+        raise UsageError(f"{path}: exists already; expected {todo}")
 
 
 def _one_of(what: str, found: str, known: list[str] | tuple[str, ...]) -> None:

@@ -30,22 +30,23 @@ PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
     ("hidden:\nfatigue's μ", (("mu_v", "μᵛ", BLUE, "-"), ("mu_g", "μᵍ", ORANGE, "--"))),
     ("hidden:\ndirection φ", (("direction", "φ", GREEN, "-"),)),
 )
+LIMITS = {"velocity": (-5.0, 105.0), "mu_v": (-0.25, 5.25), "direction": (-6.5, 6.5)}  # of a panel's first
 
 
 def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
-    """Variables of the state by name, a value a step, in four panels."""
-    axes = figure.subplots(len(PANELS), 1, sharex=True)
-    for axis, (title, lines) in zip(axes, PANELS, strict=True):
+    """Variables of the state by name, a value a step; a panel for each kind of which there are any."""
+    panels = [panel for panel in PANELS if panel[1][0][0] in steps]
+    axes = figure.subplots(len(panels), 1, sharex=True)
+    for axis, (title, lines) in zip(axes, panels, strict=True):
         for name, label, color, style in lines:
             axis.plot(np.asarray(steps[name]), style, color=color, label=label)
         axis.set_ylabel(title)
+        axis.set_ylim(LIMITS.get(lines[0][0]))
+        if lines[0][0] == "direction":
+            axis.set_yticks([-6, 0, 6])
         legend_beside(axis)
-    axes[0].set_ylim(-5, 105)
-    axes[2].set_ylim(-0.25, 5.25)
-    axes[3].set_ylim(-6.5, 6.5)
-    axes[3].set_yticks([-6, 0, 6])
-    axes[3].set_xlabel("step t")
-    axes[3].set_xlim(0, max(SHORTEST, len(steps["setpoint"]) - 1))
+    axes[-1].set_xlabel("step t")
+    axes[-1].set_xlim(0, max(SHORTEST, len(steps["setpoint"]) - 1))
 
 
 def frame(steps: Mapping[str, Any]) -> npt.NDArray[np.uint8]:

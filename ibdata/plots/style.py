@@ -17,12 +17,22 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 except ModuleNotFoundError:
     raise MissingError("ibdata.plots", "matplotlib", "plot") from None
 
 # Okabe and Ito's colours, which are told apart by colour-blind readers too; lines also differ in style.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, RED, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+SERIES = (  # colour, marker, line
+    (BLUE, "o", "-"),
+    (ORANGE, "s", "--"),
+    (GREEN, "^", "-."),
+    (RED, "D", ":"),
+    (PURPLE, "v", (0, (5, 1))),
+    (SKY, "P", (0, (3, 1, 1, 1))),
+    (BLACK, "X", (0, (1, 3))),
+)
 SETTINGS: Any = {
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -30,6 +40,7 @@ SETTINGS: Any = {
     "axes.titlesize": 9.0,
     "lines.linewidth": 1.2,
     "legend.frameon": False,
+    "text.parse_math": False,  # names and units are a dataset's own
     "svg.hashsalt": "ibdata",  # else the names inside are random
 }
 DPI = 150
@@ -69,3 +80,19 @@ def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDA
 def legend_beside(axes: Axes) -> None:
     """The legend to the right of the axes, where it hides nothing."""
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def counted(
+    axes: Axes, counts: Any, extent: tuple[float, float, float, float], norm: Any, colors: str = "cividis"
+) -> Any:
+    """Counts (along x, along y) as an image over low x, high x, low y, high y; white where there are none."""
+    shown = np.ma.masked_equal(counts.T, 0)
+    return axes.imshow(shown, origin="lower", extent=extent, norm=norm, cmap=colors, aspect="auto",
+                       interpolation="nearest")  # fmt: skip
+
+
+def count_bar(figure: Figure, shown: Any, axes: Any, **options: Any) -> None:
+    """The scale of an image of counts."""
+    bar = figure.colorbar(shown, ax=axes, label="steps", format="{x:g}", **options)
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())

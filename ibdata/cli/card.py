@@ -1,0 +1,32 @@
+"""ibdata card."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json
+
+
+@click.command("card")
+@folder_argument
+@json_option
+def command(folder: Path, as_json: bool) -> None:
+    """Write the dataset's card, README.md, and its report, report.html, which opens in any browser.
+
+    The report is one file and needs no network: pictures, experiment, statistics, provenance.
+
+    \b
+    ibdata card data/random
+    """
+    from ibdata.dataset import manifest
+    from ibdata.report import card
+
+    dataset = card(folder)
+    files = [manifest.CARD, manifest.REPORT]
+    if as_json:
+        print_json({"path": str(folder), "files": files, "content_root": dataset.content_root})
+        return
+    for name in files:
+        click.echo(folder / name)

@@ -1,0 +1,71 @@
+"""What a dataset's episodes are grouped by: setpoints and policies, few enough to be told apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import DatasetError
+from ibdata.plots.style import SERIES
+
+MOST_SETPOINTS = 12
+Numbers = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+
+
+class Episodes(NamedTuple):
+    """Names of groups of setpoints, in order, and of policies; and for each episode (n,) what it is in."""
+
+    setpoints: list[str]
+    policies: list[str]
+    setpoint: Numbers
+    policy: Numbers
+    length: Numbers
+    returns: Floats
+    splits: list[tuple[str, ...]]
+
+    def cell(self) -> Numbers:
+        """The number of each episode's (setpoints, policy), of len(setpoints) · len(policies)."""
+        return self.setpoint * len(self.policies) + self.policy
+
+
+def episodes_of(dataset: Dataset) -> Episodes:
+    """The episodes of a dataset; DatasetError where a setpoint or return is no number.
+
+    Beyond 12 setpoints, neighbours share a group; beyond 7 policies, the last group has the others.
+    """
+    frame = dataset.episodes
+    setpoint, returns = frame["setpoint"].to_numpy(), frame["return"].to_numpy()
+    if not (np.isfinite(setpoint).all() and np.isfinite(returns).all()):
+        raise DatasetError(
+            f"{dataset.path}: found episodes whose setpoint or return is no number, expected none; "
+            f"see ibdata validate {dataset.path}"
+        )
+    values, number = np.unique(setpoint, return_inverse=True)
+    runs = np.array_split(np.arange(len(values)), min(len(values), MOST_SETPOINTS))
+    group_of = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+    labels = list(dict.fromkeys(frame["policy"]))
+    shown = labels if len(labels) <= len(SERIES) else [*labels[: len(SERIES) - 1], None]
+    policies = [f"{len(labels) - len(shown) + 1} others" if label is None else label for label in shown]
+    which = {label: min(i, len(shown) - 1) for i, label in enumerate(labels)}
+    return Episodes(
+        [_span(values[run]) for run in runs],
+        policies,
+        group_of[number],
+        np.array([which[label] for label in frame["policy"]]),
+        frame["length"].to_numpy(),
+        returns,
+        [tuple(names) for names in frame["splits"]],
+    )
+
+
+def _span(values: Floats) -> str:
+    """Setpoints as a label.
+
+    >>> _span(np.array([10.0, 20.0, 30.0]))
+    '10 – 30'
+    """
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} – {values[-1]:g}"

@@ -1,0 +1,82 @@
+"""All that the pictures of a dataset need of it, read when first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset import manifest, parquet
+from ibdata.dataset.reader import Dataset
+from ibdata.plots.counts import Counts, count
+from ibdata.plots.episode import PANELS
+from ibdata.plots.groups import Episodes, episodes_of
+
+MOST_STEPS = 1000  # of the episode whose traces are drawn
+
+
+class Summary:
+    """A dataset's episodes, counts and one episode's traces."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.dataset = dataset
+        self.columns: dict[str, dict[str, Any]] = {c["name"]: c for c in dataset.info["columns"]}
+
+    @cached_property
+    def episodes(self) -> Episodes:
+        """The episodes in groups."""
+        return episodes_of(self.dataset)
+
+    @cached_property
+    def counts(self) -> Counts:
+        """Histograms over all rows."""
+        return count(self.dataset, self.episodes)
+
+    @cached_property
+    def typical(self) -> int:
+        """The number of the episode with the median return: the first, where several have it."""
+        returns = self.episodes.returns
+        return int(np.flatnonzero(returns == np.quantile(returns, 0.5, method="inverted_cdf"))[0])
+
+    @cached_property
+    def traces(self) -> Mapping[str, npt.NDArray[Any]]:
+        """The first 1000 steps of the typical episode: variables by name, as `episode.draw` takes them."""
+        names = {
+            variable: column
+            for _, lines in PANELS
+            for variable, *_ in lines
+            for column in (f"obs_{variable}", f"latent_{variable}")
+            if column in self.columns
+        }
+        episode = self.dataset.episodes.iloc[self.typical]
+        stop = min(int(episode["row_stop"]), int(episode["row_start"]) + MOST_STEPS)
+        shard = self.dataset.manifest["shards"][int(episode["shard"])]
+        parts: list[npt.NDArray[Any]] = []
+        first = 0
+        for batch in parquet.batches(
+            manifest.locate(self.dataset.path, shard["path"]), list(names.values()), 65_536
+        ):
+            low = max(int(episode["row_start"]), first)
+            last = min(stop, first + batch.num_rows)
+            if low < last:
+                parts.append(
+                    np.stack([column.to_numpy()[low - first : last - first] for column in batch.columns])
+                )
+            first += batch.num_rows
+            if first >= stop:
+                break
+        return dict(zip(names, np.concatenate(parts, axis=1), strict=True))
+
+    def label(self, column: str) -> str:
+        """A column as an axis names it: its meaning and its unit, from meta/info.json."""
+        described = self.columns[column]
+        unit = "" if described["unit"] == "1" else f" ({described['unit']})"
+        return f"{described['description']}{unit}"
+
+    @property
+    def setpoint_label(self) -> str:
+        """What the groups of setpoints are."""
+        return "setpoint p at the start" if self.dataset.info["drifting"] else "setpoint p"

@@ -1,0 +1,56 @@
+"""A dataset's card, README.md, and its report, report.html; needs the extra `plot` (matplotlib)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ibdata.dataset import manifest
+from ibdata.dataset.card import card as readme
+from ibdata.dataset.files import FileEntry, write
+from ibdata.dataset.finish import renew
+from ibdata.dataset.reader import Dataset
+from ibdata.dataset.shard import UNREAD, Written
+from ibdata.engines import lock, target
+from ibdata.engines.code import recipe_in
+from ibdata.engines.generate import refusals
+from ibdata.engines.signals import stoppable
+from ibdata.errors import DatasetError
+from ibdata.plots import drawn
+from ibdata.report.page import page
+
+
+def card(folder: str | os.PathLike[str]) -> Dataset:
+    """Write README.md and report.html into a dataset, anew where they are there, and open it.
+
+    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both are
+    listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
+
+    Raises DatasetError for what is no dataset, BusyError where it is being written, MissingError without
+    matplotlib, IbdataError where the system refuses; then nothing is changed.
+    """
+    path = Path(folder)
+    dataset = Dataset(path)
+    lock.refuse_busy(path)
+    target.refuse_links(path)
+    recipe = recipe_in(path, dataset.manifest)
+    report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
+    with refusals(path), stoppable(), lock.locked(path):
+        manifest.settle(path)
+        listed = manifest.read(path)
+        if listed != dataset.manifest:
+            raise DatasetError(f"{path}: changed while it was read; run ibdata card {path} again")
+        entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+        written = [Written(shard, entries[shard.file], UNREAD) for shard in recipe.shards]
+        staged = path / manifest.NEXT
+        try:
+            target.discard(staged)
+            staged.mkdir()
+            made = readme(recipe, written, dataset.content_root)
+            entries[manifest.CARD] = write(staged, manifest.CARD, made)
+            entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
+            renew(path, listed, entries, versions=listed["versions"])
+        except BaseException:
+            target.discard(staged)
+            raise
+    return Dataset(path)

@@ -1,0 +1,65 @@
+"""The site builds without a warning and loads nothing; transfer-example.md prints what it says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+DOCS = ROOT / "docs"
+LOADING = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
+
+
+class Loads(HTMLParser):
+    """What a page loads by itself."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found += [value for name, value in attrs if (tag, name) in LOADING]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_every_page_is_there_and_reached_from_the_first(site):
+    first = (site / "index.html").read_text(encoding="utf-8")
+    for page in DOCS.glob("*.md"):
+        assert (site / f"{page.stem}.html").is_file()
+        assert f'href="{page.stem}.html"' in first
+
+
+def test_pages_load_nothing_from_elsewhere(site):
+    for page in site.glob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        loads = Loads(text).found
+        assert loads
+        assert not [target for target in loads if re.match(r"(\w+:)?//", target)], page.name
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", sheet.read_text(encoding="utf-8"))
+
+
+def test_the_worked_example_prints_what_it_says_and_draws_its_picture(tmp_path):
+    page = DOCS / "transfer-example.md"
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts/guide"), str(page)], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    texts = re.findall(r"^```text\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert done.stdout == "".join(texts)
+    assert (tmp_path / "transfer.png").read_bytes().startswith(b"\x89PNG")
+    assert (DOCS / "figures/transfer.png").is_file()

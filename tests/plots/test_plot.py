@@ -1,0 +1,137 @@
+"""`ibdata plot` and `ibdata.plots.plot`: whole files, the same twice, and errors that say what to do."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+from PIL import Image
+
+import ibdata
+from ibdata import Experiment
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.plots import plot, plots
+
+NAMES = ["actions", "coverage", "returns", "rewards", "splits", "traces", "tradeoff"]
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
+    paths = plot(any_form, tmp_path / "a")
+    assert paths == [tmp_path / "a" / f"{name}.png" for name in NAMES]
+    for path in paths:
+        with Image.open(path) as picture:
+            picture.load()
+            assert picture.format == "PNG"
+            assert min(picture.size) > 250
+            assert picture.width >= 720
+
+
+def test_the_command_draws_what_python_draws_and_prints_the_files(ibdata, merged, tmp_path):
+    done = ibdata("plot", str(merged.path))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "".join(f"figures/{name}.png\n" for name in NAMES)
+    plot(merged, tmp_path / "again")
+    assert contents(tmp_path / "again") == contents(tmp_path / "figures")
+    assert plots() == NAMES
+
+
+def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
+    assert ibdata("plot", str(many.path), "--out", "svg", "--format", "svg").returncode == 0
+    texts = {path.stem: path.read_text() for path in (tmp_path / "svg").iterdir()}
+    assert sorted(texts) == NAMES
+    for text in texts.values():
+        assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
+    assert "<!-- fatigue f at t + 1 (cost) -->" in texts["tradeoff"]
+    assert "<!-- velocity v at t -->" in texts["coverage"]
+    assert "<!-- setpoint p -->" in texts["rewards"]
+    plot(many, tmp_path / "again", form="svg")
+    assert contents(tmp_path / "again") == contents(tmp_path / "svg")
+
+
+def test_a_policy_without_densities_is_drawn(tmp_path, monkeypatch):
+    (tmp_path / "own_policy.py").write_text(
+        "import numpy as np\n"
+        "class Still:\n"
+        "    def act(self, history, u):\n"
+        "        return np.zeros((len(history), 3))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    policies = [{"kind": "custom", "name": "own", "target": "own_policy:Still"}]
+    plain = {"name": "own", "setpoints": 50, "policies": policies, "episodes": 2, "steps": 20}
+    made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "own", workers=1, allow_code=True)
+    assert made.to_pandas()["action_log_prob"].isna().all()
+    assert len(plot(made, tmp_path / "pictures")) == len(NAMES)
+
+
+def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_path):
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "traces.png").write_text("mine")
+    refused = ibdata("plot", str(merged.path))
+    assert (refused.returncode, refused.stdout) == (2, "")
+    expected = "exists already; expected another name, or --overwrite (overwrite=True)"
+    assert refused.stderr == f"figures/traces.png: {expected}\n"
+    assert os.listdir(tmp_path / "figures") == ["traces.png"]
+    assert ibdata("plot", str(merged.path), "--overwrite").returncode == 0
+    assert len(os.listdir(tmp_path / "figures")) == len(NAMES)
+
+
+def test_what_cannot_be_meant_is_refused_before_anything_is_made(merged, tmp_path):
+    with pytest.raises(UsageError, match="form: found 'pdf', expected one of png, svg"):
+        plot(merged, tmp_path / "a", form="pdf")
+    with pytest.raises(DatasetError, match="no finished dataset here"):
+        plot(tmp_path / "none", tmp_path / "a")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(IbdataError, match=r"file/actions\.png: cannot be written: ") as caught:
+        plot(merged, tmp_path / "file")
+    assert caught.value.exit_code == 1
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def edit(change):
+    def damage(folder):
+        path = folder / "meta" / "stats.json"
+        data = json.loads(path.read_text())
+        change(data["all"])
+        path.write_text(json.dumps(data))
+
+    return damage
+
+
+DAMAGE = {
+    "no range": (edit(lambda all: all["reward"].update(min=None)), r"stats\.json: reward: found no range"),
+    "no column": (edit(lambda all: all.pop("reward")), r"stats\.json: reward: found no range"),
+    "other rows": (
+        lambda folder: shutil.copy(folder / "data/part-00001.parquet", folder / "data/part-00000.parquet"),
+        "found other rows than meta/episodes.parquet lists",
+    ),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_a_damaged_dataset_is_told_to_be_validated(make, tmp_path, how):
+    folder = shutil.copytree(make(splits={"low": {"setpoint": 20}}).path, tmp_path / "damaged")
+    damage, message = DAMAGE[how]
+    damage(folder)
+    with pytest.raises(DatasetError, match=f"{message}.*see ibdata validate"):
+        plot(folder, tmp_path / "a")
+    assert os.listdir(tmp_path) == ["damaged"]
+
+
+def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
+    code = f"""
+import sys
+import ibdata.cli.plot
+assert not {{"matplotlib", "numpy"}} & set(sys.modules)
+ibdata.cli.plot.plot({str(merged.path)!r}, {str(tmp_path)!r})
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
