@@ -18,6 +18,7 @@ from ibdata.cli._shared import (
     set_option,
     size,
 )
+from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -35,6 +36,11 @@ if TYPE_CHECKING:
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
 @seed_option
 @set_option
+@click.option(
+    "--shards",
+    metavar="I/N",
+    help="Make the I-th of N parts only, I from 1: for N hosts and one folder; then ibdata finalize DIR.",
+)
 @click.option("--resume", is_flag=True, help="Go on with a run that was stopped, or start one.")
 @click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR, which stays whole until then.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and write nothing.")
@@ -47,6 +53,7 @@ def command(
     workers: int | None,
     seed: int | None,
     overrides: tuple[str, ...],
+    shards: str | None,
     resume: bool,
     overwrite: bool,
     dry_run: bool,
@@ -60,6 +67,7 @@ def command(
     ibdata generate --config random.yaml
     ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set episodes=100
     ibdata generate --config siemens-offline --dry-run
+    ibdata generate --config random.yaml --out data/random --shards $SLURM_ARRAY_TASK_ID/3
     """
     from ibdata.experiment import find
     from ibdata.experiment.shipped import is_suite
@@ -68,6 +76,10 @@ def command(
     options["allow_code"] = allow_code
     changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
     progress = False if quiet else None
+    if shards is not None:
+        _refuse_with_shards(is_suite(find(config)), overwrite, dry_run)
+        _generate_shards(config, shards, out, as_json, workers, allow_code, progress=progress, **changes)
+        return
     if is_suite(find(config)):
         if dry_run:
             _estimate_all(config, out, as_json, **changes, **options)
@@ -143,6 +155,45 @@ def _generate(experiment: Experiment, folder: Path, as_json: bool, **options: An
             ("time", f"{seconds:.1f} s"),
         ]
     )
+
+
+def _refuse_with_shards(suite: bool, overwrite: bool, dry_run: bool) -> None:
+    others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
+    for name, found in others.items():
+        if found:
+            raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
+
+
+def _generate_shards(
+    config: str,
+    shards: str,
+    out: Path | None,
+    as_json: bool,
+    workers: int | None,
+    allow_code: bool,
+    **options: Any,
+) -> None:
+    from ibdata.engines.array import generate_shards
+
+    made = generate_shards(config, shards, out, workers=workers, allow_code=allow_code, **options)
+    if as_json:
+        print_json(
+            {
+                "out": str(made.folder),
+                "range": shards,
+                "shards": made.shards,
+                "rows": made.rows,
+                "missing": made.missing,
+            }
+        )
+        return
+    click.echo(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
+    if made.missing:
+        click.echo(
+            f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}"
+        )
+    else:
+        click.echo(f"all shards are there: ibdata finalize {made.folder}")
 
 
 def _generate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tqdm import tqdm
@@ -13,13 +13,15 @@ from ibdata.dataset import manifest, receipt
 from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
-from ibdata.engines import local, target
+from ibdata.dataset.shard import Written
+from ibdata.engines import local, record, target
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
+from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
 
 MAX_WORKERS = 1024
@@ -112,21 +114,29 @@ def _run(
         target.begin(root, experiment, overwrite)
         identity = target.identity(experiment)
         recipe = Recipe.of(experiment)
-        shards = recipe.shards
-        written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
-        done = {w.shard.number for w in written}
-        missing = [shard for shard in shards if shard.number not in done]
-        disable = None if progress is None else not progress
-        with tqdm(total=experiment.rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
-            bar.update(sum(w.content.moments.rows for w in written))
-            for w in local.run(recipe, missing, root, identity, workers):
-                written.append(w)
-                bar.update(w.content.moments.rows)
-        finish(recipe, written, root, reproducible, provenance(recipe))
+        written = make(recipe, recipe.shards, root, identity, workers, progress)
+        finish(recipe, written, root, reproducible and record.same_bits(root), provenance(recipe))
     except BaseException:
         target.abandon(root)
         raise
     target.end(root)
+
+
+def make(
+    recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int, progress: bool | None
+) -> list[Written]:
+    """The shards, of which those that have no receipt are written."""
+    written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
+    done = {w.shard.number for w in written}
+    missing = [shard for shard in shards if shard.number not in done]
+    rows = sum((shard.stop - shard.first) * recipe.of_shard(shard).steps for shard in shards)
+    disable = None if progress is None else not progress
+    with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
+        bar.update(sum(w.content.moments.rows for w in written))
+        for w in local.run(recipe, missing, root, identity, workers):
+            written.append(w)
+            bar.update(w.content.moments.rows)
+    return written
 
 
 @contextmanager
@@ -140,9 +150,7 @@ def made_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         for path in missing:
-            if os.path.isdir(path):
-                if any(path.iterdir()):
-                    break
+            with suppress(OSError):  # it was not made, or is not empty, maybe since now
                 path.rmdir()
 
 

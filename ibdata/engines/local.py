@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import receipt
-from ibdata.dataset.files import sweep
 from ibdata.dataset.shard import Written, write_shard
 from ibdata.engines.signals import check, held
+from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -44,8 +44,7 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
                 deaths = 0
                 yield written
         except BrokenProcessPool:
-            for part in ("data", receipt.FOLDER):  # what the dead had begun
-                sweep(root / part)
+            sweep_shards(root, missing.values())
             deaths += 1
             if deaths == MAX_DEATHS:
                 first = next(iter(missing.values()))
