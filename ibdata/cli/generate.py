@@ -34,6 +34,14 @@ if TYPE_CHECKING:
     help="Folder to make; default data/<name>. Of a folder of experiments each goes to DIR/<name>.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@click.option(
+    "--engine",
+    type=click.Choice(["local", "ray"]),
+    default="local",
+    show_default=True,
+    help="Who runs the files: processes here, or Ray, whose hosts must share the file system of DIR.",
+)
+@click.option("--address", metavar="A", help="A running Ray; default: $RAY_ADDRESS, else one started here.")
 @seed_option
 @set_option
 @click.option(
@@ -51,6 +59,8 @@ def command(
     config: str,
     out: Path | None,
     workers: int | None,
+    engine: str,
+    address: str | None,
     seed: int | None,
     overrides: tuple[str, ...],
     shards: str | None,
@@ -72,28 +82,27 @@ def command(
     from ibdata.experiment import find
     from ibdata.experiment.shipped import is_suite
 
-    options: dict[str, Any] = {"workers": workers, "resume": resume, "overwrite": overwrite}
-    options["allow_code"] = allow_code
     changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
-    progress = False if quiet else None
+    common: dict[str, Any] = {"workers": workers, "allow_code": allow_code}
+    running: dict[str, Any] = {"progress": False if quiet else None, "engine": engine, "address": address}
+    whole: dict[str, Any] = {"resume": resume, "overwrite": overwrite}
+    suite = is_suite(find(config))
     if shards is not None:
-        _refuse_with_shards(is_suite(find(config)), overwrite, dry_run)
-        _generate_shards(config, shards, out, as_json, workers, allow_code, progress=progress, **changes)
-        return
-    if is_suite(find(config)):
-        if dry_run:
-            _estimate_all(config, out, as_json, **changes, **options)
-        else:
-            _generate_all(config, out, as_json, progress=progress, **changes, **options)
-        return
-    from ibdata.engines.generate import default_folder, resolve
-
-    experiment = resolve(config, **changes)
-    folder = out or default_folder(experiment)
-    if dry_run:
-        _estimate(experiment, folder, as_json, **options)
+        _refuse_with_shards(suite, overwrite, dry_run)
+        _generate_shards(config, shards, out, as_json, **changes, **common, **running)
+    elif suite and dry_run:
+        _estimate_all(config, out, as_json, **changes, **common, **whole)
+    elif suite:
+        _generate_all(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        _generate(experiment, folder, as_json, progress=progress, **options)
+        from ibdata.engines.generate import default_folder, resolve
+
+        experiment = resolve(config, **changes)
+        folder = out or default_folder(experiment)
+        if dry_run:
+            _estimate(experiment, folder, as_json, **common, **whole)
+        else:
+            _generate(experiment, folder, as_json, **common, **running, **whole)
 
 
 def _estimate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
@@ -164,18 +173,10 @@ def _refuse_with_shards(suite: bool, overwrite: bool, dry_run: bool) -> None:
             raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
 
 
-def _generate_shards(
-    config: str,
-    shards: str,
-    out: Path | None,
-    as_json: bool,
-    workers: int | None,
-    allow_code: bool,
-    **options: Any,
-) -> None:
+def _generate_shards(config: str, shards: str, out: Path | None, as_json: bool, **options: Any) -> None:
     from ibdata.engines.array import generate_shards
 
-    made = generate_shards(config, shards, out, workers=workers, allow_code=allow_code, **options)
+    made = generate_shards(config, shards, out, **options)
     if as_json:
         print_json(
             {

@@ -16,8 +16,9 @@ from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.engines import record, target
+from ibdata.engines.choice import chosen
 from ibdata.engines.code import provenance, refuse_code
-from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve, worker_count
+from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
 from ibdata.engines.lock import locked, refuse_busy, shared
 from ibdata.engines.record import Range
 from ibdata.engines.signals import stoppable
@@ -47,6 +48,8 @@ def generate_shards(
     overrides: Sequence[str] = (),
     progress: bool | None = False,
     allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
 ) -> Made:
     """Make one range of a dataset's shards, for `finalize` to finish when all are there.
 
@@ -57,7 +60,7 @@ def generate_shards(
     """
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
-    processes = worker_count(workers)
+    run = chosen(engine, workers, address)
     folder = Path(out) if out is not None else default_folder(experiment)
     recipe = Recipe.of(experiment)
     refuse_code(recipe, experiment.name, allow_code)
@@ -76,7 +79,7 @@ def generate_shards(
             try:
                 target.begin_range(folder, experiment, mine)
                 record.put(folder, own, reproducible, provenance(recipe))
-                make(recipe, mine, folder, target.identity(experiment), processes, progress)
+                make(recipe, mine, folder, target.identity(experiment), run, progress)
             except BaseException:
                 target.sweep_shards(folder, mine)
                 raise

@@ -14,7 +14,8 @@ from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
-from ibdata.engines import local, record, target
+from ibdata.engines import record, target
+from ibdata.engines.choice import Run, chosen
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
@@ -23,8 +24,6 @@ from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-
-MAX_WORKERS = 1024
 
 
 def generate(
@@ -38,6 +37,8 @@ def generate(
     overwrite: bool = False,
     progress: bool | None = False,
     allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
 ) -> Dataset:
     """Make the dataset of an experiment and open it.
 
@@ -46,14 +47,14 @@ def generate(
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
     that uses several workers needs multiprocessing's `if __name__ == "__main__":`. allow_code lets custom
-    policies run: they are code, and their bits are promised in the same environment only. A folder of
-    experiments is for `generate_all`.
+    policies run: they are code, and their bits are promised in the same environment only. engine "ray" runs
+    the shards on Ray, at address, or on one started here. A folder of experiments is for `generate_all`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.
     """
     experiment = resolve(config, overrides, seed)
-    processes = worker_count(workers)
+    run = chosen(engine, workers, address)
     folder = Path(out) if out is not None else default_folder(experiment)
     refuse_code(Recipe.of(experiment), experiment.name, allow_code)
     refuse_busy(folder)
@@ -66,7 +67,7 @@ def generate(
             if folder == root and (folder / manifest.PATH).is_file():
                 target.end(folder)  # a run that was killed when it had finished
             else:
-                _run(experiment, root, processes, overwrite, progress, reproducible)
+                _run(experiment, root, run, overwrite, progress, reproducible)
                 if root != folder:
                     manifest.promote(folder)
     return Dataset(folder)
@@ -87,15 +88,6 @@ def resolve(
     return config.model_copy(update={"seed": seed})
 
 
-def worker_count(workers: int | None) -> int:
-    """The number of processes to use: as asked for, or one a processor."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not 1 <= workers <= MAX_WORKERS:
-        raise UsageError(f"workers: found {workers}, expected a whole number in [1, {MAX_WORKERS}]")
-    return workers
-
-
 def default_folder(experiment: Experiment) -> Path:
     """data/<name> in the current folder."""
     return Path("data") / experiment.name
@@ -104,7 +96,7 @@ def default_folder(experiment: Experiment) -> Path:
 def _run(
     experiment: Experiment,
     root: Path,
-    workers: int,
+    run: Run,
     overwrite: bool,
     progress: bool | None,
     reproducible: bool,
@@ -114,7 +106,7 @@ def _run(
         target.begin(root, experiment, overwrite)
         identity = target.identity(experiment)
         recipe = Recipe.of(experiment)
-        written = make(recipe, recipe.shards, root, identity, workers, progress)
+        written = make(recipe, recipe.shards, root, identity, run, progress)
         finish(recipe, written, root, reproducible and record.same_bits(root), provenance(recipe))
     except BaseException:
         target.abandon(root)
@@ -123,7 +115,7 @@ def _run(
 
 
 def make(
-    recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int, progress: bool | None
+    recipe: Recipe, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
 ) -> list[Written]:
     """The shards, of which those that have no receipt are written."""
     written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
@@ -133,7 +125,7 @@ def make(
     disable = None if progress is None else not progress
     with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
         bar.update(sum(w.content.moments.rows for w in written))
-        for w in local.run(recipe, missing, root, identity, workers):
+        for w in run(recipe, missing, root, identity):
             written.append(w)
             bar.update(w.content.moments.rows)
     return written

@@ -32,17 +32,17 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
     """
     if workers == 1 or len(shards) <= 1:
         for shard in shards:
-            yield _written(recipe, shard, root, identity)
+            yield written(recipe, shard, root, identity)
             check()
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
     while missing:
         try:
-            for written in _pool(recipe, list(missing.values()), root, identity, workers):
-                del missing[written.shard.number]
+            for made in _pool(recipe, list(missing.values()), root, identity, workers):
+                del missing[made.shard.number]
                 deaths = 0
-                yield written
+                yield made
         except BrokenProcessPool:
             sweep_shards(root, missing.values())
             deaths += 1
@@ -112,10 +112,11 @@ def _end_with_parent() -> None:
 
 def _work(shard: Shard) -> Written:
     recipe, root, identity = _job
-    return _written(recipe, shard, root, identity)
+    return written(recipe, shard, root, identity)
 
 
-def _written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
-    written = write_shard(recipe, shard, root)
-    receipt.put(root, identity, written)
-    return written
+def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
+    """A shard that is on the disk, and its receipt after it."""
+    made = write_shard(recipe, shard, root)
+    receipt.put(root, identity, made)
+    return made
