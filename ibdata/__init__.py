@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
     from ibdata.dataset.validation import validate
+    from ibdata.engines.array import finalize, generate_shards
     from ibdata.engines.generate import generate
     from ibdata.engines.merge import merge
     from ibdata.engines.repair import repair
@@ -28,8 +29,10 @@ __all__ = [
     "__version__",
     "evaluate",
     "export",
+    "finalize",
     "generate",
     "generate_all",
+    "generate_shards",
     "load",
     "merge",
     "open",
@@ -46,8 +49,10 @@ _HOMES = {
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "evaluate": ("ibdata.evaluation", "evaluate"),
     "export": ("ibdata.exporters", "export"),
+    "finalize": ("ibdata.engines.array", "finalize"),
     "generate": ("ibdata.engines.generate", "generate"),
     "generate_all": ("ibdata.engines.suite", "generate_all"),
+    "generate_shards": ("ibdata.engines.array", "generate_shards"),
     "load": ("ibdata.experiment", "load"),
     "merge": ("ibdata.engines.merge", "merge"),
     "open": ("ibdata.dataset.reader", "Dataset"),

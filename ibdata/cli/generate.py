@@ -18,6 +18,7 @@ from ibdata.cli._shared import (
     set_option,
     size,
 )
+from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -33,8 +34,21 @@ if TYPE_CHECKING:
     help="Folder to make; default data/<name>. Of a folder of experiments each goes to DIR/<name>.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@click.option(
+    "--engine",
+    type=click.Choice(["local", "ray"]),
+    default="local",
+    show_default=True,
+    help="Who runs the files: processes here, or Ray, whose hosts must share the file system of DIR.",
+)
+@click.option("--address", metavar="A", help="A running Ray; default: $RAY_ADDRESS, else one started here.")
 @seed_option
 @set_option
+@click.option(
+    "--shards",
+    metavar="I/N",
+    help="Make the I-th of N parts only, I from 1: for N hosts and one folder; then ibdata finalize DIR.",
+)
 @click.option("--resume", is_flag=True, help="Go on with a run that was stopped, or start one.")
 @click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR, which stays whole until then.")
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and write nothing.")
@@ -45,8 +59,11 @@ def command(
     config: str,
     out: Path | None,
     workers: int | None,
+    engine: str,
+    address: str | None,
     seed: int | None,
     overrides: tuple[str, ...],
+    shards: str | None,
     resume: bool,
     overwrite: bool,
     dry_run: bool,
@@ -60,28 +77,32 @@ def command(
     ibdata generate --config random.yaml
     ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set episodes=100
     ibdata generate --config siemens-offline --dry-run
+    ibdata generate --config random.yaml --out data/random --shards $SLURM_ARRAY_TASK_ID/3
     """
     from ibdata.experiment import find
     from ibdata.experiment.shipped import is_suite
 
-    options: dict[str, Any] = {"workers": workers, "resume": resume, "overwrite": overwrite}
-    options["allow_code"] = allow_code
     changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
-    progress = False if quiet else None
-    if is_suite(find(config)):
-        if dry_run:
-            _estimate_all(config, out, as_json, **changes, **options)
-        else:
-            _generate_all(config, out, as_json, progress=progress, **changes, **options)
-        return
-    from ibdata.engines.generate import default_folder, resolve
-
-    experiment = resolve(config, **changes)
-    folder = out or default_folder(experiment)
-    if dry_run:
-        _estimate(experiment, folder, as_json, **options)
+    common: dict[str, Any] = {"workers": workers, "allow_code": allow_code}
+    running: dict[str, Any] = {"progress": False if quiet else None, "engine": engine, "address": address}
+    whole: dict[str, Any] = {"resume": resume, "overwrite": overwrite}
+    suite = is_suite(find(config))
+    if shards is not None:
+        _refuse_with_shards(suite, overwrite, dry_run)
+        _generate_shards(config, shards, out, as_json, **changes, **common, **running)
+    elif suite and dry_run:
+        _estimate_all(config, out, as_json, **changes, **common, **whole)
+    elif suite:
+        _generate_all(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        _generate(experiment, folder, as_json, progress=progress, **options)
+        from ibdata.engines.generate import default_folder, resolve
+
+        experiment = resolve(config, **changes)
+        folder = out or default_folder(experiment)
+        if dry_run:
+            _estimate(experiment, folder, as_json, **common, **whole)
+        else:
+            _generate(experiment, folder, as_json, **common, **running, **whole)
 
 
 def _estimate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
@@ -143,6 +164,37 @@ def _generate(experiment: Experiment, folder: Path, as_json: bool, **options: An
             ("time", f"{seconds:.1f} s"),
         ]
     )
+
+
+def _refuse_with_shards(suite: bool, overwrite: bool, dry_run: bool) -> None:
+    others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
+    for name, found in others.items():
+        if found:
+            raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
+
+
+def _generate_shards(config: str, shards: str, out: Path | None, as_json: bool, **options: Any) -> None:
+    from ibdata.engines.array import generate_shards
+
+    made = generate_shards(config, shards, out, **options)
+    if as_json:
+        print_json(
+            {
+                "out": str(made.folder),
+                "range": shards,
+                "shards": made.shards,
+                "rows": made.rows,
+                "missing": made.missing,
+            }
+        )
+        return
+    click.echo(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
+    if made.missing:
+        click.echo(
+            f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}"
+        )
+    else:
+        click.echo(f"all shards are there: ibdata finalize {made.folder}")
 
 
 def _generate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:

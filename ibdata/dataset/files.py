@@ -7,8 +7,8 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Container, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, NamedTuple
@@ -84,9 +84,7 @@ class HashingFile:
 @contextmanager
 def committed(folder: Path, path: str) -> Iterator[HashingFile]:
     """A new file folder/path that appears under its name when the block ends well, and not otherwise."""
-    target = folder / path
-    target.parent.mkdir(exist_ok=True)
-    temporary = target.with_name(f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}")
+    target, temporary = _places(folder, path)
     try:
         with temporary.open("xb") as raw:
             file = HashingFile(raw)
@@ -104,6 +102,30 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
     with committed(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
+
+
+def write_once(folder: Path, path: str, data: bytes) -> bool:
+    """Commit a small file, of which the first writer decides; whether it holds these bytes then."""
+    target, temporary = _places(folder, path)
+    if not target.is_file():
+        try:
+            with temporary.open("xb") as raw:
+                file = HashingFile(raw)
+                file.write(data)
+                file.sync()
+            with suppress(FileExistsError):
+                os.link(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+        sync_folder(target.parent)
+    return target.read_bytes() == data
+
+
+def _places(folder: Path, path: str) -> tuple[Path, Path]:
+    """Where a new file is to be, and where it is until it is whole."""
+    target = folder / path
+    target.parent.mkdir(exist_ok=True)
+    return target, target.with_name(f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}")
 
 
 def file_sha256(path: Path) -> str | None:
@@ -132,10 +154,14 @@ def plain_bytes(path: Path, most: int) -> bytes:
         return file.read()
 
 
-def sweep(folder: Path) -> None:
-    """Remove the temporary files of writers that were killed; call it only where none is running."""
+def sweep(folder: Path, names: Container[str] | None = None) -> None:
+    """Remove the temporary files of writers that were killed, or just those that were to be these files.
+
+    Call it only where nobody writes them.
+    """
     for temporary in folder.glob(f"{TEMPORARY}*"):
-        temporary.unlink(missing_ok=True)
+        if names is None or temporary.name.removeprefix(TEMPORARY).partition("-")[2] in names:
+            temporary.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:

@@ -11,8 +11,8 @@ from typing import Any
 from ibdata.dataset.files import HashingFile
 from ibdata.dataset.shard import describe, encode
 from ibdata.engines import target
+from ibdata.engines.choice import worker_count
 from ibdata.engines.code import refuse_code
-from ibdata.engines.generate import worker_count
 from ibdata.engines.lock import refuse_busy
 from ibdata.engines.warmup import warm_up
 from ibdata.experiment import Experiment

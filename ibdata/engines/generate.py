@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tqdm import tqdm
@@ -13,16 +13,17 @@ from ibdata.dataset import manifest, receipt
 from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
-from ibdata.engines import local, target
+from ibdata.dataset.shard import Written
+from ibdata.engines import record, target
+from ibdata.engines.choice import Run, chosen
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
+from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-
-MAX_WORKERS = 1024
 
 
 def generate(
@@ -36,6 +37,8 @@ def generate(
     overwrite: bool = False,
     progress: bool | None = False,
     allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
 ) -> Dataset:
     """Make the dataset of an experiment and open it.
 
@@ -44,14 +47,14 @@ def generate(
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
     that uses several workers needs multiprocessing's `if __name__ == "__main__":`. allow_code lets custom
-    policies run: they are code, and their bits are promised in the same environment only. A folder of
-    experiments is for `generate_all`.
+    policies run: they are code, and their bits are promised in the same environment only. engine "ray" runs
+    the shards on Ray, at address, or on one started here. A folder of experiments is for `generate_all`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.
     """
     experiment = resolve(config, overrides, seed)
-    processes = worker_count(workers)
+    run = chosen(engine, workers, address)
     folder = Path(out) if out is not None else default_folder(experiment)
     refuse_code(Recipe.of(experiment), experiment.name, allow_code)
     refuse_busy(folder)
@@ -64,7 +67,7 @@ def generate(
             if folder == root and (folder / manifest.PATH).is_file():
                 target.end(folder)  # a run that was killed when it had finished
             else:
-                _run(experiment, root, processes, overwrite, progress, reproducible)
+                _run(experiment, root, run, overwrite, progress, reproducible)
                 if root != folder:
                     manifest.promote(folder)
     return Dataset(folder)
@@ -85,15 +88,6 @@ def resolve(
     return config.model_copy(update={"seed": seed})
 
 
-def worker_count(workers: int | None) -> int:
-    """The number of processes to use: as asked for, or one a processor."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not 1 <= workers <= MAX_WORKERS:
-        raise UsageError(f"workers: found {workers}, expected a whole number in [1, {MAX_WORKERS}]")
-    return workers
-
-
 def default_folder(experiment: Experiment) -> Path:
     """data/<name> in the current folder."""
     return Path("data") / experiment.name
@@ -102,7 +96,7 @@ def default_folder(experiment: Experiment) -> Path:
 def _run(
     experiment: Experiment,
     root: Path,
-    workers: int,
+    run: Run,
     overwrite: bool,
     progress: bool | None,
     reproducible: bool,
@@ -112,21 +106,29 @@ def _run(
         target.begin(root, experiment, overwrite)
         identity = target.identity(experiment)
         recipe = Recipe.of(experiment)
-        shards = recipe.shards
-        written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
-        done = {w.shard.number for w in written}
-        missing = [shard for shard in shards if shard.number not in done]
-        disable = None if progress is None else not progress
-        with tqdm(total=experiment.rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
-            bar.update(sum(w.content.moments.rows for w in written))
-            for w in local.run(recipe, missing, root, identity, workers):
-                written.append(w)
-                bar.update(w.content.moments.rows)
-        finish(recipe, written, root, reproducible, provenance(recipe))
+        written = make(recipe, recipe.shards, root, identity, run, progress)
+        finish(recipe, written, root, reproducible and record.same_bits(root), provenance(recipe))
     except BaseException:
         target.abandon(root)
         raise
     target.end(root)
+
+
+def make(
+    recipe: Recipe, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
+) -> list[Written]:
+    """The shards, of which those that have no receipt are written."""
+    written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
+    done = {w.shard.number for w in written}
+    missing = [shard for shard in shards if shard.number not in done]
+    rows = sum((shard.stop - shard.first) * recipe.of_shard(shard).steps for shard in shards)
+    disable = None if progress is None else not progress
+    with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
+        bar.update(sum(w.content.moments.rows for w in written))
+        for w in run(recipe, missing, root, identity):
+            written.append(w)
+            bar.update(w.content.moments.rows)
+    return written
 
 
 @contextmanager
@@ -140,9 +142,7 @@ def made_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         for path in missing:
-            if os.path.isdir(path):
-                if any(path.iterdir()):
-                    break
+            with suppress(OSError):  # it was not made, or is not empty, maybe since now
                 path.rmdir()
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import receipt
-from ibdata.dataset.files import sweep
 from ibdata.dataset.shard import Written, write_shard
 from ibdata.engines.signals import check, held
+from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -32,20 +32,19 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
     """
     if workers == 1 or len(shards) <= 1:
         for shard in shards:
-            yield _written(recipe, shard, root, identity)
+            yield written(recipe, shard, root, identity)
             check()
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
     while missing:
         try:
-            for written in _pool(recipe, list(missing.values()), root, identity, workers):
-                del missing[written.shard.number]
+            for made in _pool(recipe, list(missing.values()), root, identity, workers):
+                del missing[made.shard.number]
                 deaths = 0
-                yield written
+                yield made
         except BrokenProcessPool:
-            for part in ("data", receipt.FOLDER):  # what the dead had begun
-                sweep(root / part)
+            sweep_shards(root, missing.values())
             deaths += 1
             if deaths == MAX_DEATHS:
                 first = next(iter(missing.values()))
@@ -113,10 +112,11 @@ def _end_with_parent() -> None:
 
 def _work(shard: Shard) -> Written:
     recipe, root, identity = _job
-    return _written(recipe, shard, root, identity)
+    return written(recipe, shard, root, identity)
 
 
-def _written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
-    written = write_shard(recipe, shard, root)
-    receipt.put(root, identity, written)
-    return written
+def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
+    """A shard that is on the disk, and its receipt after it."""
+    made = write_shard(recipe, shard, root)
+    receipt.put(root, identity, made)
+    return made

@@ -16,8 +16,9 @@ from ibdata.dataset.finish import documents, finish, renew
 from ibdata.dataset.shard import UNREAD, Written, content_of, describe
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
+from ibdata.engines.choice import worker_count
 from ibdata.engines.code import provenance, recipe_of, refuse_code
-from ibdata.engines.generate import refusals, worker_count
+from ibdata.engines.generate import refusals
 from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up

@@ -9,9 +9,10 @@ from typing import Any
 
 from ibdata.dataset.reader import Dataset
 from ibdata.engines import target
+from ibdata.engines.choice import chosen
 from ibdata.engines.code import refuse_code
 from ibdata.engines.estimate import estimate
-from ibdata.engines.generate import generate, worker_count
+from ibdata.engines.generate import generate
 from ibdata.engines.lock import refuse_busy
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, find, load_all
@@ -29,6 +30,8 @@ def generate_all(
     overwrite: bool = False,
     progress: bool | None = False,
     allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
 ) -> dict[str, Dataset]:
     """Make the datasets of a folder of experiments, or of a shipped suite, by name.
 
@@ -37,7 +40,7 @@ def generate_all(
     arguments are those of `generate`, and so are the errors raised.
     """
     experiments = load_all(config, overrides, seed)
-    worker_count(workers)
+    chosen(engine, workers, address)
     places = folders(config, experiments, out)
     for experiment, folder in zip(experiments, places, strict=True):
         refuse_code(Recipe.of(experiment), experiment.name, allow_code)
@@ -52,6 +55,8 @@ def generate_all(
             overwrite=overwrite,
             progress=progress,
             allow_code=allow_code,
+            engine=engine,
+            address=address,
         )
         for experiment, folder in zip(experiments, places, strict=True)
     }

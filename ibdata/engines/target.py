@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
-from ibdata.dataset.files import TEMPORARY, sweep, write
+from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
 from ibdata.engines import lock
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.plan import Shard
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
+RANGE_LOCK = f"{lock.NAME}-"
 
 
 def identity(experiment: Experiment) -> str:
@@ -35,9 +38,10 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     if not folder.is_dir():
         raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
     refuse_links(folder)
+    empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
-    if not any(_counts(path) for path in folder.iterdir()):
+    if empty:
         return folder
     return _finished(folder, experiment, resume, overwrite)
 
@@ -46,7 +50,7 @@ def _counts(path: Path) -> bool:
     """Whether it is more than what a run leaves that was killed before it had said whose it is."""
     if path.name == receipt.FOLDER and path.is_dir():
         return any(not inner.name.startswith(TEMPORARY) for inner in path.iterdir())
-    return path.name != lock.NAME
+    return path.name != lock.NAME and not path.name.startswith(RANGE_LOCK)
 
 
 def refuse_links(folder: Path) -> None:
@@ -119,9 +123,28 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
         write(root, EXPERIMENT, as_yaml(experiment))
 
 
+def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
+    """As `begin`, for some of the shards, while others may be written: only what was theirs is taken away.
+
+    Raises UsageError where another experiment was begun here meanwhile.
+    """
+    sweep_shards(root, shards)
+    if not write_once(root, EXPERIMENT, as_yaml(experiment)):
+        raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
+
+
+def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
+    """Remove what killed writers of these shards had begun."""
+    names = {Path(path).name for shard in shards for path in (shard.file, receipt.path_of(shard))}
+    for part in ("data", receipt.FOLDER):
+        sweep(root / part, names)
+
+
 def end(root: Path) -> None:
     """Take the receipts away: the manifest has what they say."""
     _empty(root / receipt.FOLDER)
+    for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
+        left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:

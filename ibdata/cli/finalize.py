@@ -1,0 +1,33 @@
+"""ibdata finalize."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._shared import folder_argument, json_option, print_json
+
+
+@click.command("finalize")
+@folder_argument
+@json_option
+def command(folder: Path, as_json: bool) -> None:
+    """Finish a dataset of which `generate --shards i/n` has made all parts.
+
+    Every shard is checked first. Where some are missing, says which, and what makes them.
+
+    \b
+    ibdata generate --config random.yaml --out data/random --shards 1/2
+    ibdata generate --config random.yaml --out data/random --shards 2/2
+    ibdata finalize data/random
+    """
+    from ibdata.engines.array import finalize
+
+    dataset = finalize(folder)
+    counts = dataset.info["counts"]
+    if as_json:
+        print_json({"out": str(folder), **counts, "content_root": dataset.content_root})
+        return
+    click.echo(f"{folder}: {counts['rows']} rows in {counts['shards']} files")
+    click.echo(f"content root {dataset.content_root}")

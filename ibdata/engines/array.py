@@ -1,0 +1,145 @@
+"""A dataset made by several hosts: each makes a range of the shards in one folder, then one finishes it.
+
+Ranges share the folder's lock and hold one of their own, so that they run at the same time, and a run that
+wants the whole folder is refused meanwhile. A range touches no files but its own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ibdata.dataset import manifest, receipt
+from ibdata.dataset.finish import finish
+from ibdata.dataset.reader import Dataset
+from ibdata.dataset.shard import Written
+from ibdata.engines import record, target
+from ibdata.engines.choice import chosen
+from ibdata.engines.code import provenance, refuse_code
+from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
+from ibdata.engines.lock import locked, refuse_busy, shared
+from ibdata.engines.record import Range
+from ibdata.engines.signals import stoppable
+from ibdata.engines.warmup import warm_up
+from ibdata.errors import IbdataError, UsageError
+from ibdata.experiment import Experiment, load
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+
+
+class Made(NamedTuple):
+    """A range that is on the disk: its shards and rows, and how many shards the dataset still lacks."""
+
+    folder: Path
+    shards: int
+    rows: int
+    missing: int
+
+
+def generate_shards(
+    config: str | os.PathLike[str] | Experiment,
+    shards: str,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    progress: bool | None = False,
+    allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
+) -> Made:
+    """Make one range of a dataset's shards, for `finalize` to finish when all are there.
+
+    shards is "i/n" with i from 1 to n. Any number of hosts may make different ranges in one folder at the
+    same time; where their file system keeps locks between hosts, of two with the same range one is refused.
+    What is there is not made again: the same call goes on with a range that was stopped. The other
+    arguments are those of `generate`, and so are the errors raised.
+    """
+    own = Range.parse(shards)
+    experiment = resolve(config, overrides, seed)
+    run = chosen(engine, workers, address)
+    folder = Path(out) if out is not None else default_folder(experiment)
+    recipe = Recipe.of(experiment)
+    refuse_code(recipe, experiment.name, allow_code)
+    name = f"{target.RANGE_LOCK}{own.part}-{own.parts}"
+    refuse_busy(folder, name)
+    target.check(folder, experiment, resume=True, overwrite=False)
+    with refusals(folder):
+        reproducible = warm_up(experiment)
+        with stoppable(), made_folder(folder), shared(folder) as leaving, locked(folder, name):
+            target.check(folder, experiment, resume=True, overwrite=False)
+            mine = own.of(recipe.shards)
+            rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
+            if manifest.locate(folder, manifest.PATH).is_file():
+                return Made(folder, len(mine), rows, 0)
+            leaving.callback(target.abandon, folder)  # which keeps what has receipts
+            try:
+                target.begin_range(folder, experiment, mine)
+                record.put(folder, own, reproducible, provenance(recipe))
+                make(recipe, mine, folder, target.identity(experiment), run, progress)
+            except BaseException:
+                target.sweep_shards(folder, mine)
+                raise
+            missing = sum(not (folder / receipt.path_of(shard)).is_file() for shard in recipe.shards)
+    return Made(folder, len(mine), rows, missing)
+
+
+def finalize(folder: str | os.PathLike[str]) -> Dataset:
+    """Finish a dataset of which `generate_shards` made all ranges: prove every shard, write the manifest.
+
+    Where the dataset is finished already, it is opened.
+
+    Raises IbdataError where shards are missing or are not what their receipts say, UsageError where no run
+    was begun here, BusyError where ranges are still being made.
+    """
+    path = Path(folder)
+    refuse_busy(path)
+    if os.path.isdir(path):
+        target.refuse_links(path)
+    if not os.path.isfile(path / target.EXPERIMENT):
+        if os.path.lexists(path / manifest.PATH) or os.path.lexists(path / manifest.NEW):
+            return Dataset(path)
+        raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
+    with refusals(path), stoppable(), locked(path):
+        if not manifest.locate(path, manifest.PATH).is_file():
+            _finish(path)
+        target.end(path)
+    return Dataset(path)
+
+
+def _finish(folder: Path) -> None:
+    experiment = load(folder / target.EXPERIMENT)
+    recipe, identity = Recipe.of(experiment), target.identity(experiment)
+    notes = record.get(folder)
+    written: list[Written] = []
+    missing: list[Shard] = []
+    for shard in recipe.shards:
+        w = receipt.get(folder, identity, shard)
+        missing += [shard] if w is None else []
+        written += [] if w is None else [w]
+    if missing:
+        raise IbdataError(_lacking(folder, recipe, missing, list(notes)))
+    code = next(iter(notes.values()))["code"] if notes else provenance(recipe)
+    try:
+        finish(recipe, written, folder, record.same_bits(folder), code)
+    except BaseException:
+        target.abandon(folder)
+        raise
+
+
+def _lacking(folder: Path, recipe: Recipe, missing: list[Shard], ranges: list[Range]) -> str:
+    """Which shards are not there, and the commands that make them."""
+    numbers = [str(shard.number) for shard in missing]
+    named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
+    again = f"ibdata generate --config {folder / target.EXPERIMENT} --out {folder} "
+    parts = max((own.parts for own in ranges), default=0)
+    wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(recipe.shards)) & set(missing)]
+    more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
+    which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
+    return (
+        f"{folder}: found {len(recipe.shards) - len(missing)} of {len(recipe.shards)} shards, expected all; "
+        f"missing {named}: {again}{which}"
+    )

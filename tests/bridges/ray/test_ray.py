@@ -1,0 +1,172 @@
+"""The engine ray: the same dataset, killed workers survived, nothing left that was started."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import ray
+
+import ibdata
+from ibdata import Experiment, IbdataError
+from ibdata.rollout import PolicyError
+
+pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
+ROOT = Path(__file__).parents[3]
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}],
+    "episodes": 6,
+    "steps": 50,
+    "output": {"shard_rows": 50},
+}
+POLICY = """
+import os, signal
+from pathlib import Path
+
+
+class Deadly:
+    def __init__(self, driver, flag, deaths, number):
+        self.driver, self.flag, self.deaths, self.number = driver, Path(flag), deaths, number
+
+    def act(self, history, u):
+        with self.flag.open("a+") as file:
+            file.seek(0)
+            if os.getpid() != self.driver and len(file.read()) < self.deaths:
+                file.write("x")
+                file.flush()
+                os.kill(os.getpid(), self.number) if self.number else None
+                return 2 * u[:, :3] + float("nan")
+        return 2 * u[:, :3] - 1
+"""
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def cluster():
+    """A Ray that somebody else started."""
+    ray.init("local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield ray.get_runtime_context().gcs_address
+    ray.shutdown()
+
+
+def files(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
+
+
+def deadly(tmp_path, deaths, number=int(signal.SIGKILL)):
+    Path("deadly.py").write_text(POLICY)
+    params = {"driver": os.getpid(), "flag": str(tmp_path / "flag"), "deaths": deaths, "number": number}
+    policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
+    return Experiment.model_validate({**PLAIN, "policies": [policy]})
+
+
+def processes(mark):
+    """Processes whose environment has the mark."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            state = (path.parent / "stat").read_text().rsplit(")", 1)[1].split()[0]
+            found += [path.parent.name] if mark.encode() in path.read_bytes() and state != "Z" else []
+        except OSError:
+            continue
+    return found
+
+
+def test_serial_pool_and_ray_make_the_same_files_and_ray_is_ended():
+    tiny = Experiment.model_validate(PLAIN)
+    made = [ibdata.generate(tiny, f"local-{n}", workers=n) for n in (1, 2)]
+    made.append(ibdata.generate(tiny, "ray", workers=2, engine="ray"))
+    assert len({dataset.content_root for dataset in made}) == 1
+    assert files("ray") == files("local-1") == files("local-2")
+    assert not ray.is_initialized()
+
+
+def test_a_ray_that_was_there_is_used_and_stays(cluster):
+    tiny = Experiment.model_validate(PLAIN)
+    for i in (1, 2):
+        ibdata.generate_shards(tiny, f"{i}/2", "out", engine="ray")
+    assert ray.is_initialized()
+    assert ibdata.finalize("out").content_root == ibdata.generate(tiny, "plain", workers=1).content_root
+
+
+def test_the_command_runs_on_the_ray_at_an_address(cluster, ibdata):
+    done = ibdata("generate", "-q", "--config", "random", "--engine", "ray", "--address", cluster)
+    assert done.returncode == 0, done.stderr
+    assert ray.cluster_resources()["CPU"] == 2
+
+
+def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path):
+    experiment = deadly(tmp_path, deaths=2)
+    made = ibdata.generate(experiment, "ray", engine="ray", allow_code=True)
+    assert (tmp_path / "flag").read_text() == "xx"
+    plain = ibdata.generate(experiment, "plain", workers=1, allow_code=True)
+    assert made.content_root == plain.content_root
+    assert files("ray") == files("plain")
+
+
+def test_workers_that_always_die_are_an_error_of_one_line_and_leave_nothing(cluster, tmp_path):
+    experiment = deadly(tmp_path, deaths=1000)
+    with pytest.raises(IbdataError, match=r"^out/data/part-\d+\.parquet: WorkerCrashedError, ") as error:
+        ibdata.generate(experiment, "out", engine="ray", allow_code=True)
+    assert "\n" not in str(error.value)
+    assert not Path("out").exists()
+
+
+def test_an_error_of_a_worker_reaches_the_caller_as_it_was(cluster, tmp_path):
+    experiment = deadly(tmp_path, deaths=1, number=0)
+    with pytest.raises(PolicyError, match=r"^policy custom: episode \d+: step 0: found action"):
+        ibdata.generate(experiment, "out", engine="ray", allow_code=True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_and_the_ray_that_it_started(command, number):
+    args = ["--config", "random", "--set", "episodes=40", "--set", "output.shard_rows=10000"]
+    mark = f"IBDATA_MARK={os.getpid()}-{number}"
+    run = subprocess.Popen(
+        [command, "generate", "-q", *args, "--engine", "ray", "--workers", "1", "--out", "out"],
+        env={**os.environ, "IBDATA_MARK": mark.partition("=")[2]},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 100
+    while not list(Path("out/.run").glob("*.receipt")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    run.send_signal(number)
+    _, said = run.communicate(timeout=60)
+    assert (run.returncode, said.count("\n")) == (128 + number, 1), said
+    assert not list(Path("out").rglob(".tmp-*"))
+    deadline = time.monotonic() + 30
+    while processes(mark) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert processes(mark) == []
+    whole = ibdata.generate("random", "out", overrides=args[3::2], resume=True)
+    assert ibdata.validate(whole.path, quick=True) == []
+
+
+def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
+    done = ibdata("generate", "--config", "random", "--engine", "ray", "--address", "127.0.0.1:9")
+    assert done.returncode == 1
+    assert re.fullmatch(r"--address: 127\.0\.0\.1:9: found no Ray that answers: .*\n", done.stderr)
+    assert not Path("data").exists()
+
+
+def test_the_command_and_the_snippet_of_the_page(command, tmp_path):
+    text = (ROOT / "README.md").read_text()
+    (line,) = re.findall(r"`(ibdata generate [^`]*--engine ray[^`]*)`", text)
+    (snippet,) = (b for b in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S) if "import ray\n" in b)
+    (tmp_path / "snippet.py").write_text(snippet)
+    for args in (line.replace("ibdata", command, 1).split(), [sys.executable, "snippet.py"]):
+        done = subprocess.run(args, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
