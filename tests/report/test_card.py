@@ -229,6 +229,14 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
         card(copied / "meta")
 
 
+def test_what_a_killed_run_left_is_taken_away(carded, copied):
+    (copied / manifest.NEXT).mkdir()
+    for name in (manifest.CARD, manifest.REPORT):
+        (copied / manifest.NEXT / name).write_text("half")
+    card(copied)
+    assert contents(copied) == contents(carded.path)
+
+
 def test_a_dataset_that_changes_meanwhile_is_left_alone(copied, monkeypatch):
     def draw(dataset):
         pictures = drawn(dataset)
