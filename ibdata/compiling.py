@@ -63,6 +63,11 @@ def _folder() -> str:
     return os.path.join(passing, name)
 
 
+def cache_base() -> str:
+    """The folder that is asked for to keep things in."""
+    return next(_bases())
+
+
 def _bases() -> Iterator[str]:
     for variable in ("IBDATA_CACHE_DIR", "NUMBA_CACHE_DIR"):
         if os.environ.get(variable):

@@ -16,6 +16,18 @@ MAX_LINES = 12  # of messages
 allow_code_option = click.option(
     "--allow-code", is_flag=True, help="Let custom policies run: they are code; know whose it is."
 )
+
+
+class Place(click.Path):
+    """A path, or a URL as it is."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from ibdata.dataset.storage import is_url
+
+        return value if is_url(value) else super().convert(value, param, ctx)
+
+
+place_argument = click.argument("folder", metavar="DIR|URL", type=Place(path_type=Path))
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 config_option = click.option(
     "--config",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._shared import (
+    Place,
     allow_code_option,
     config_option,
     json_option,
@@ -29,9 +30,10 @@ if TYPE_CHECKING:
 @config_option
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder to make; default data/<name>. Of a folder of experiments each goes to DIR/<name>.",
+    type=Place(path_type=Path),
+    metavar="DIR|URL",
+    help="Folder to make, or URL as s3://bucket/name; default data/<name>. Of a folder of experiments each "
+    "goes to DIR/<name>.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
 @click.option(
@@ -57,7 +59,7 @@ if TYPE_CHECKING:
 @json_option
 def command(
     config: str,
-    out: Path | None,
+    out: Path | str | None,
     workers: int | None,
     engine: str,
     address: str | None,
@@ -105,7 +107,7 @@ def command(
             _generate(experiment, folder, as_json, **common, **running, **whole)
 
 
-def _estimate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
+def _estimate(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     from ibdata.engines.estimate import estimate
     from ibdata.experiment import as_yaml
 
@@ -117,7 +119,7 @@ def _estimate(experiment: Experiment, folder: Path, as_json: bool, **options: An
     _print_estimate(made)
 
 
-def _estimate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:
+def _estimate_all(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     from ibdata.engines.suite import estimate_all
 
     made = estimate_all(config, out, **options)
@@ -145,7 +147,7 @@ def _print_estimate(made: dict[str, Any]) -> None:
     )
 
 
-def _generate(experiment: Experiment, folder: Path, as_json: bool, **options: Any) -> None:
+def _generate(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     from ibdata.engines.generate import generate
 
     start = time.perf_counter()
@@ -173,7 +175,7 @@ def _refuse_with_shards(suite: bool, overwrite: bool, dry_run: bool) -> None:
             raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
 
 
-def _generate_shards(config: str, shards: str, out: Path | None, as_json: bool, **options: Any) -> None:
+def _generate_shards(config: str, shards: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     from ibdata.engines.array import generate_shards
 
     made = generate_shards(config, shards, out, **options)
@@ -197,7 +199,7 @@ def _generate_shards(config: str, shards: str, out: Path | None, as_json: bool, 
         click.echo(f"all shards are there: ibdata finalize {made.folder}")
 
 
-def _generate_all(config: str, out: Path | None, as_json: bool, **options: Any) -> None:
+def _generate_all(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     from ibdata.engines.suite import generate_all
 
     start = time.perf_counter()
@@ -223,4 +225,4 @@ def _generate_all(config: str, out: Path | None, as_json: bool, **options: Any) 
 
 
 def _described(dataset: Dataset) -> dict[str, Any]:
-    return {"out": str(dataset.path), **dataset.info["counts"], "content_root": dataset.content_root}
+    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}

@@ -8,21 +8,21 @@ from typing import Any
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import json_option, place_argument, print_json
 from ibdata.errors import DatasetError
 
 MAX_ROWS = 1_000_000
 
 
 @click.command("head")
-@folder_argument
+@place_argument
 @click.option(
     "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="How many rows."
 )
 @click.option("--columns", metavar="A,B,…", help="Only these columns.")
 @click.option("--split", metavar="NAME", help="Only rows of this split.")
 @json_option
-def command(folder: Path, rows: int, columns: str | None, split: str | None, as_json: bool) -> None:
+def command(folder: Path | str, rows: int, columns: str | None, split: str | None, as_json: bool) -> None:
     """Print the first rows, a column a line.
 
     \b

@@ -9,8 +9,8 @@ import click
 
 from ibdata.cli._shared import (
     MAX_LINES,
-    folder_argument,
     json_option,
+    place_argument,
     print_json,
     print_pairs,
     print_table,
@@ -19,9 +19,9 @@ from ibdata.cli._shared import (
 
 
 @click.command("info")
-@folder_argument
+@place_argument
 @json_option
-def command(folder: Path, as_json: bool) -> None:
+def command(folder: Path | str, as_json: bool) -> None:
     """Say what a dataset holds.
 
     \b

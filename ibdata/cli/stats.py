@@ -6,16 +6,16 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import json_option, place_argument, print_json
 
 SHOWN = ("mean", "std", "min", "max")
 
 
 @click.command("stats")
-@folder_argument
+@place_argument
 @click.option("--split", metavar="NAME", help="Statistics of this split only.")
 @json_option
-def command(folder: Path, split: str | None, as_json: bool) -> None:
+def command(folder: Path | str, split: str | None, as_json: bool) -> None:
     """Print mean, deviation, range and median of columns.
 
     \b

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, problems_json, report_problems
+from ibdata.cli._shared import json_option, place_argument, print_json, problems_json, report_problems
 
 
 @click.command("validate")
-@folder_argument
+@place_argument
 @click.option("--quick", is_flag=True, help="Compare the hashes of the files only.")
 @json_option
-def command(folder: Path, quick: bool, as_json: bool) -> None:
+def command(folder: Path | str, quick: bool, as_json: bool) -> None:
     """Check every file, row and rule of a dataset.
 
     Exit code 3 names what is broken: file, row, rule, what was found, what was expected.

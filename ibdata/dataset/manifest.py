@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset import shape
+from ibdata.dataset import shape, storage
 from ibdata.dataset.files import plain_bytes, sync_folder
 from ibdata.errors import DatasetError, printable
 
@@ -42,7 +42,9 @@ def read(folder: Path) -> dict[str, Any]:
     try:
         data = _loaded(folder, PATH, "a manifest")
     except (FileNotFoundError, NotADirectoryError):
-        raise DatasetError(f"{folder}: no finished dataset here: {PATH} is missing") from None
+        raise DatasetError(
+            f"{storage.name_of(folder)}: no finished dataset here: {PATH} is missing"
+        ) from None
     path = locate(folder, PATH)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise DatasetError(f"{path}: found another format, expected {FORMAT}")
@@ -89,6 +91,7 @@ def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
 
 def locate(folder: Path, path: str) -> Path:
     """Where a file of the dataset is: in `.new` while a replacement settles, else in its place."""
+    storage.ensure(folder, path)
     new = folder / NEW / path
     return new if os.path.lexists(new) else folder / path
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset import manifest, parquet, shape, storage
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.returns import behaviour_returns
@@ -26,15 +26,20 @@ Runs = list[tuple[int, int]]
 
 
 class Dataset:
-    """A finished dataset in a folder; only what its manifest lists is ever read."""
+    """A finished dataset in a folder, or at a URL; only what its manifest lists is ever read.
+
+    `place` is where it is. Of a URL, the files that are needed are copied to the temporary folder `path`,
+    which goes with the process.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+        self.path = storage.folder_of(path)
+        self.place = storage.name_of(self.path)
         self.manifest: dict[str, Any] = manifest.read(self.path)
 
     def __repr__(self) -> str:
         counts = self.info["counts"]
-        return f"<ibdata.Dataset {self.path}: {counts['rows']} rows, {counts['episodes']} episodes>"
+        return f"<ibdata.Dataset {self.place}: {counts['rows']} rows, {counts['episodes']} episodes>"
 
     def __len__(self) -> int:
         return int(self.manifest["rows"])
@@ -84,7 +89,7 @@ class Dataset:
         names = self._columns(columns)
         parts = []
         for file, runs in self._files(split):
-            whole = parquet.read(file, names)
+            whole = parquet.read(manifest.locate(self.path, file), names)
             parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
         return pa.concat_tables(parts).unify_dictionaries()
 
@@ -99,7 +104,7 @@ class Dataset:
         """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        return _batches(self._files(split), self._columns(columns), batch_rows)
+        return _batches(self.path, self._files(split), self._columns(columns), batch_rows)
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
         """Arrays as learning libraries take them.
@@ -145,16 +150,16 @@ class Dataset:
             raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
         return list(columns)
 
-    def _files(self, split: str | None) -> list[tuple[Path, Runs | None]]:
+    def _files(self, split: str | None) -> list[tuple[str, Runs | None]]:
         """The files of the dataset, or of a split, in order; of those that hold more, runs of rows."""
         shards = [shard["path"] for shard in self.manifest["shards"]]
         if split is None:
-            return [(manifest.locate(self.path, path), None) for path in shards]
+            return [(path, None) for path in shards]
         files = self.info["splits"][self._known(split)]["files"]
         if files is not None:
-            return [(manifest.locate(self.path, path), None) for path in shards if path in set(files)]
+            return [(path, None) for path in shards if path in set(files)]
         runs = self._runs(split)
-        return [(manifest.locate(self.path, shards[number]), runs[number]) for number in sorted(runs)]
+        return [(shards[number], runs[number]) for number in sorted(runs)]
 
     def _runs(self, split: str) -> dict[int, Runs]:
         """The rows of a split in each shard, as runs start … stop - 1."""
@@ -180,10 +185,12 @@ class Dataset:
         return split
 
 
-def _batches(files: list[tuple[Path, Runs | None]], names: list[str], rows: int) -> Iterator[pa.RecordBatch]:
+def _batches(
+    folder: Path, files: list[tuple[str, Runs | None]], names: list[str], rows: int
+) -> Iterator[pa.RecordBatch]:
     for file, runs in files:
         first = 0
-        for batch in parquet.batches(file, names, rows):
+        for batch in parquet.batches(manifest.locate(folder, file), names, rows):
             stop = first + batch.num_rows
             for start, end in [(first, stop)] if runs is None else runs:
                 low, high = max(start, first), min(end, stop)

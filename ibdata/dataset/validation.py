@@ -10,7 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset import manifest, parquet, shape, storage
 from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.files import file_sha256
@@ -26,12 +26,14 @@ METADATA: dict[str, Callable[[Path, int], Any]] = {
 
 
 def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
-    """Every problem of the dataset in a folder; none means that it is whole. Runs no code of the dataset.
+    """Every problem of the dataset in a folder or at a URL; none means that it is whole.
+
+    Runs no code of the dataset. At a URL, files that are not listed are not looked for.
 
     quick compares the SHA-256 of every file only. Else also: schema, no nulls, finite, bounds, order,
     flags, continuity, reward identity, setpoints, episode digests, content root, counts, statistics.
     """
-    folder = Path(folder)
+    folder = storage.folder_of(folder)
     try:
         listed = manifest.read(folder)
     except DatasetError as error:

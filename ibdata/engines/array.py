@@ -15,6 +15,7 @@ from ibdata.dataset import manifest, receipt
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
+from ibdata.dataset.storage import is_url
 from ibdata.engines import record, target
 from ibdata.engines.choice import chosen
 from ibdata.engines.code import provenance, refuse_code
@@ -61,6 +62,8 @@ def generate_shards(
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
     run = chosen(engine, workers, address)
+    if is_url(out):
+        raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
     folder = Path(out) if out is not None else default_folder(experiment)
     recipe = Recipe.of(experiment)
     refuse_code(recipe, experiment.name, allow_code)

@@ -42,7 +42,7 @@ def estimate(
     busy = min(processes, len(shards))
     size, seconds = _sample(experiment)
     return {
-        "out": str(out),
+        "out": str(folder),
         "episodes": len(experiment.cells) * experiment.episodes,
         "rows": experiment.rows,
         "shards": len(shards),

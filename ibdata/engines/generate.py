@@ -14,7 +14,9 @@ from ibdata.dataset.files import sync_folder
 from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
+from ibdata.dataset.storage import Remote, is_url
 from ibdata.engines import record, target
+from ibdata.engines import remote as uploading
 from ibdata.engines.choice import Run, chosen
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.lock import locked, refuse_busy
@@ -48,15 +50,33 @@ def generate(
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
     that uses several workers needs multiprocessing's `if __name__ == "__main__":`. allow_code lets custom
     policies run: they are code, and their bits are promised in the same environment only. engine "ray" runs
-    the shards on Ray, at address, or on one started here. A folder of experiments is for `generate_all`.
+    the shards on Ray, at address, or on one started here. Where out is a URL, as
+    s3://bucket/name, the dataset is made on this machine, then uploaded; resume uploads what is missing. A
+    folder of experiments is for `generate_all`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.
     """
     experiment = resolve(config, overrides, seed)
     run = chosen(engine, workers, address)
+    if is_url(out):
+        remote = Remote(str(out))
+        refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+        if uploading.refuse(remote, experiment, resume, overwrite):
+            return Dataset(remote.url)
+        folder = uploading.work_folder(remote, experiment)
+        _generate(experiment, folder, run, True, False, progress)
+        return uploading.upload(remote, folder)
     folder = Path(out) if out is not None else default_folder(experiment)
     refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+    _generate(experiment, folder, run, resume, overwrite, progress)
+    return Dataset(folder)
+
+
+def _generate(
+    experiment: Experiment, folder: Path, run: Run, resume: bool, overwrite: bool, progress: bool | None
+) -> None:
+    """Make the dataset in a folder."""
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
     with refusals(folder):
@@ -70,7 +90,6 @@ def generate(
                 _run(experiment, root, run, overwrite, progress, reproducible)
                 if root != folder:
                     manifest.promote(folder)
-    return Dataset(folder)
 
 
 def resolve(

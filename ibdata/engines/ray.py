@@ -51,7 +51,7 @@ def run(
     or where no such Ray answers.
     """
     ray = library()
-    with _connected(ray, workers, address):
+    with _connected(ray, workers, address) as own:
         task = ray.remote(max_retries=MAX_DEATHS)(_work)
         job = ray.put((recipe.plain(), Path(os.path.abspath(root)), identity))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
@@ -67,10 +67,13 @@ def run(
                 check()
                 for future in done:
                     yield _result(ray, future, running.pop(future), root)
+        except SystemError:  # a signal's exception was raised inside compiled code of Ray
+            check()
+            raise
         finally:
-            for future in running:
-                ray.cancel(future, force=True)
-            if running:
+            if running and not own:  # else its workers are ended with it
+                for future in running:
+                    ray.cancel(future)  # by force, Ray 2.60 itself may crash
                 ray.wait(list(running), num_returns=len(running), timeout=30)
 
 
@@ -103,10 +106,10 @@ _same_bits = cache(known_answer.matches)
 
 
 @contextmanager
-def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[None]:
-    """Be connected to Ray; what was not there before is ended."""
+def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[bool]:
+    """Be connected to Ray; whether it was started here, and is ended afterwards."""
     if ray.is_initialized():
-        yield
+        yield False
         return
     place = address or os.environ.get("RAY_ADDRESS") or "local"
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
@@ -121,7 +124,7 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[N
             except (OSError, RuntimeError, ValueError) as error:
                 reason = (str(error).splitlines() or [""])[0]
                 raise IbdataError(f"--address: {place}: found no Ray that answers: {reason}") from None
-        yield
+        yield place == "local"
     finally:
         with _own_handlers():
             ray.shutdown()

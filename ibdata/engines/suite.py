@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
+from ibdata.dataset.storage import is_url
 from ibdata.engines import target
 from ibdata.engines.choice import chosen
 from ibdata.engines.code import refuse_code
@@ -85,6 +86,8 @@ def folders(
     config: str | os.PathLike[str], experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
 ) -> list[Path]:
     """Where the datasets go. Raises UsageError where out is a file."""
+    if is_url(out):
+        raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path(out) if out is not None else Path("data") / find(config).resolve().name
     if os.path.lexists(root) and not root.is_dir():
         raise UsageError(f"{root}: found a file, expected a folder or nothing; choose another --out")

@@ -1,0 +1,148 @@
+"""Datasets at URLs, as s3://bucket/name: read through a folder here that is filled as files are asked for.
+
+pyarrow's file systems come first, then fsspec's. Nothing relies on renaming, and a write that fails may leave
+part of an object: so whole files are put, and the manifest last.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ibdata.errors import DatasetError, MissingError, UsageError, printable
+
+URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
+BLOCK = 2**23
+
+
+def is_url(place: str | os.PathLike[str] | None) -> bool:
+    """Whether it is a URL, and no path."""
+    return isinstance(place, str) and URL.match(place) is not None
+
+
+class Remote:
+    """The files of a dataset at a URL. OSError where the storage refuses."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url.rstrip("/")
+        self._files, base = _file_system(self.url)
+        self._base = base.rstrip("/")
+        if not self._base:
+            raise UsageError(
+                f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
+            )
+
+    def size(self, path: str) -> int | None:
+        """Bytes of a file; None where there is none."""
+        info = self._files.get_file_info(f"{self._base}/{path}")
+        return info.size if info.is_file else None
+
+    def empty(self) -> bool:
+        """Whether there is nothing at the URL."""
+        from pyarrow.fs import FileSelector
+
+        below = FileSelector(self._base, allow_not_found=True, recursive=True)
+        return not any(info.is_file for info in self._files.get_file_info(below))
+
+    def read(self, path: str) -> bytes | None:
+        """What is in a file; None where there is none."""
+        if self.size(path) is None:
+            return None
+        with self._files.open_input_stream(f"{self._base}/{path}") as source:
+            data: bytes = source.read()
+        return data
+
+    def fetch(self, path: str, target: Path) -> None:
+        """Copy a file here, where there is one."""
+        if self.size(path) is None:
+            return
+        target.parent.mkdir(parents=True, exist_ok=True)
+        part = target.with_name(f".tmp-{target.name}")
+        with self._files.open_input_stream(f"{self._base}/{path}") as source, part.open("wb") as file:
+            shutil.copyfileobj(source, file, BLOCK)
+        part.replace(target)
+
+    def put(self, source: Path, path: str) -> None:
+        """Copy a file there; where that fails, part of it may be there."""
+        target = f"{self._base}/{path}"
+        try:
+            stream = self._files.open_output_stream(target)
+        except FileNotFoundError:  # no object store: it has folders
+            self._files.create_dir(target.rpartition("/")[0], recursive=True)
+            stream = self._files.open_output_stream(target)
+        with source.open("rb") as file, stream:
+            shutil.copyfileobj(file, stream, BLOCK)
+
+    def remove(self, path: str) -> None:
+        """Remove a file."""
+        self._files.delete_file(f"{self._base}/{path}")
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """pyarrow's file system for a URL and the path in it; fsspec's where pyarrow knows none."""
+    from pyarrow import ArrowInvalid
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
+
+    try:
+        found: tuple[Any, str] = FileSystem.from_uri(url)
+        return found
+    except (ArrowInvalid, OSError) as error:
+        if "Unrecognized filesystem type" not in str(error):
+            raise UsageError(f"{printable(url)}: {first_line(error)}") from None
+    try:
+        import fsspec
+    except ImportError:
+        raise MissingError(f"{url.partition('://')[0]}://", "fsspec", "remote") from None
+    try:
+        files, path = fsspec.core.url_to_fs(url)
+    except (ValueError, ImportError) as error:
+        raise UsageError(f"{printable(url)}: {first_line(error)}") from None
+    return PyFileSystem(FSSpecHandler(files)), path
+
+
+def first_line(error: BaseException) -> str:
+    """What an error says, in one line."""
+    return (printable((str(error).splitlines() or [""])[0]) or type(error).__name__)[:300]
+
+
+_mirrors: dict[Path, Remote] = {}
+
+
+def folder_of(place: str | os.PathLike[str]) -> Path:
+    """A folder itself; of a URL, a folder of this process that gets each file when it is first asked for."""
+    if not is_url(place):
+        return Path(place)
+    remote = Remote(str(place))
+    top = tempfile.mkdtemp(prefix="ibdata-")
+    atexit.register(shutil.rmtree, top, ignore_errors=True)
+    folder = Path(top, "dataset")
+    _mirrors[folder] = remote
+    return folder
+
+
+def name_of(folder: Path) -> str:
+    """The URL that a folder stands for, or its own path."""
+    return _mirrors[folder].url if folder in _mirrors else str(folder)
+
+
+def ensure(folder: Path, path: str) -> None:
+    """Have a file of the dataset here, if there is one; DatasetError where it cannot be read."""
+    if folder in _mirrors and not os.path.lexists(folder / path):
+        with readable(_mirrors[folder], path):
+            _mirrors[folder].fetch(path, folder / path)
+
+
+@contextmanager
+def readable(remote: Remote, path: str) -> Iterator[None]:
+    """What the storage refuses, as one line."""
+    try:
+        yield
+    except OSError as error:
+        raise DatasetError(f"{remote.url}/{path}: cannot be read: {first_line(error)}") from None
