@@ -7,16 +7,16 @@ record, then turn the record (step, lane, variable) into columns (episode, step)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata import lanes
+from ibdata.asking import Asked
 from ibdata.columns import Layout, Table, layout
 from ibdata.dynamics.state import State, initial_state
-from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell
 from ibdata.experiment.fields import BurnIn
@@ -35,10 +35,6 @@ from ibdata.starts import burn_in_steps, steerings
 
 LANES = 256  # a block's state and record stay in the processor's cache
 CHUNK = 256  # steps drawn and recorded at a time
-
-
-class PolicyError(IbdataError):
-    """A policy returned something that is no action."""
 
 
 class Columns(NamedTuple):
@@ -88,7 +84,8 @@ class Block:
         cell_numbers, self.indices = np.divmod(np.arange(first, stop), experiment.episodes)
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
-        self.policy, self.label = cells[0].policy, cells[0].label
+        self.policy = cells[0].policy
+        self.asked = Asked(self.policy, cells[0].label, first)
         self.keys, self.policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)
@@ -183,63 +180,10 @@ class Block:
         clipped = 0
         for t in range(count):
             uniforms(policy_raw, t, u)
-            clipped += self._act(seen, u, actions[t], t0 + t)
-            log_prob[t] = self._log_prob(seen, actions[t], t0 + t)
+            clipped += self.asked.act(seen, u, actions[t], t0 + t)
+            log_prob[t] = self.asked.log_prob(seen, actions[t], t0 + t)
             lanes.advance_and_record(
                 self.state, actions[t], raw, drift, t, self.noise, self.parameters,
                 history, record[t + 1], self.experiment.drifting,
             )  # fmt: skip
-        return clipped
-
-    def _log_prob(
-        self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
-    ) -> npt.NDArray[np.float64]:
-        """The log density (n,) of the actions taken."""
-        taken = action.view()
-        taken.flags.writeable = False
-        return self._answer(lambda: self.policy.log_prob(seen, taken), (self.n,), "log densities", t)
-
-    def _answer(
-        self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
-    ) -> npt.NDArray[np.float64]:
-        """What a policy returns, as numbers of the right shape."""
-        place = f"policy {self.label}: episode {self.first}: step {t}"
-        try:
-            given = ask()
-        except IbdataError:  # a signal, say
-            raise
-        except Exception as error:
-            raise PolicyError(
-                f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
-            ) from error
-        if isinstance(given, np.ma.MaskedArray):
-            given = np.ma.filled(given.astype(np.float64), np.nan)
-        try:
-            if np.iscomplexobj(given):
-                raise TypeError
-            answer = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
-            answer, wrong = None, f"found {repr(given)[:60]}, expected {what} of shape {shape}"
-        if answer is not None and answer.shape == shape:
-            return answer
-        if answer is not None:
-            wrong = f"found {what} of shape {answer.shape}, expected {shape}"
-        raise PolicyError(f"{place}: {wrong}")
-
-    def _act(
-        self,
-        seen: npt.NDArray[np.float32],
-        u: npt.NDArray[np.float64],
-        out: npt.NDArray[np.float32],
-        t: int,
-    ) -> int:
-        """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped."""
-        action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
-        clipped = int(lanes.to_action(action, out))
-        if clipped < 0:
-            lane = -1 - clipped
-            raise PolicyError(
-                f"policy {self.label}: episode {self.first + lane}: step {t}: found action "
-                f"{action[lane]}, expected finite numbers"
-            )
         return clipped

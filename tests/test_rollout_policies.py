@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata.asking import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.policies import Policy
 from ibdata.policies.optimized import MEAN, STD
-from ibdata.rollout import PolicyError, rollout
+from ibdata.rollout import rollout
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
 MOVING = {"drifting": [0.5, 50.0, 99.5]}

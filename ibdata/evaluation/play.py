@@ -41,7 +41,7 @@ class EvaluationBlock(Block):
             policy_raw = self._raw(Purpose.POLICY, t0, count, slots(self.policy.draws))
             for t in range(count):
                 uniforms(policy_raw, t, u)
-                self._act(seen, u, action, t0 + t)
+                self.asked.act(seen, u, action, t0 + t)
                 lanes.step_lanes(self.state, action, raw, drift, t, self.noise, self.parameters)
                 lanes.observe(self.state, history, False)
                 discounted += weight * self.state.reward

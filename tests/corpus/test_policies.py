@@ -15,11 +15,12 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
+from ibdata.asking import PolicyError
 from ibdata.cli import main
 from ibdata.dataset.validation import validate
 from ibdata.policies import Policy
 from ibdata.policies.random import Random
-from ibdata.rollout import PolicyError, rollout
+from ibdata.rollout import rollout
 
 pytestmark = pytest.mark.corpus
 

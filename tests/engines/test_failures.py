@@ -11,8 +11,8 @@ import pytest
 
 import ibdata
 from ibdata import Experiment, IbdataError
+from ibdata.asking import PolicyError
 from ibdata.errors import ConfigError
-from ibdata.rollout import PolicyError
 
 PLAIN = {
     "name": "tiny",
@@ -61,7 +61,7 @@ PLACES = [
     ("ibdata.dataset.finish.write", 0),
     ("ibdata.dataset.finish.write", 5),
     ("ibdata.engines.local.write_shard", 2),
-    ("ibdata.dataset.shard.encode", 0),
+    ("ibdata.dataset.shard.arrow_table", 0),
     ("ibdata.dataset.shard.describe", 3),
     ("os.fsync", 1),
     ("os.fsync", 7),

@@ -29,11 +29,11 @@ SCRIPT = """
 
     if __name__ != "__main__":  # in a worker
         import ibdata.dataset.shard as shard
-        from ibdata.rollout import PolicyError
-        rollout = shard.rollout
+        from ibdata.asking import PolicyError
+        filling = shard.filling
         def changed(experiment, first, stop):
             {changed}
-        shard.rollout = changed
+        shard.filling = changed
 
     if __name__ == "__main__":
         experiment = Experiment.model_validate({plain})
@@ -49,9 +49,9 @@ SCRIPT = """
 
 @pytest.fixture
 def run(tmp_path):
-    """Run a script that generates into a/b with two workers, in which `changed` is the rollout."""
+    """Run a script that generates into a/b with two workers, in which `changed` fills the columns."""
 
-    def script(changed="return rollout(experiment, first, stop)"):
+    def script(changed="return filling(experiment, first, stop)"):
         path = tmp_path / "script.py"
         path.write_text(textwrap.dedent(SCRIPT).format(plain=PLAIN, changed=changed))
         child = subprocess.run(
@@ -104,7 +104,7 @@ def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_pa
 
 
 def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
-    lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
+    lines = run("os._exit(9) if first == 4 else None; return filling(experiment, first, stop)")
     assert lines[0].startswith("failed: IbdataError: True: a/b/data/part-"), lines
     assert "found 3 dead worker processes in a row, expected none" in lines[0]
     assert not list(tmp_path.rglob(".tmp-*"))
