@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, flags=re.MULTILINE | re.DOTALL)
@@ -20,6 +22,7 @@ def test_the_two_commands_come_first_and_are_what_ci_runs():
     assert "README.md" in (ROOT / ".ci/run").read_text()
 
 
+@pytest.mark.slow
 def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
     env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
     lines: list[list[str]] = [["sh", "-c", line] for line in re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)]

@@ -6,6 +6,8 @@ import json
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 FEW = ("--episodes", "5", "--steps", "100")
 
 

@@ -12,6 +12,8 @@ from ibdata.cli import cli, main
 from ibdata.experiment.template import template
 from ibdata.policies import POLICIES
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = cli.list_commands(None)
 
 

@@ -54,6 +54,7 @@ def test_the_same_files_are_there_as_in_a_folder(url):
     assert at_url.path != Path("there")
 
 
+@pytest.mark.slow
 def test_every_reading_command_takes_a_url(url, ibdata):
     made(url)
     for command in ("info", "head", "stats", "validate"):

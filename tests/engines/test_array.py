@@ -20,6 +20,8 @@ from ibdata.engines.record import Range
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {
     "name": "tiny",
     "setpoints": [20.0, 70.0],

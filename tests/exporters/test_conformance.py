@@ -87,6 +87,7 @@ def test_an_existing_target_is_refused_and_left_as_it_is(dataset, tmp_path, to):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "code", "what"), [("SIGINT", 130, "write"), ("SIGTERM", 143, "check")])
 def test_a_signal_in_the_middle_leaves_nothing(dataset, tmp_path, to, name, code, what):
     done = run(KILL.format(name=name, what=what), *command(dataset, to, tmp_path / "a" / "b"))
@@ -96,6 +97,7 @@ def test_a_signal_in_the_middle_leaves_nothing(dataset, tmp_path, to, name, code
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     done = run(FULL, *command(dataset, to, tmp_path / "a" / "b"))
     assert done.returncode == 1
@@ -142,6 +144,7 @@ def test_a_split_may_be_named_or_not_known(dataset, tmp_path, to):
         ibdata.export(dataset, to, tmp_path / "b", split="nonsense")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("to", ["csv", "rllib"])
 def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, ibdata, to):
     text = ibdata(*command(dataset, to, tmp_path / "a"))
@@ -229,6 +232,7 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_folder_that_may_not_be_written_is_one_line(dataset, tmp_path, ibdata):
     (tmp_path / "file").write_text("")
     done = ibdata("export", str(dataset.path), "--to", "csv", "--out", str(tmp_path / "file" / "x.csv"))
@@ -236,6 +240,7 @@ def test_a_folder_that_may_not_be_written_is_one_line(dataset, tmp_path, ibdata)
     assert os.listdir(tmp_path) == ["file"]
 
 
+@pytest.mark.slow
 def test_the_help_has_what_each_format_works_around(ibdata):
     text = " ".join(ibdata("export", "--help").stdout.split())
     for words in (

@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 
 from ibdata.plots.summary import Summary
 
+pytestmark = pytest.mark.slow
+
 
 def pictured(name, dataset):
     figure = Figure()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from ibdata.plots.data import episodes
 from ibdata.plots.episode import PANELS, draw, frame
+
+pytestmark = pytest.mark.slow
 
 
 def seen(steps):

@@ -15,6 +15,8 @@ from ibdata.dynamics import VARIANTS
 from ibdata.errors import IbdataError, UsageError
 from ibdata.plots import DYNAMICS, figure, names
 
+pytestmark = pytest.mark.slow
+
 FIGURES = ["dynamics", "landscape", "policies", "setpoints"]
 
 

@@ -12,6 +12,8 @@ from ibdata.experiment import load
 from ibdata.plots.paper import dynamics, landscape, policies, setpoints
 from ibdata.rollout import rollout
 
+pytestmark = pytest.mark.slow
+
 UP_AND_BACK = [*range(7), *range(5, -7, -1)]
 
 

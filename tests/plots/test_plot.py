@@ -17,6 +17,8 @@ from ibdata import Experiment
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.plots import plot, plots
 
+pytestmark = pytest.mark.slow
+
 NAMES = ["actions", "coverage", "returns", "rewards", "splits", "traces", "tradeoff"]
 
 

@@ -109,6 +109,7 @@ def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line
     assert not (mine / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
 def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
@@ -162,6 +163,7 @@ READING = """
 """
 
 
+@pytest.mark.slow
 def test_reading_checking_splitting_and_merging_never_import_it(mine):
     for seed, name in enumerate(["out", "other"]):
         experiment = described(target="mine:actor", uniforms=3).model_copy(update={"seed": seed})

@@ -18,6 +18,8 @@ import pytest
 
 import ibdata.dynamics
 
+pytestmark = pytest.mark.slow
+
 DYNAMICS = Path(ibdata.dynamics.__file__).parent
 REPLAY = Path(__file__).with_name("replay.py")
 

@@ -21,6 +21,8 @@ from ibdata.errors import BusyError, DatasetError
 from ibdata.plots import drawn, plots
 from ibdata.report import card
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {
     "name": "tiny",
     "setpoints": [20.0, 70.0],
