@@ -7,10 +7,12 @@ from ibdata.registration import register as _register
 from ibdata.version import __version__
 
 if TYPE_CHECKING:
+    from ibdata.dataset.difference import difference
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
     from ibdata.dataset.validation import validate
     from ibdata.engines.array import finalize, generate_shards
+    from ibdata.engines.estimate import estimate
     from ibdata.engines.generate import generate
     from ibdata.engines.merge import merge
     from ibdata.engines.repair import repair
@@ -27,6 +29,8 @@ __all__ = [
     "Experiment",
     "IbdataError",
     "__version__",
+    "difference",
+    "estimate",
     "evaluate",
     "export",
     "finalize",
@@ -47,6 +51,8 @@ _HOMES = {
     "Dataset": ("ibdata.dataset.reader", "Dataset"),
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
+    "difference": ("ibdata.dataset.difference", "difference"),
+    "estimate": ("ibdata.engines.estimate", "estimate"),
     "evaluate": ("ibdata.evaluation", "evaluate"),
     "export": ("ibdata.exporters", "export"),
     "finalize": ("ibdata.engines.array", "finalize"),

@@ -17,6 +17,8 @@ def test_the_names_of_ibdata():
         "Experiment",
         "IbdataError",
         "__version__",
+        "difference",
+        "estimate",
         "evaluate",
         "export",
         "finalize",

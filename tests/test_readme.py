@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, flags=re.MULTILINE | re.DOTALL)
-BRIDGES = {folder.name for folder in (ROOT / "tests/bridges").iterdir()}
+VARIANTS = TEXT[TEXT.index("| variant | what it is |") : TEXT.index("All their differences")]
 SHELL = [line for language, block in BLOCKS if language == "sh" for line in block.splitlines()]
 
 
@@ -22,28 +22,32 @@ def test_the_two_commands_come_first_and_are_what_ci_runs():
     assert "README.md" in (ROOT / ".ci/run").read_text()
 
 
+TABLE = re.findall(r"^\| [^|]+ \| (?:`(ibdata [^`]+)`)? ?\| (?:`([^`]+)`)? ?\|$", TEXT, flags=re.MULTILINE)
+
+
+def test_there_are_tasks_and_most_are_shown_twice():
+    assert len(TABLE) >= 25
+    assert sum(bool(line and code) for line, code in TABLE) >= 25
+
+
 @pytest.mark.slow
-def test_every_command_and_snippet_runs_in_order(command: str, tmp_path: Path):
+def test_every_command_and_every_line_of_python_runs_in_order(command: str, tmp_path: Path):
+    """As one script, each in its turn; --config random.yaml and the variants' table come first."""
+    files = re.findall(r"^```\w+\n(# ([\w.]+)\n.*?)^```$", (ROOT / "docs/tasks.md").read_text(), re.M | re.S)
+    for block, name in files:
+        (tmp_path / name).write_text(block)
+    assert {"cautious.yaml", "my_policy.py"} == {name for _, name in files}
+    lines = [(line, "") for line in re.findall(r"\| `(ibdata generate [^`]+)` \| `", VARIANTS)]
+    assert len(lines) == 2
+    body = ["import subprocess", "import ibdata"]
+    for line, code in (*lines, *TABLE):
+        body += [f"subprocess.run({line!r}, shell=True, check=True)"] if line else []
+        body += [code] if code else []
+    script = tmp_path / "tasks.py"
+    script.write_text("if __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in body))
     env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
-    lines: list[list[str]] = [["sh", "-c", line] for line in re.findall(r"\| `(ibdata [^`]+)` \|", TEXT)]
-    for language, block in BLOCKS:
-        if language == "yaml":
-            (tmp_path / f"{block.split()[1]}.yaml").write_text(block)
-        if "class Cautious" in block:
-            (tmp_path / "my_policy.py").write_text(block)
-    for number, (language, block) in enumerate(BLOCKS[2:]):
-        if any(f"import {name}\n" in block or f"{name}://" in block for name in BRIDGES):
-            continue  # its bridge runs it, see tests/bridges
-        if language == "python":
-            script = tmp_path / f"snippet_{number}.py"
-            script.write_text(block)
-            lines.append([sys.executable, str(script)])
-        if language == "sh":
-            lines += [["sh", "-c", line] for line in block.splitlines()]
-    for line in lines:
-        done = subprocess.run(line, cwd=tmp_path, env=env, capture_output=True, text=True)
-        assert done.returncode == 0, (line, done.stderr)
-    assert len(lines) >= 15
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_experiment_shown_is_valid(tmp_path: Path):
@@ -86,4 +90,4 @@ def test_every_command_policy_and_format_is_named(command: str):
     for kind in POLICIES:
         assert f"kind: {kind}" in TEXT
     for name in FORMATS:
-        assert f"| `{name}` |" in TEXT
+        assert f"`{name}`" in TEXT

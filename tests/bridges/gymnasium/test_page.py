@@ -1,4 +1,4 @@
-"""The README's snippets that need Gymnasium run."""
+"""The page's snippets run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "docs/environment.md"
 
 
 def test_every_snippet_with_gymnasium_runs(tmp_path):
-    blocks = re.findall(r"^```python\n(.*?)^```$", README.read_text(), flags=re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
     found = [block for block in blocks if re.search(r"^import gymnasium$", block, flags=re.MULTILINE)]
     assert found
     for block in found:
