@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,6 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+# Background jobs of a shell ignore SIGINT, those under nohup SIGHUP, and children would inherit that; what is
+# handled here is at its default in them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, lambda number, frame: None)
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -46,7 +46,9 @@ def test_every_command_and_every_line_of_python_runs_in_order(command: str, tmp_
     script = tmp_path / "tasks.py"
     script.write_text("if __name__ == '__main__':\n" + "".join(f"    {line}\n" for line in body))
     env = {"PATH": f"{Path(command).parent}:/usr/bin:/bin", "HOME": str(Path.home())}
-    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, env=env, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=env, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 

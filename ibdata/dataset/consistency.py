@@ -7,13 +7,13 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
+from ibdata.dataset.frame import Frame, floats_of
 from ibdata.dataset.rules import Problem
-from ibdata.dataset.statistics import Moments, merged, moments
+from ibdata.dataset.statistics import Moments, joined, merged, moments
 
 
 class Part(NamedTuple):
@@ -81,15 +81,15 @@ def _root(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> I
         yield Problem(manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}")
 
 
-def moments_of(table: pa.Table, shard: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> Part:
+def moments_of(frame: Frame, shard: dict[str, Any], episodes: pa.Table) -> Part:
     """The moments of a shard, and of the rows of each split in it."""
-    floats: npt.NDArray[Any] = np.stack([table[name].to_numpy() for name in _floats(info)])
-    whole = moments(floats)
+    floats = floats_of(frame)
+    whole = joined([moments(values) for values in floats])
     of = {name: whole for name in shard["splits"]}
     lengths, names = episodes["length"].to_numpy(), episodes["splits"].to_pylist()
     for name in {name for own in names for name in own} - of.keys():
         rows = np.repeat([name in own for own in names], lengths)
-        of[name] = moments(np.ascontiguousarray(floats[:, rows]))
+        of[name] = joined([moments(np.ascontiguousarray(values[:, rows])) for values in floats])
     return Part(whole, of)
 
 

@@ -15,6 +15,8 @@ from typing import Any
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata.dataset.frame import Frame
+
 Run = npt.NDArray[Any] | list[bytes]
 
 
@@ -57,14 +59,12 @@ def content_root(described: Iterable[tuple[str, str]], episodes: Iterable[tuple[
     return hasher.hexdigest()
 
 
-def table_runs(table: pa.Table, described: list[dict[str, Any]], first_rows: list[int]) -> list[Run]:
+def table_runs(frame: Frame, table: pa.Table, first_rows: list[int]) -> list[Run]:
     """The columns of a table as `episode_digests` takes them, given the first row of each episode."""
     runs: list[Run] = []
-    for column in described:
-        if column["name"] == "episode":
-            continue
-        if column["dtype"] == "string":
-            runs.append([text(value) for value in table[column["name"]].take(first_rows).to_pylist()])
-        else:
-            runs.append(table[column["name"]].to_numpy().reshape(1, -1))
+    for names, values in frame:
+        if values is None:
+            runs.append([text(value) for value in table[names[0]].take(first_rows).to_pylist()])
+        elif names != ["episode"]:
+            runs.append(values[1:] if names[0] == "episode" else values)
     return runs

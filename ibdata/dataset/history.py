@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 Array = npt.NDArray[Any]
 
@@ -14,6 +16,8 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
     """Histories (N, 6 · history) of observations and of next observations, both (N, 6), newest first.
 
     step (N,) is each row's step within its episode; at the start the first observation is repeated.
+    Episodes are whole and in order. Copies, not views: a view would be of one episode only, and have negative
+    strides, which PyTorch refuses.
 
     >>> o = np.array([[1.0], [2.0], [5.0]]); n = np.array([[2.0], [3.0], [6.0]])
     >>> now, later = stacked(o, n, np.array([0, 1, 0]), 2)
@@ -22,8 +26,22 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
     """
     if history == 1:
         return observations, after
-    rows = np.arange(len(step))
-    first = rows - step
-    now = np.stack([observations[np.maximum(rows - lag, first)] for lag in range(history)], axis=1)
-    later = np.concatenate([after[:, None], now[:, :-1]], axis=1)
-    return now.reshape(len(step), -1), later.reshape(len(step), -1)
+    starts = np.flatnonzero(step == 0)
+    width = history * observations.shape[1]
+    now, later = (np.empty((len(step), width), dtype=observations.dtype) for _ in range(2))
+    for start, stop in pairwise([*starts.tolist(), len(step)]):
+        windows = _windows(observations[start:stop], after[stop - 1], history)
+        now[start:stop], later[start:stop] = windows[:-1], windows[1:]
+    return now, later
+
+
+def _windows(observations: Array, last: Array, history: int) -> Array:
+    """The histories (steps + 1, 6 · history) of an episode and of what came after it.
+
+    Frames are kept backwards in memory, so that the newest of each window comes first.
+    """
+    frames = np.concatenate(
+        [last[None], observations[::-1], np.repeat(observations[:1], history - 1, axis=0)]
+    )
+    windows = sliding_window_view(frames.reshape(-1), history * frames.shape[1])[:: frames.shape[1]]
+    return windows[::-1]

@@ -34,6 +34,11 @@ def moments(table: Table) -> Moments:
     return Moments(table.shape[1], mean, squares, low, high)
 
 
+def joined(parts: list[Moments]) -> Moments:
+    """The moments of the columns of all parts, which have the same rows."""
+    return Moments(parts[0].rows, *(np.concatenate(of) for of in list(zip(*parts, strict=True))[1:]))
+
+
 def merged(a: Moments, b: Moments) -> Moments:
     """The moments of the rows of both (Chan, Golub and LeVeque 1983)."""
     rows = a.rows + b.rows

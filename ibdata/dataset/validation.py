@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from ibdata.dataset import manifest, parquet, shape, storage
 from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.files import file_sha256
+from ibdata.dataset.frame import frame_of
 from ibdata.dataset.metadata import as_json
-from ibdata.dataset.rules import Problem, check_shard, nulls
+from ibdata.dataset.rules import THREADS, Problem, check_shard, nulls
 from ibdata.errors import DatasetError
 
 METADATA: dict[str, Callable[[Path, int], Any]] = {
@@ -52,8 +54,10 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
 
 def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     """Files that are missing, changed, or not listed."""
-    for entry in listed["files"]:
-        found = file_sha256(manifest.locate(folder, entry["path"]))
+    paths = [manifest.locate(folder, entry["path"]) for entry in listed["files"]]
+    with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
+        hashes = list(threads.map(file_sha256, paths))
+    for entry, found in zip(listed["files"], hashes, strict=True):
         if found is None:
             yield Problem(
                 entry["path"], None, "file", "found none, expected the file that the manifest lists"
@@ -87,10 +91,11 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
         own = episodes.filter(pa.array(shard_of == number))
         table, wrong = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
         if table is not None:
-            wrong += check_shard(table, shard, info, own)
+            frame = frame_of(table, info["columns"])
+            wrong += check_shard(table, frame, shard, info, own)
+            if not wrong:
+                parts.append(moments_of(frame, shard, own))
         yield from wrong
-        if table is not None and not wrong:
-            parts.append(moments_of(table, shard, info, own))
     if len(parts) == len(listed["shards"]):
         yield from check_statistics(stats, info, parts)
 

@@ -13,6 +13,7 @@ from ibdata.dataset import manifest, parquet
 from ibdata.dataset.digest import episode_digests, table_runs
 from ibdata.dataset.files import FileEntry, file_sha256, write
 from ibdata.dataset.finish import documents, finish, renew
+from ibdata.dataset.frame import frame_of
 from ibdata.dataset.shard import UNREAD, Written, content_of, describe
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
@@ -164,6 +165,8 @@ def _digests_on_disk(path: Path, experiment: Experiment, shard: Shard) -> list[b
         table = parquet.read(path)
         described = [column._asdict() for column in columns(experiment)]
         firsts = list(range(0, count * experiment.steps, experiment.steps))
-        return episode_digests(table_runs(table, described, firsts), [experiment.steps] * count)
+        return episode_digests(
+            table_runs(frame_of(table, described), table, firsts), [experiment.steps] * count
+        )
     except (DatasetError, ValueError, KeyError, IndexError):
         return None
