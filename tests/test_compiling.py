@@ -18,6 +18,8 @@ from numba.core.dispatcher import Dispatcher
 
 from ibdata import compiling
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(compiling.__file__).parent
 
 REPORT = """

@@ -348,6 +348,7 @@ def repeated_pairs(x):
     return pairs.size - np.unique(pairs).size
 
 
+@pytest.mark.slow
 def test_no_run_of_draws_occurs_again_and_a_stream_entered_twice_at_other_steps_is_found(series, other_seed):
     """By chance a pair would occur again with one of 600 seeds."""
     x = np.concatenate([each["normal_consumption"].reshape(-1, STEPS) for each in (series, other_seed)])
@@ -370,6 +371,7 @@ def count_duplicates(episodes):
     return len(episodes) - len(set(episodes))
 
 
+@pytest.mark.slow
 def test_no_two_of_many_short_episodes_are_equal_and_neither_are_their_actions():
     whole, actions = zip(*digests(EPISODES), strict=True)
     assert len(whole) == EPISODES

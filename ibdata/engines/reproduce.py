@@ -21,7 +21,7 @@ from ibdata.rollout import rollout
 
 
 def reproduce(
-    folder: str | os.PathLike[str], episodes: str | None = None, allow_code: bool = False
+    folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
 ) -> tuple[int, list[Problem]]:
     """How many episodes were made again, and those that have another digest than the dataset lists.
 
@@ -38,7 +38,7 @@ def reproduce(
     for experiment in recipe.experiments:
         warm_up(experiment)
     count, problems = 0, []
-    for part in _parts(recipe, episodes, len(digests)):
+    for part in _parts(recipe, None if episodes is None else str(episodes), len(digests)):
         experiment = recipe.of_shard(part)
         floats = rollout(experiment, part.first, part.stop)
         lengths = [experiment.steps] * (part.stop - part.first)

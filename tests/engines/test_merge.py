@@ -66,7 +66,7 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
     merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
     assert ibdata.reproduce(merged.path) == (18, [])
     assert ibdata.reproduce(merged.path, "4-9") == (6, [])
-    assert ibdata.reproduce(merged.path, "7") == (7, [])
+    assert ibdata.reproduce(merged.path, 7) == (7, [])
 
 
 @pytest.mark.parametrize(

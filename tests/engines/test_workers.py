@@ -97,12 +97,14 @@ def test_an_error_of_a_worker_reaches_the_caller_as_it_was(run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
 
+@pytest.mark.slow
 def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_path):
     lines = run("raise OSError(28, 'No space left on device')")
     assert lines[0] == "failed: IbdataError: True: a/b: cannot be written: No space left on device"
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
     lines = run("os._exit(9) if first == 4 else None; return filling(experiment, first, stop)")
     assert lines[0].startswith("failed: IbdataError: True: a/b/data/part-"), lines
