@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from ibdata.cli._generating import (
+    estimate_one,
+    estimate_suite,
+    generate_one,
+    generate_part,
+    generate_suite,
+    refuse_with_part,
+)
 from ibdata.cli._shared import (
     Place,
     allow_code_option,
     config_option,
     json_option,
-    print_json,
-    print_pairs,
     seed_option,
     set_option,
-    size,
 )
-from ibdata.errors import UsageError
-
-if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
-    from ibdata.experiment import Experiment
 
 
 @click.command("generate")
@@ -90,139 +89,18 @@ def command(
     whole: dict[str, Any] = {"resume": resume, "overwrite": overwrite}
     suite = is_suite(find(config))
     if shards is not None:
-        _refuse_with_shards(suite, overwrite, dry_run)
-        _generate_shards(config, shards, out, as_json, **changes, **common, **running)
+        refuse_with_part(suite, overwrite, dry_run)
+        generate_part(config, shards, out, as_json, **changes, **common, **running)
     elif suite and dry_run:
-        _estimate_all(config, out, as_json, **changes, **common, **whole)
+        estimate_suite(config, out, as_json, **changes, **common, **whole)
     elif suite:
-        _generate_all(config, out, as_json, **changes, **common, **running, **whole)
+        generate_suite(config, out, as_json, **changes, **common, **running, **whole)
     else:
         from ibdata.engines.generate import default_folder, resolve
 
         experiment = resolve(config, **changes)
         folder = out or default_folder(experiment)
         if dry_run:
-            _estimate(experiment, folder, as_json, **common, **whole)
+            estimate_one(experiment, folder, as_json, **common, **whole)
         else:
-            _generate(experiment, folder, as_json, **common, **running, **whole)
-
-
-def _estimate(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
-    from ibdata.engines.estimate import estimate
-    from ibdata.experiment import as_yaml
-
-    made = estimate(experiment, folder, **options)
-    if as_json:
-        print_json({"experiment": experiment.plain(), **made})
-        return
-    click.echo(as_yaml(experiment).decode())
-    _print_estimate(made)
-
-
-def _estimate_all(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
-    from ibdata.engines.suite import estimate_all
-
-    made = estimate_all(config, out, **options)
-    total = {key: sum(m[key] for m in made) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
-    total |= {"out": str(Path(made[0]["out"]).parent), "workers": max(m["workers"] for m in made)}
-    if as_json:
-        print_json({"experiments": made, **total})
-        return
-    for m in made:
-        click.echo(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
-    click.echo()
-    _print_estimate(total)
-
-
-def _print_estimate(made: dict[str, Any]) -> None:
-    print_pairs(
-        [
-            ("out", f"{made['out']} (nothing is written)"),
-            ("episodes", made["episodes"]),
-            ("rows", made["rows"]),
-            ("shards", made["shards"]),
-            ("bytes", f"{made['bytes']} ({size(made['bytes'])}, estimated from a sample)"),
-            ("seconds", f"{made['seconds']:.1f} with {made['workers']} workers (estimated from a sample)"),
-        ]
-    )
-
-
-def _generate(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
-    from ibdata.engines.generate import generate
-
-    start = time.perf_counter()
-    dataset = generate(experiment, folder, **options)
-    seconds = time.perf_counter() - start
-    counts = dataset.info["counts"]
-    if as_json:
-        print_json({**_described(dataset), "seconds": seconds})
-        return
-    print_pairs(
-        [
-            ("dataset", folder),
-            ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {counts['steps']} steps"),
-            ("files", f"{counts['shards']} Parquet, {size(counts['data_bytes'])}"),
-            ("content root", dataset.content_root),
-            ("time", f"{seconds:.1f} s"),
-        ]
-    )
-
-
-def _refuse_with_shards(suite: bool, overwrite: bool, dry_run: bool) -> None:
-    others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
-    for name, found in others.items():
-        if found:
-            raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
-
-
-def _generate_shards(config: str, shards: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
-    from ibdata.engines.array import generate_shards
-
-    made = generate_shards(config, shards, out, **options)
-    if as_json:
-        print_json(
-            {
-                "out": str(made.folder),
-                "range": shards,
-                "shards": made.shards,
-                "rows": made.rows,
-                "missing": made.missing,
-            }
-        )
-        return
-    click.echo(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
-    if made.missing:
-        click.echo(
-            f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}"
-        )
-    else:
-        click.echo(f"all shards are there: ibdata finalize {made.folder}")
-
-
-def _generate_all(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
-    from ibdata.engines.suite import generate_all
-
-    start = time.perf_counter()
-    made = generate_all(config, out, **options)
-    seconds = time.perf_counter() - start
-    folder = next(iter(made.values())).path.parent
-    rows, data_bytes = (sum(d.info["counts"][key] for d in made.values()) for key in ("rows", "data_bytes"))
-    if as_json:
-        datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]
-        print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
-        return
-    for dataset in made.values():
-        click.echo(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
-    click.echo()
-    print_pairs(
-        [
-            ("datasets", f"{len(made)} in {folder}"),
-            ("rows", rows),
-            ("bytes", size(data_bytes)),
-            ("time", f"{seconds:.1f} s"),
-        ]
-    )
-
-
-def _described(dataset: Dataset) -> dict[str, Any]:
-    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}
+            generate_one(experiment, folder, as_json, **common, **running, **whole)

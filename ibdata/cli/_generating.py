@@ -1,0 +1,143 @@
+"""The forms of `ibdata generate`, and what they print."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ibdata.cli._shared import print_json, print_pairs, size
+from ibdata.errors import UsageError
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+    from ibdata.experiment import Experiment
+
+
+def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
+    """What one experiment would make."""
+    from ibdata.engines.estimate import estimate
+    from ibdata.experiment import as_yaml
+
+    made = estimate(experiment, folder, **options)
+    if as_json:
+        print_json({"experiment": experiment.plain(), **made})
+        return
+    click.echo(as_yaml(experiment).decode())
+    _print_estimate(made)
+
+
+def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
+    """What each experiment of a folder would make, and all."""
+    from ibdata.engines.suite import estimate_all
+
+    made = estimate_all(config, out, **options)
+    total = {key: sum(m[key] for m in made) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
+    total |= {"out": str(Path(made[0]["out"]).parent), "workers": max(m["workers"] for m in made)}
+    if as_json:
+        print_json({"experiments": made, **total})
+        return
+    for m in made:
+        click.echo(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
+    click.echo()
+    _print_estimate(total)
+
+
+def _print_estimate(made: dict[str, Any]) -> None:
+    print_pairs(
+        [
+            ("out", f"{made['out']} (nothing is written)"),
+            ("episodes", made["episodes"]),
+            ("rows", made["rows"]),
+            ("shards", made["shards"]),
+            ("bytes", f"{made['bytes']} ({size(made['bytes'])}, estimated from a sample)"),
+            ("seconds", f"{made['seconds']:.1f} with {made['workers']} workers (estimated from a sample)"),
+        ]
+    )
+
+
+def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
+    """Make one dataset."""
+    from ibdata.engines.generate import generate
+
+    start = time.perf_counter()
+    dataset = generate(experiment, folder, **options)
+    seconds = time.perf_counter() - start
+    counts = dataset.info["counts"]
+    if as_json:
+        print_json({**_described(dataset), "seconds": seconds})
+        return
+    print_pairs(
+        [
+            ("dataset", folder),
+            ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {counts['steps']} steps"),
+            ("files", f"{counts['shards']} Parquet, {size(counts['data_bytes'])}"),
+            ("content root", dataset.content_root),
+            ("time", f"{seconds:.1f} s"),
+        ]
+    )
+
+
+def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
+    """Raise UsageError for what does not go with --shards."""
+    others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
+    for name, found in others.items():
+        if found:
+            raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
+
+
+def generate_part(config: str, shards: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
+    """Make a part of a dataset's files."""
+    from ibdata.engines.array import generate_shards
+
+    made = generate_shards(config, shards, out, **options)
+    if as_json:
+        print_json(
+            {
+                "out": str(made.folder),
+                "range": shards,
+                "shards": made.shards,
+                "rows": made.rows,
+                "missing": made.missing,
+            }
+        )
+        return
+    click.echo(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
+    if made.missing:
+        click.echo(
+            f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}"
+        )
+    else:
+        click.echo(f"all shards are there: ibdata finalize {made.folder}")
+
+
+def generate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
+    """Make the datasets of a folder of experiments."""
+    from ibdata.engines.suite import generate_all
+
+    start = time.perf_counter()
+    made = generate_all(config, out, **options)
+    seconds = time.perf_counter() - start
+    folder = next(iter(made.values())).path.parent
+    rows, data_bytes = (sum(d.info["counts"][key] for d in made.values()) for key in ("rows", "data_bytes"))
+    if as_json:
+        datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]
+        print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
+        return
+    for dataset in made.values():
+        click.echo(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
+    click.echo()
+    print_pairs(
+        [
+            ("datasets", f"{len(made)} in {folder}"),
+            ("rows", rows),
+            ("bytes", size(data_bytes)),
+            ("time", f"{seconds:.1f} s"),
+        ]
+    )
+
+
+def _described(dataset: Dataset) -> dict[str, Any]:
+    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}
