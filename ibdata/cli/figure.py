@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ibdata.cli._shared import json_option, print_json
 from ibdata.plots import DYNAMICS, figure, names
 
 
@@ -20,7 +21,10 @@ from ibdata.plots import DYNAMICS, figure, names
 @click.option("--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True)
 @click.option("--seed", type=int, metavar="N", help="Of the episodes drawn, where any are.")
 @click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
-def command(name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool) -> None:
+@json_option
+def command(
+    name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool, as_json: bool
+) -> None:
     """Draw a figure of the benchmark's paper and print the file's name.
 
     \b
@@ -33,4 +37,8 @@ def command(name: str, out: Path | None, dynamics: str, seed: int | None, overwr
     ibdata figure landscape
     ibdata figure dynamics --dynamics paper --seed 3 --out dynamics-paper.svg
     """
-    click.echo(figure(name, out, dynamics, seed, overwrite))
+    path = figure(name, out, dynamics, seed, overwrite)
+    if as_json:
+        print_json({"files": [str(path)]})
+        return
+    click.echo(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument
+from ibdata.cli._shared import folder_argument, json_option, print_json
 from ibdata.plots import FOLDER, FORMS, plot
 
 
@@ -22,7 +22,8 @@ from ibdata.plots import FOLDER, FORMS, plot
 )
 @click.option("--format", "form", type=click.Choice(FORMS), default="png", show_default=True)
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
-def command(folder: Path, out: Path, form: str, overwrite: bool) -> None:
+@json_option
+def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) -> None:
     """Draw a dataset into seven files and print their names.
 
     \b
@@ -38,5 +39,9 @@ def command(folder: Path, out: Path, form: str, overwrite: bool) -> None:
     ibdata plot data/random
     ibdata plot data/transfer --out pictures --format svg
     """
-    for path in plot(folder, out, form, overwrite):
+    paths = plot(folder, out, form, overwrite)
+    if as_json:
+        print_json({"files": [str(path) for path in paths]})
+        return
+    for path in paths:
         click.echo(path)

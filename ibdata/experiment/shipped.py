@@ -42,7 +42,7 @@ def find(config: str | os.PathLike[str]) -> Path:
     if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for a refused name
         return path
     known = {**shipped(), **suites()}
-    name = os.fspath(config).removesuffix(".yaml")
+    name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
     if name not in known:
         raise UsageError(
             f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(_short(known))}"

@@ -45,7 +45,7 @@ def test_overrides_and_seed_go_to_each(folder):
 
 
 def test_a_suite_is_shipped_under_its_name_and_each_of_its_files_under_both():
-    assert find("siemens-offline") == suites()["siemens-offline"]
+    assert find("siemens-offline") == find("siemens-offline/") == suites()["siemens-offline"]
     assert find("siemens-offline/bad-20.yaml") == shipped()["siemens-offline/bad-20"]
     assert load("siemens-offline/bad-20").name == "bad-20"
     assert len(load_all("siemens-offline")) == 16

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -76,7 +77,8 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
         "mine.png: exists already; expected another name, or --overwrite (overwrite=True)\n"
     )
     assert (tmp_path / "mine.png").read_text() == "mine"
-    assert ibdata("figure", "setpoints", "--out", "mine.png", "--overwrite").returncode == 0
+    done = ibdata("figure", "setpoints", "--out", "mine.png", "--overwrite", "--json")
+    assert json.loads(done.stdout) == {"version": 1, "files": ["mine.png"]}
     assert (tmp_path / "mine.png").read_bytes().startswith(b"\x89PNG")
     (tmp_path / "link.png").symlink_to("nowhere")
     with pytest.raises(UsageError, match="exists already"):

@@ -47,7 +47,8 @@ def test_the_command_draws_what_python_draws_and_prints_the_files(ibdata, merged
 
 
 def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
-    assert ibdata("plot", str(many.path), "--out", "svg", "--format", "svg").returncode == 0
+    done = ibdata("plot", str(many.path), "--out", "svg", "--format", "svg", "--json")
+    assert json.loads(done.stdout) == {"version": 1, "files": [f"svg/{name}.svg" for name in NAMES]}
     texts = {path.stem: path.read_text() for path in (tmp_path / "svg").iterdir()}
     assert sorted(texts) == NAMES
     for text in texts.values():
