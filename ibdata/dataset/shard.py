@@ -68,10 +68,10 @@ def write_shard(recipe: Recipe, shard: Shard, folder: Path, floats: Columns | No
                 encoded.append(threads[0].submit(writer.write_table, part, row_group_size=ROW_GROUP_ROWS))
             hashed.append(threads[1].submit(_digests, experiment, shard, made, rows, ready))
             rows = ready
-        for future in encoded:
-            future.result()
         digests = [digest for future in hashed for digest in future.result()]
         content = describe(recipe, shard, made, digests)
+        for future in encoded:
+            future.result()
     return Written(shard, FileEntry(shard.file, file.size, file.sha256()), content)
 
 
