@@ -23,7 +23,12 @@ if TYPE_CHECKING:
     help="A kind, a block such as '{kind: safe}', or a file with one; several to compare them.",
 )
 @click.option(
-    "--setpoint", "setpoints", type=float, multiple=True, default=[70.0], help="One or several; default 70."
+    "--setpoint",
+    "setpoints",
+    multiple=True,
+    default=["70"],
+    metavar="P",
+    help="One or several; or drifting, or '{drifting: [50, 70]}', which begin there. Default 70.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps of an episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="In [0, 1].")
@@ -37,7 +42,7 @@ if TYPE_CHECKING:
 @json_option
 def command(
     policies: tuple[str, ...],
-    setpoints: tuple[float, ...],
+    setpoints: tuple[str, ...],
     start: str,
     dynamics: str,
     as_json: bool,
@@ -52,9 +57,10 @@ def command(
     """
     from ibdata.evaluation import evaluate
 
+    points = [_value("--setpoint", text) for text in setpoints]
     evaluation = evaluate(
         list(policies),
-        setpoints,
+        points if len(points) > 1 else points[0],
         start=_value("--start", start),
         dynamics=_value("--dynamics", dynamics),
         **settings,

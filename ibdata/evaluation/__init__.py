@@ -69,7 +69,7 @@ class Evaluation:
 
 def evaluate(
     policy: Any,
-    setpoint: float | Sequence[float] = 70.0,
+    setpoint: float | Sequence[float] | str | dict[str, Any] = 70.0,
     *,
     steps: int = 100,
     discount: float = 0.97,
@@ -85,7 +85,8 @@ def evaluate(
     A policy is a kind such as "optimized", a block (mapping, YAML text or file), a `Policy`, or any object
     with `act(history, u)` or `predict(observation)`; the latter sees `history` observations, newest first,
     flattened to (n, 6 · history). The return is the sum over t of discount to the t times the reward.
-    setpoint is one or several; start and dynamics are as in an experiment. All policies meet the same random
+    setpoint is one or several, or "drifting", or {"drifting": [50, 70]}, which begin there and move, and for
+    which there is no score; start and dynamics are as in an experiment. All policies meet the same random
     numbers of the environment, so their differences are paired, episode by episode. allow_code lets a custom
     policy run that a file names.
 
@@ -99,18 +100,19 @@ def evaluate(
     policies = [policy_of(p, history, allow_code) for p in given]
     if not policies:
         raise UsageError("policy: found none, expected at least one")
-    setpoints = list(setpoint) if isinstance(setpoint, Sequence) else [setpoint]
     plain = {
         "name": "evaluate",
-        "setpoints": setpoints,
+        "setpoints": list(setpoint) if isinstance(setpoint, tuple) else setpoint,
         "dynamics": dynamics,
         "policies": [{"kind": "random"}],
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
     experiment = validated({**plain, **settings}).model_copy(update={"policies": policies})
     discounted, undiscounted = returns(experiment, float(discount))
-    scale = reference.scale(experiment.dynamics, experiment.start, steps, discount)
-    points = [cell.setpoint for cell in experiment.cells[: len(setpoints)]]
+    scale = None
+    if not experiment.drifting:
+        scale = reference.scale(experiment.dynamics, experiment.start, steps, discount)
+    points = [cell.setpoint for cell in experiment.cells[: discounted.shape[1]]]
     results: list[Result] = []
     labels = experiment.labels
     for i, label in enumerate(labels):

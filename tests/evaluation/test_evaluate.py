@@ -224,7 +224,7 @@ def test_plain_is_json():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"setpoint": 101}, "setpoints.0: found 101, expected a number of at most 100"),
+        ({"setpoint": 101}, "setpoints: found 101, expected a number of at most 100"),
         ({"setpoint": []}, "setpoints: found [], expected at least 1 item"),
         ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
         (
@@ -266,3 +266,12 @@ def test_a_policy_may_stand_in_a_file(tmp_path):
 def test_labels_are_the_names_and_later_equal_ones_are_numbered():
     found = evaluate(["safe", {"kind": "safe"}, {"kind": "safe", "name": "calm"}], episodes=2, steps=2)
     assert [r.policy for r in found.results] == ["safe", "safe-2", "calm"]
+
+
+def test_a_moving_setpoint_begins_where_it_says_and_has_no_score():
+    one, two = (evaluate("safe", p, episodes=20) for p in ("drifting", {"drifting": [50, 80]}))
+    assert [result.setpoint for result in two.results] == [50.0, 80.0, None]
+    assert one.results[0] == two.results[0]
+    assert evaluate("safe", 50, episodes=20).results[0].mean_return != one.results[0].mean_return
+    assert {result.score for result in (*one.results, *two.results)} == {None}
+    assert (one.scale, two.scale) == (None, None)
