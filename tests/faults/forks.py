@@ -22,9 +22,9 @@ def load(config: str) -> None:
     """Import and compile what a run needs."""
     import ibdata.cli.generate
     import ibdata.cli.validate
-    from ibdata.engines import estimate, generate, warmup
+    from ibdata.engines import estimate, generate, local, warmup
 
-    assert all((ibdata.cli.generate, ibdata.cli.validate, estimate))
+    assert all((ibdata.cli.generate, ibdata.cli.validate, estimate, local))
     warmup.warm_up(generate.resolve(config))
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
