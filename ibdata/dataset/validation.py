@@ -12,12 +12,13 @@ from typing import Any
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet, shape, storage
+from ibdata.dataset.check import THREADS, check_shard
 from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.files import file_sha256
 from ibdata.dataset.frame import frame_of
 from ibdata.dataset.metadata import as_json
-from ibdata.dataset.rules import THREADS, Problem, check_shard, nulls
+from ibdata.dataset.rules import Problem, nulls
 from ibdata.errors import DatasetError
 
 METADATA: dict[str, Callable[[Path, int], Any]] = {
