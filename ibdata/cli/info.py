@@ -30,10 +30,10 @@ def command(folder: Path | str, as_json: bool) -> None:
     from ibdata.dataset.reader import Dataset
 
     dataset = Dataset(folder)
-    info, counts = dataset.info, dataset.info["counts"]
+    info, counts, returns = dataset.info, dataset.info["counts"], dataset.returns()
     if as_json:
         root = dataset.content_root
-        print_json({"path": str(folder), "content_root": root, "info": info, "returns": dataset.returns()})
+        print_json({"path": str(folder), "content_root": root, "info": info, "returns": returns})
         return
     pairs = [
         ("name", info["name"]),
@@ -48,7 +48,7 @@ def command(folder: Path | str, as_json: bool) -> None:
         pairs.append((role, ", ".join(names)))
     print_pairs(pairs)
     click.echo()
-    _print_returns(dataset.returns())
+    _print_returns(returns)
 
 
 def _print_returns(returns: dict[str, Any]) -> None:

@@ -64,7 +64,7 @@ def generate_shards(
     run = chosen(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
-    folder = Path(out) if out is not None else default_folder(experiment)
+    folder = target.meant(out) if out is not None else default_folder(experiment)
     recipe = Recipe.of(experiment)
     refuse_code(recipe, experiment.name, allow_code)
     name = f"{target.RANGE_LOCK}{own.part}-{own.parts}"

@@ -67,7 +67,7 @@ def generate(
         folder = uploading.work_folder(remote, experiment)
         _generate(experiment, folder, run, True, False, progress)
         return uploading.upload(remote, folder)
-    folder = Path(out) if out is not None else default_folder(experiment)
+    folder = target.meant(out) if out is not None else default_folder(experiment)
     refuse_code(Recipe.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)
     return Dataset(folder)

@@ -43,7 +43,7 @@ def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str])
     Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
     lists; then nothing is left behind. What a killed run left is taken away by the next.
     """
-    folder = Path(out)
+    folder = target.meant(out)
     root = folder / manifest.NEXT
     _refuse(folder)
     lock.refuse_busy(folder)

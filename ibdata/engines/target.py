@@ -24,6 +24,12 @@ def identity(experiment: Experiment) -> str:
     return hashlib.sha256(as_yaml(experiment) + bytes([manifest.DATA_VERSION])).hexdigest()
 
 
+def meant(out: str | os.PathLike[str]) -> Path:
+    """The folder that is meant; `..` after a folder that there is not leads back to where that would be."""
+    folder = Path(out)
+    return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
+
+
 def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
     """Where the run is to be written: the folder, or `.next` in it where a dataset is to be replaced.
 
