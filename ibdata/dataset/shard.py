@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -47,13 +47,10 @@ class Written(NamedTuple):
     content: Content
 
 
-def write_shard(
-    recipe: Recipe, shard: Shard, folder: Path, floats: Columns | None = None, overlap: bool = True
-) -> Written:
+def write_shard(recipe: Recipe, shard: Shard, folder: Path, floats: Columns | None = None) -> Written:
     """Commit a shard to its file: simulated, or with these columns.
 
-    With overlap, what is there is encoded and hashed while the rest is simulated; all three let go of
-    Python's lock. Where other processes use the other processors, it is faster to do one after the other.
+    What is there is encoded and hashed while the rest is simulated; all three let go of Python's lock.
     """
     experiment = recipe.of_shard(shard)
     total = (shard.stop - shard.first) * experiment.steps
@@ -61,11 +58,7 @@ def write_shard(
     encoded: list[Future[None]] = []
     hashed: list[Future[list[bytes]]] = []
     rows = 0
-    with (
-        committed(folder, shard.file) as file,
-        _writer(experiment, file) as writer,
-        _threads(overlap) as threads,
-    ):
+    with committed(folder, shard.file) as file, _writer(experiment, file) as writer, _threads() as threads:
         for made, ready in parts:
             if rows == 0:
                 table = arrow_table(experiment, shard, made)  # without a copy: it fills as the columns do
@@ -87,22 +80,9 @@ def _writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:
     return pq.ParquetWriter(file, arrow_schema(described), **writer_options(described))
 
 
-class _Here(Executor):
-    """Does at once what it is given."""
-
-    def submit(self, call: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
-        """The result, or the exception raised here."""
-        future: Future[Any] = Future()
-        future.set_result(call(*args, **options))
-        return future
-
-
 @contextmanager
-def _threads(overlap: bool) -> Iterator[tuple[Executor, Executor]]:
-    """One thread to encode in order, one to hash; or this one for both."""
-    if not overlap:
-        yield _Here(), _Here()
-        return
+def _threads() -> Iterator[tuple[ThreadPoolExecutor, ThreadPoolExecutor]]:
+    """One thread to encode in order, one to hash."""
     with ThreadPoolExecutor(1) as encoder, ThreadPoolExecutor(1) as hasher:
         yield encoder, hasher
 

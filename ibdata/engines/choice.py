@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ibdata.dataset.shard import Written
-from ibdata.engines.processors import processors
 from ibdata.errors import UsageError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -31,7 +31,7 @@ def chosen(name: str, workers: int | None, address: str | None) -> Run:
 def worker_count(workers: int | None) -> int:
     """The number of processes to use: as asked for, or one a processor."""
     if workers is None:
-        return processors()
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not 1 <= workers <= MAX_WORKERS:
         raise UsageError(f"workers: found {workers}, expected a whole number in [1, {MAX_WORKERS}]")
     return workers

@@ -15,7 +15,6 @@ from typing import Any
 
 from ibdata.dataset import receipt
 from ibdata.dataset.shard import Written, write_shard
-from ibdata.engines.processors import processors
 from ibdata.engines.signals import check, held
 from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError
@@ -63,7 +62,7 @@ def _pool(recipe: Recipe, shards: list[Shard], root: Path, identity: str, worker
             min(workers, len(shards)),
             multiprocessing.get_context("spawn"),
             initializer=_start,
-            initargs=(recipe.plain(), root, identity, workers < processors()),
+            initargs=(recipe.plain(), root, identity),
         )
     waiting = iter(shards)
     running: set[Future[Written]] = set()
@@ -92,15 +91,15 @@ def _one(shards: Iterator[Shard]) -> list[Shard]:
     return [shard for _, shard in zip(range(1), shards, strict=False)]
 
 
-_job: list[Any] = []  # a worker's recipe, folder, identity and way to write, set once when it starts
+_job: list[Any] = []  # a worker's recipe, folder and identity, set once when it starts
 
 
-def _start(plain: dict[str, Any], root: Path, identity: str, overlap: bool) -> None:
+def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _job[:] = [Recipe.from_plain(plain), root, identity, overlap]
+    _job[:] = [Recipe.from_plain(plain), root, identity]
 
 
 def _end_with_parent() -> None:
@@ -112,12 +111,12 @@ def _end_with_parent() -> None:
 
 
 def _work(shard: Shard) -> Written:
-    recipe, root, identity, overlap = _job
-    return written(recipe, shard, root, identity, overlap)
+    recipe, root, identity = _job
+    return written(recipe, shard, root, identity)
 
 
-def written(recipe: Recipe, shard: Shard, root: Path, identity: str, overlap: bool = True) -> Written:
-    """A shard that is on the disk, and its receipt after it; for overlap see `write_shard`."""
-    made = write_shard(recipe, shard, root, overlap=overlap)
+def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
+    """A shard that is on the disk, and its receipt after it."""
+    made = write_shard(recipe, shard, root)
     receipt.put(root, identity, made)
     return made

@@ -99,7 +99,7 @@ def _work(job: tuple[dict[str, Any], Path, str], shard: Shard) -> Written:
     sweep_shards(root, [shard])  # of a worker that died at it
     if not _same_bits():
         record.put(root, record.Range(1, 1), False, provenance(recipe))
-    return local.written(recipe, shard, root, identity, overlap=False)
+    return local.written(recipe, shard, root, identity)
 
 
 _same_bits = cache(known_answer.matches)
