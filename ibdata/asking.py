@@ -23,19 +23,21 @@ class Asked(NamedTuple):
     policy: Policy
     label: str
     first: int  # the episode in lane 0
+    lanes: int
 
     def act(
         self, seen: npt.NDArray[np.float32], u: npt.NDArray[np.float64], out: npt.NDArray[np.float32], t: int
     ) -> int:
         """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped.
 
+        A policy that sees nothing may act for several steps, from t on: n is that many times the lanes.
         Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
         """
         action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
         clipped = int(lanes.to_action(action, out))
         if clipped < 0:
             lane = -1 - clipped
-            place = self._place(t, self.first + lane)
+            place = self._place(t + lane // self.lanes, self.first + lane % self.lanes)
             raise PolicyError(f"{place}: found action {action[lane]}, expected finite numbers")
         return clipped
 

@@ -22,19 +22,23 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 
 PACKAGE = Path(__file__).resolve().parent
-SOURCES = ("compiling.py", "noise.py", "lanes.py", "dataset/statistics.py", "dynamics/*.py", "policies/*.py")
+SOURCES = (
+    *("compiling.py", "philox.py", "noise.py", "packed.py", "lanes.py"),
+    *("dataset/statistics.py", "dynamics/*.py", "policies/*.py"),
+)
 
 
 def compiled(function: F) -> F:
     """`numba.njit` with fastmath off and the cache in `FOLDER`; plain Python under NUMBA_DISABLE_JIT=1.
 
-    It lets go of Python's lock, so that what is simulated can be encoded and hashed meanwhile.
+    It lets go of Python's lock, so that what is simulated can be encoded and hashed meanwhile. A division by
+    zero, which no equation has, would give an infinity: a test for it would keep loops from being vectorized.
     """
     config: Any = numba.config
     before = config.CACHE_DIR
     config.CACHE_DIR = FOLDER  # numba decides where a function is kept when it is decorated
     try:
-        return cast(F, numba.njit(cache=True, nogil=True)(function))
+        return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
     finally:
         config.CACHE_DIR = before
 

@@ -11,7 +11,9 @@ from ibdata.compiling import compiled
 from ibdata.dynamics.state import Floats, Noise, State
 from ibdata.dynamics.step import advance
 from ibdata.dynamics.variants import Parameters
-from ibdata.noise import Raw, drift_noise, standard_noise
+from ibdata.noise import blank_noise, drift_noise, standard_noise
+from ibdata.packed import Packed, unpacked
+from ibdata.philox import Raw
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
@@ -41,10 +43,13 @@ def to_action(proposed: Floats, out: Float32s) -> int:
 def step_lanes(
     state: State, action: Float32s, raw: Raw, drift: Raw, t: int, noise: Noise, k: Parameters
 ) -> None:
-    """One step in place with the integers of step t; drift has no steps for constant setpoints."""
-    standard_noise(raw, t, noise)
-    if drift.shape[1] > 0:
-        drift_noise(drift, t, noise)
+    """One step in place with the integers (8, n) and (4, n) of step t.
+
+    drift has no steps for constant setpoints.
+    """
+    standard_noise(raw[t], noise)
+    if drift.shape[0] > 0:
+        drift_noise(drift[t], noise)
     advance(state, action, noise, k)
 
 
@@ -52,6 +57,8 @@ def step_lanes(
 def observe(state: State, history: Float32s, first: bool) -> None:
     """Push the observation into a history (n, frames, 6), newest first; at first into every frame."""
     frames = history.shape[1]
+    if frames == 0:
+        return
     for i in range(history.shape[0]):
         for j in range(frames - 1, 0, -1):
             for c in range(6):
@@ -108,22 +115,26 @@ def record_state(state: State, out: AnyFloats, drifting: bool) -> None:
 
 
 @compiled
-def advance_and_record(
-    state: State,
-    action: Float32s,
+def simulate(
+    packed: Packed,
+    actions: Float32s,
     raw: Raw,
     drift: Raw,
-    t: int,
-    noise: Noise,
     k: Parameters,
     history: Float32s,
-    out: AnyFloats,
+    record: AnyFloats,
     drifting: bool,
 ) -> None:
-    """One step of every lane in place, then what the policy sees and what the dataset keeps of it."""
-    step_lanes(state, action, raw, drift, t, noise, k)
-    observe(state, history, False)
-    record_state(state, out, drifting)
+    """Steps of every lane in place with actions (steps, n, 3), and what is seen and kept of each.
+
+    The record (steps, n, variables) holds the state after each step, the history what a policy sees last.
+    """
+    state = unpacked(packed)
+    noise = blank_noise(actions.shape[1])
+    for t in range(actions.shape[0]):
+        step_lanes(state, actions[t], raw, drift, t, noise, k)
+        observe(state, history, False)
+        record_state(state, record[t], drifting)
 
 
 TILE = 16

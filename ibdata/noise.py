@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import hashlib
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.compiling import compiled
 from ibdata.dynamics.exact import exp as exp  # policies take these from here
-from ibdata.dynamics.exact import exponential, normal
+from ibdata.dynamics.exact import exponential, normal, normals
 from ibdata.dynamics.exact import log as log
 from ibdata.dynamics.state import Floats, Noise
+from ibdata.philox import BLOCK, Raw, fill
 
-Raw = npt.NDArray[np.uint64]
-
-BLOCK = 4  # integers that Philox makes at one counter
 DYNAMICS_SLOTS = 8
 DRIFT_SLOTS = 4
 
@@ -54,28 +51,17 @@ def slots(draws: int) -> int:
     return -(-draws // BLOCK) * BLOCK
 
 
-class Source:
-    """Philox, set to one address after another (re-keying costs 1 µs, a new generator 7 µs)."""
+def integers(
+    keys: Raw, indices: npt.NDArray[np.int64], purpose: Purpose, step: int, steps: int, slots: int
+) -> Raw:
+    """The integers (steps, slots, n) of n episodes from `step` on, with keys (n, 2) and indices (n,).
 
-    def __init__(self) -> None:
-        self._philox = np.random.Philox(key=0)
-        self._state: dict[str, Any] = dict(self._philox.state)
-
-    def raw(self, key: Raw, index: int, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
-        """The integers (steps, slots) of one episode from `step` on; slots is a multiple of 4."""
-        counter = np.array([step * slots // BLOCK, int(purpose), index, 0], dtype=np.uint64)
-        self._state["state"] = {"counter": counter, "key": key}
-        self._philox.state = self._state  # type: ignore[assignment]  # the type is private to numpy
-        return self._philox.random_raw(steps * slots).reshape(steps, slots)
-
-    def lanes(
-        self, keys: Raw, indices: npt.NDArray[np.int64], purpose: Purpose, step: int, steps: int, slots: int
-    ) -> Raw:
-        """The integers (n, steps, slots) of n episodes with keys (n, 2) and indices (n,)."""
-        out = np.empty((len(indices), steps, slots), dtype=np.uint64)
-        for lane, (key, index) in enumerate(zip(keys, indices.tolist(), strict=True)):
-            out[lane] = self.raw(key, index, purpose, step, steps, slots)
-        return out
+    slots is a multiple of 4, those of one step.
+    """
+    out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
+    with np.errstate(over="ignore"):  # where nothing is compiled, numpy tells of products past 64 bits
+        fill(keys, indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out)
+    return out
 
 
 @compiled
@@ -99,37 +85,52 @@ def standard_normal(u: float) -> float:
 
 
 @compiled
-def uniforms(raw: Raw, t: int, out: Floats) -> None:
-    """U(0, 1) (n, draws) of step t from integers (n, steps, slots)."""
+def uniforms(raw: Raw, out: Floats) -> None:
+    """U(0, 1) (steps, n, draws) from integers (steps, slots, n)."""
+    for t in range(out.shape[0]):
+        for j in range(out.shape[2]):
+            for i in range(out.shape[1]):
+                out[t, i, j] = uniform(raw[t, j, i])
+
+
+@compiled
+def _uniforms(raw: Raw, out: Floats) -> None:
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = uniform(raw[i, t, j])
+        out[i] = uniform(raw[i])
 
 
 @compiled
-def standard_noise(raw: Raw, t: int, noise: Noise) -> None:
-    """The noise of step t for a constant setpoint, from integers (n, steps, 8); slots in field order."""
-    for i in range(raw.shape[0]):
-        noise.exp_v[i] = exponential(uniform(raw[i, t, 0]))
-        noise.exp_g[i] = exponential(uniform(raw[i, t, 1]))
-        noise.bernoulli_v[i] = uniform(raw[i, t, 2])
-        noise.bernoulli_g[i] = uniform(raw[i, t, 3])
-        noise.uniform_v[i] = uniform(raw[i, t, 4])
-        noise.uniform_g[i] = uniform(raw[i, t, 5])
-        noise.normal_alpha[i] = normal(uniform(raw[i, t, 6]))
-        noise.normal_consumption[i] = normal(uniform(raw[i, t, 7]))
+def _exponentials(raw: Raw, out: Floats) -> None:
+    for i in range(out.shape[0]):
+        out[i] = exponential(uniform(raw[i]))
 
 
 @compiled
-def drift_noise(raw: Raw, t: int, noise: Noise) -> None:
-    """The noise of step t that a moving setpoint adds, from integers (n, steps, 4)."""
-    for i in range(raw.shape[0]):
-        noise.uniform_drift_length[i] = uniform(raw[i, t, 0])
-        noise.uniform_drift_rate[i] = uniform(raw[i, t, 1])
-        noise.uniform_drift_zero[i] = uniform(raw[i, t, 2])
-        noise.uniform_drift_flip[i] = uniform(raw[i, t, 3])
+def standard_noise(raw: Raw, noise: Noise) -> None:
+    """The noise of a step for a constant setpoint, from integers (8, n); slots in field order."""
+    _exponentials(raw[0], noise.exp_v)
+    _exponentials(raw[1], noise.exp_g)
+    _uniforms(raw[2], noise.bernoulli_v)
+    _uniforms(raw[3], noise.bernoulli_g)
+    _uniforms(raw[4], noise.uniform_v)
+    _uniforms(raw[5], noise.uniform_g)
+    _uniforms(raw[6], noise.normal_alpha)
+    _uniforms(raw[7], noise.normal_consumption)
+    normals(noise.normal_alpha)
+    normals(noise.normal_consumption)
 
 
+@compiled
+def drift_noise(raw: Raw, noise: Noise) -> None:
+    """The noise of a step that a moving setpoint adds, from integers (4, n)."""
+    _uniforms(raw[0], noise.uniform_drift_length)
+    _uniforms(raw[1], noise.uniform_drift_rate)
+    _uniforms(raw[2], noise.uniform_drift_zero)
+    _uniforms(raw[3], noise.uniform_drift_flip)
+
+
+@compiled
 def blank_noise(n: int) -> Noise:
     """Arrays (n,) for `standard_noise` and `drift_noise` to fill."""
-    return Noise(*(np.zeros(n) for _ in Noise._fields))
+    z = np.zeros((12, n))
+    return Noise(z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8], z[9], z[10], z[11])

@@ -24,17 +24,19 @@ from ibdata.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     Purpose,
-    Raw,
-    Source,
     blank_noise,
+    integers,
     slots,
     stream_key,
     uniforms,
 )
+from ibdata.packed import Packed, packed
+from ibdata.philox import Raw
 from ibdata.starts import burn_in_steps, steerings
 
 LANES = 256  # a block's state and record stay in the processor's cache
-CHUNK = 256  # steps drawn and recorded at a time
+CHUNK = 32  # steps drawn and recorded at a time, for the same reason
+PART_ROWS = 2**18  # a table that is encoded while the next is filled; the last bits of statistics hang on it
 
 
 class Columns(NamedTuple):
@@ -50,21 +52,19 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 
     Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
     """
-    *_, (columns, _) = filling(experiment, first, stop)
-    return columns
-
-
-def filling(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[Columns, int]]:
-    """The columns while they fill, and the rows from the beginning that are there, always whole episodes.
-
-    Raises as `rollout`.
-    """
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
         clipped += Block(experiment, start, end).fill(table, (start - first) * experiment.steps, places)
-        yield Columns(places.names, table, clipped), (end - first) * experiment.steps
+    return Columns(places.names, table, clipped)
+
+
+def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
+    """Runs of episodes that are simulated into one table: whole blocks, of about PART_ROWS rows together."""
+    most = max(1, PART_ROWS // experiment.steps // LANES) * LANES
+    for start in range(first, stop, most):
+        yield start, min(stop, start + most)
 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -85,12 +85,11 @@ class Block:
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
         self.policy = cells[0].policy
-        self.asked = Asked(self.policy, cells[0].label, first)
+        self.asked = Asked(self.policy, cells[0].label, first, self.n)
         self.keys, self.policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)
         )
-        self.source = Source()
         self.noise = blank_noise(self.n)
         self.parameters = experiment.variant.parameters()
         self.state = self._start(np.array([cell.setpoint for cell in cells])[lane_cells])
@@ -102,7 +101,13 @@ class Block:
 
     def _raw(self, purpose: Purpose, step: int, steps: int, count: int) -> Raw:
         keys = self.policy_keys if purpose is Purpose.POLICY else self.keys
-        return self.source.lanes(keys, self.indices, purpose, step, steps, count)
+        return integers(keys, self.indices, purpose, step, steps, count)
+
+    def _uniforms(self, purpose: Purpose, step: int, steps: int, draws: int) -> npt.NDArray[np.float64]:
+        """Draws (steps, n, draws) from U(0, 1)."""
+        u = np.empty((steps, self.n, draws))
+        uniforms(self._raw(purpose, step, steps, slots(draws)), u)
+        return u
 
     def _dynamics_raw(self, dynamics: Purpose, drift: Purpose, step: int, steps: int) -> tuple[Raw, Raw]:
         """Integers for the dynamics and for the moving setpoint; of the latter no steps if it is constant."""
@@ -115,8 +120,7 @@ class Block:
     def _start(self, setpoints: npt.NDArray[np.float64]) -> State:
         """The state after the zero-action step (address 0) and, where asked for, the burn-in."""
         start = self.experiment.start
-        u = np.empty((self.n, 3))
-        uniforms(self._raw(Purpose.START, 0, 1, slots(3)), 0, u)
+        u = self._uniforms(Purpose.START, 0, 1, 3)[0]
         state = initial_state(setpoints, *steerings(start, u), drifting=self.experiment.drifting)
         raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 0, 1)
         zeros = np.zeros((self.n, 3), dtype=np.float32)
@@ -128,10 +132,9 @@ class Block:
     def _burn_in(self, state: State, counts: npt.NDArray[np.int64], most: int) -> State:
         """The state after counts (n,) steps with uniform random actions; lanes that are done stay."""
         action = np.empty((self.n, 3), dtype=np.float32)
-        u = np.empty((self.n, 3))
         for t in range(most):
             raw, drift = self._dynamics_raw(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t, 1)
-            uniforms(self._raw(Purpose.BURN_IN_POLICY, t, 1, slots(3)), 0, u)
+            u = self._uniforms(Purpose.BURN_IN_POLICY, t, 1, 3)[0]
             lanes.to_action(2.0 * u - 1.0, action)
             moved = State._make(x.copy() for x in state)
             lanes.step_lanes(moved, action, raw, drift, 0, self.noise, self.parameters)
@@ -152,38 +155,43 @@ class Block:
         history = np.empty((self.n, self.policy.frames, 6), dtype=np.float32)
         lanes.observe(self.state, history, True)
         lanes.record_state(self.state, record[0], self.experiment.drifting)
-        for t0 in range(0, steps, chunk):
-            count = min(chunk, steps - t0)
-            clipped += self._simulate(t0, count, history, record, actions, log_prob)
+        state = packed(self.state)
+        for t in range(0, steps, chunk):
+            count = min(chunk, steps - t)
+            clipped += self._simulate(state, t, history, record[1:], actions[:count], log_prob[:count])
             lanes.assemble(
                 record, actions, log_prob, places.now, places.after, places.first_action, places.log_prob,
-                table, row + t0, count, steps,
+                table, row + t, count, steps,
             )  # fmt: skip
             record[0] = record[count]
         return clipped
 
     def _simulate(
         self,
-        t0: int,
-        count: int,
+        state: Packed,
+        t: int,
         history: npt.NDArray[np.float32],
         record: Table,
         actions: npt.NDArray[np.float32],
         log_prob: npt.NDArray[np.float64],
     ) -> int:
-        """Steps t0 … t0 + count - 1 into the record; the dynamics' address t + 1 leads from t to t + 1."""
-        seen = history.view()
+        """The steps from t on into the record; the dynamics' address t + 1 leads from t to t + 1.
+
+        One at a time, because the policy looks at each; all at once for a policy without eyes.
+        """
+        count, drifting = len(actions), self.experiment.drifting
+        span = 1 if self.policy.frames else count
+        seen = history if self.policy.frames else np.empty((count * self.n, 0, 6), dtype=np.float32)
+        seen = seen.view()
         seen.flags.writeable = False
-        u = np.empty((self.n, self.policy.draws))
-        raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t0 + 1, count)
-        policy_raw = self._raw(Purpose.POLICY, t0, count, slots(self.policy.draws))
+        raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t + 1, count)
+        u = self._uniforms(Purpose.POLICY, t, count, self.policy.draws)
         clipped = 0
-        for t in range(count):
-            uniforms(policy_raw, t, u)
-            clipped += self.asked.act(seen, u, actions[t], t0 + t)
-            log_prob[t] = self.asked.log_prob(seen, actions[t], t0 + t)
-            lanes.advance_and_record(
-                self.state, actions[t], raw, drift, t, self.noise, self.parameters,
-                history, record[t + 1], self.experiment.drifting,
-            )  # fmt: skip
+        for part in (slice(i, i + span) for i in range(0, count, span)):
+            rows = actions[part].reshape(-1, 3)
+            clipped += self.asked.act(seen, u[part].reshape(len(rows), -1), rows, t + part.start)
+            log_prob[part].reshape(-1)[:] = self.asked.log_prob(seen, rows, t + part.start)
+            lanes.simulate(
+                state, actions[part], raw[part], drift[part], self.parameters, history, record[part], drifting
+            )
         return clipped

@@ -8,7 +8,7 @@ import numpy as np
 
 from ibdata.experiment import Experiment
 from ibdata.experiment.fields import BurnIn
-from ibdata.noise import Purpose, Source, stream_key, uniforms
+from ibdata.noise import Purpose, integers, stream_key, uniforms
 from ibdata.rollout import rollout
 from ibdata.starts import burn_in_steps
 
@@ -34,22 +34,22 @@ def recorded_episode(setpoint, dynamics="siemens", start="default", steps=300, s
         }
     )
     made = rollout(experiment, 0, 1)
-    key, source = stream_key(seed, experiment.cells[0].digest), Source()
+    keys = stream_key(seed, experiment.cells[0].digest)[None]
 
     def raw(purpose, step, count):
-        return source.raw(key, 0, purpose, step, 1, count)[0]
+        return integers(keys, np.zeros(1, dtype=np.int64), purpose, step, 1, count)[0, :, 0]
 
     def one_step(dynamics, drift, t):
         return [raw(dynamics, t, 8), *([raw(drift, t, 4)] if drifting else [])]
 
-    integers = [] if start == "default" else [raw(Purpose.START, 0, 4)]
-    integers += one_step(Purpose.DYNAMICS, Purpose.DRIFT, 0)
+    drawn = [] if start == "default" else [raw(Purpose.START, 0, 4)]
+    drawn += one_step(Purpose.DYNAMICS, Purpose.DRIFT, 0)
     if isinstance(experiment.start, BurnIn):
-        u = np.empty((1, 3))
-        uniforms(raw(Purpose.START, 0, 4).reshape(1, 1, 4), 0, u)
-        for t in range(burn_in_steps(experiment.start, u)[0]):
-            integers += one_step(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t)
-            integers.append(raw(Purpose.BURN_IN_POLICY, t, 4))
+        u = np.empty((1, 1, 3))
+        uniforms(raw(Purpose.START, 0, 4).reshape(1, 4, 1), u)
+        for t in range(burn_in_steps(experiment.start, u[0])[0]):
+            drawn += one_step(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t)
+            drawn.append(raw(Purpose.BURN_IN_POLICY, t, 4))
     for t in range(steps):
-        integers += one_step(Purpose.DYNAMICS, Purpose.DRIFT, t + 1)
-    return Recorded(dict(zip(made.names, made.table, strict=True)), np.concatenate(integers))
+        drawn += one_step(Purpose.DYNAMICS, Purpose.DRIFT, t + 1)
+    return Recorded(dict(zip(made.names, made.table, strict=True)), np.concatenate(drawn))

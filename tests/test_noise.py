@@ -5,7 +5,7 @@ The golden numbers were printed by
     python -c "import hashlib; from ibdata.noise import *;
     key = stream_key(7, hashlib.sha256(b'golden').digest());
     print([hex(x) for x in key.tolist()]);
-    print([hex(x) for x in Source().raw(key, 3, Purpose.POLICY, 5, 1, 8)[0].tolist()])"
+    print([hex(x) for x in integers(key[None], np.array([3]), Purpose.POLICY, 5, 1, 8)[0, :, 0].tolist()])"
 
 with numpy 2.4.6; Philox's integers and SHA-256 are the same in every version.
 """
@@ -25,9 +25,9 @@ from ibdata.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     Purpose,
-    Source,
     blank_noise,
     drift_noise,
+    integers,
     slots,
     standard_noise,
     standard_normal,
@@ -76,7 +76,12 @@ MOMENTS["bernoulli"] = MOMENTS["uniform"]
 
 
 def raw(seed=7, cell=CELL, index=3, purpose=Purpose.POLICY, step=5, steps=1, count=8):
-    return Source().raw(stream_key(seed, cell), index, purpose, step, steps, count)
+    return lane(stream_key(seed, cell), index, purpose, step, steps, count)
+
+
+def lane(key, index, purpose, step, steps, count):
+    """The integers (steps, count) of one episode."""
+    return integers(key[None], np.array([index]), purpose, step, steps, count)[:, :, 0]
 
 
 def by_numpy(key, index, purpose, step, steps, count):
@@ -125,10 +130,9 @@ def test_a_key_is_the_first_half_of_a_hash_of_seed_and_cell():
     blocks=st.integers(1, 3),
 )
 def test_integers_are_those_of_a_new_philox_at_the_key_and_counter(seed, index, purpose, step, steps, blocks):
-    key, source = stream_key(seed, CELL), Source()
-    source.raw(key, 1, Purpose.START, 2, 3, 4)  # what was drawn before is of no consequence
+    key = stream_key(seed, CELL)
     np.testing.assert_array_equal(
-        source.raw(key, index, purpose, step, steps, 4 * blocks),
+        lane(key, index, purpose, step, steps, 4 * blocks),
         by_numpy(key, index, purpose, step, steps, 4 * blocks),
     )
 
@@ -167,12 +171,12 @@ def test_two_runs_draw_the_same():
 def test_lanes_are_the_episodes_side_by_side_whatever_their_order():
     keys = np.array([stream_key(0, CELL), stream_key(0, OTHER_CELL), stream_key(0, CELL)])
     indices = np.array([5, 0, 2**47])
-    lanes = Source().lanes(keys, indices, Purpose.DYNAMICS, 3, 10, 8)
-    assert lanes.shape == (3, 10, 8)
-    for lane, key, index in zip(lanes, keys, indices.tolist(), strict=True):
-        np.testing.assert_array_equal(lane, by_numpy(key, index, Purpose.DYNAMICS, 3, 10, 8))
-    turned = Source().lanes(keys[::-1], indices[::-1], Purpose.DYNAMICS, 3, 10, 8)
-    np.testing.assert_array_equal(turned[::-1], lanes)
+    lanes = integers(keys, indices, Purpose.DYNAMICS, 3, 10, 8)
+    assert lanes.shape == (10, 8, 3)
+    for i, (key, index) in enumerate(zip(keys, indices.tolist(), strict=True)):
+        np.testing.assert_array_equal(lanes[:, :, i], by_numpy(key, index, Purpose.DYNAMICS, 3, 10, 8))
+    turned = integers(keys[::-1], indices[::-1], Purpose.DYNAMICS, 3, 10, 8)
+    np.testing.assert_array_equal(turned[:, :, ::-1], lanes)
 
 
 def test_a_policy_without_draws_takes_no_integers():
@@ -187,10 +191,7 @@ def test_no_purpose_shares_an_integer_with_another():
 def test_no_two_of_20_000_episodes_begin_alike():
     cells = [hashlib.sha256(bytes([i])).digest() for i in range(10)]
     keys = [stream_key(seed, cell) for seed, cell in product((0, 1), cells)]
-    source = Source()
-    firsts = {
-        source.raw(key, index, Purpose.DYNAMICS, 0, 1, 4).tobytes() for key in keys for index in range(1000)
-    }
+    firsts = {lane(key, index, Purpose.DYNAMICS, 0, 1, 4).tobytes() for key in keys for index in range(1000)}
     assert len(firsts) == 20_000
 
 
@@ -213,10 +214,10 @@ def test_the_extreme_uniforms_are_strictly_inside():
 
 
 def test_uniforms_fill_lanes_and_draws_from_the_slots_in_order():
-    integers, out = some_raw(3, 6, 8), np.full((3, 5), np.nan)
-    uniforms(integers, 4, out)
-    expected = ((integers[:, 4, :5] >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
-    np.testing.assert_array_equal(out, expected)
+    drawn, out = some_raw(6, 8, 3), np.full((6, 3, 5), np.nan)
+    uniforms(drawn, out)
+    expected = ((drawn[:, :5] >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+    np.testing.assert_array_equal(out, expected.transpose(0, 2, 1))
 
 
 def test_policies_get_the_normal_of_the_dynamics():
@@ -225,19 +226,19 @@ def test_policies_get_the_normal_of_the_dynamics():
 
 
 def test_standard_noise_puts_each_slot_through_its_transform_into_its_field():
-    integers, noise = some_raw(5, 7, DYNAMICS_SLOTS), blank_noise(5)
-    standard_noise(integers, 6, noise)
+    drawn, noise = some_raw(DYNAMICS_SLOTS, 500), blank_noise(500)
+    standard_noise(drawn, noise)
     for field, (slot, transform) in STANDARD.items():
-        expected = [transform(uniform(x)) for x in integers[:, 6, slot]]
+        expected = [transform(uniform(x)) for x in drawn[slot]]
         assert getattr(noise, field).tolist() == expected, field
     assert all(not getattr(noise, field).any() for field in DRIFT)
 
 
 def test_drift_noise_puts_each_slot_into_its_field_and_leaves_the_others():
-    integers, noise = some_raw(5, 7, DRIFT_SLOTS), blank_noise(5)
-    drift_noise(integers, 6, noise)
+    drawn, noise = some_raw(DRIFT_SLOTS, 5), blank_noise(5)
+    drift_noise(drawn, noise)
     for field, slot in DRIFT.items():
-        assert getattr(noise, field).tolist() == [uniform(x) for x in integers[:, 6, slot]], field
+        assert getattr(noise, field).tolist() == [uniform(x) for x in drawn[slot]], field
     assert all(not getattr(noise, field).any() for field in STANDARD)
 
 
@@ -250,9 +251,9 @@ def test_every_field_of_the_noise_comes_from_a_slot():
 def many_draws():
     """One step of 200,000 lanes: 200 episodes of 1000 steps, one after another."""
     keys = np.tile(stream_key(0, CELL), (200, 1))
-    integers = Source().lanes(keys, np.arange(200), Purpose.DYNAMICS, 0, 1000, DYNAMICS_SLOTS)
+    drawn = integers(keys, np.arange(200), Purpose.DYNAMICS, 0, 1000, DYNAMICS_SLOTS)
     noise = blank_noise(DRAWS)
-    standard_noise(integers.reshape(DRAWS, 1, DYNAMICS_SLOTS), 0, noise)
+    standard_noise(np.ascontiguousarray(drawn.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, DRAWS), noise)
     return noise
 
 

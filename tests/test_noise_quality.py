@@ -31,9 +31,9 @@ from ibdata.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     Purpose,
-    Source,
     blank_noise,
     drift_noise,
+    integers,
     standard_noise,
     stream_key,
 )
@@ -98,11 +98,11 @@ def by_address(seed):
     cells = experiment(seed).cells
     keys = np.repeat([stream_key(seed, cell.digest) for cell in cells], PER_SETPOINT, axis=0)
     indices = np.tile(np.arange(PER_SETPOINT), len(cells))
-    noise, source = blank_noise(N), Source()
-    raw = source.lanes(keys, indices, Purpose.DYNAMICS, 0, STEPS, DYNAMICS_SLOTS)
-    standard_noise(raw.reshape(N, 1, DYNAMICS_SLOTS), 0, noise)
-    raw = source.lanes(keys, indices, Purpose.DRIFT, 0, STEPS, DRIFT_SLOTS)
-    drift_noise(raw.reshape(N, 1, DRIFT_SLOTS), 0, noise)
+    noise = blank_noise(N)
+    raw = integers(keys, indices, Purpose.DYNAMICS, 0, STEPS, DYNAMICS_SLOTS)
+    standard_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, N), noise)
+    raw = integers(keys, indices, Purpose.DRIFT, 0, STEPS, DRIFT_SLOTS)
+    drift_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DRIFT_SLOTS, N), noise)
     return {name: x.reshape(len(cells), PER_SETPOINT, STEPS) for name, x in noise._asdict().items()}
 
 

@@ -238,5 +238,29 @@ def test_an_error_in_a_policy_is_an_error_that_names_its_place(monkeypatch):
     with pytest.raises(PolicyError) as error:
         rollout(ibdata.load("random", ["steps=3"]), 0, 2)
     assert str(error.value) == (
-        "policy random: episode 0: step 0: found KeyError: 'velocity', expected actions of shape (2, 3)"
+        "policy random: episode 0: step 0: found KeyError: 'velocity', expected actions of shape (6, 3)"
     )
+
+
+def test_an_action_of_a_policy_that_sees_nothing_is_an_error_that_names_episode_and_step(monkeypatch):
+    """It acts for all lanes of several steps in one call: here episode 1 at step 2 + 3."""
+    calls = itertools.count()
+
+    def act(self, history, u):
+        assert history.shape == (8, 0, 6)
+        return np.where(np.arange(8)[:, None] == 1 * 2 + 1, np.nan, u) if next(calls) == 1 else u
+
+    monkeypatch.setattr("ibdata.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
+        rollout(ibdata.load("random", ["steps=8"]), 0, 2)
+
+
+@pytest.mark.parametrize("kind", ["random", "constant"])
+def test_a_policy_that_sees_nothing_acts_as_one_that_is_asked_at_every_step(monkeypatch, kind):
+    experiment = ibdata.load("random", [f"policies=[{{kind: {kind}}}]", "steps=70"])
+    before = rollout(experiment, 0, 3)
+    monkeypatch.setattr(type(experiment.cells[0].policy), "frames", 1)
+    after = rollout(experiment, 0, 3)
+    np.testing.assert_array_equal(after.table, before.table)
+    assert after.clipped == before.clipped

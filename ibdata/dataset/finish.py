@@ -15,9 +15,10 @@ import pyarrow as pa
 from ibdata.columns import columns
 from ibdata.dataset import manifest, metadata
 from ibdata.dataset.card import card
+from ibdata.dataset.content import content_of
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
-from ibdata.dataset.shard import Written, content_of
+from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe

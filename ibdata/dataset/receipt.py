@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ibdata.dataset.content import Content
 from ibdata.dataset.files import FileEntry, file_sha256, write
-from ibdata.dataset.shard import Content, Written
+from ibdata.dataset.shard import Written
 from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
 

@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Future, wait
+from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.columns import Table, columns
-from ibdata.dataset.digest import episode_digests
+from ibdata.columns import columns
+from ibdata.dataset.content import Account, Content, parts_of
 from ibdata.dataset.files import FileEntry, HashingFile, committed
-from ibdata.dataset.schema import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
-from ibdata.dataset.statistics import Floats, Moments, moments, sample_stride, sums
-from ibdata.errors import IbdataError
+from ibdata.dataset.schema import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
+from ibdata.dataset.threads import Threads
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import Columns, filling
-
-
-class Content(NamedTuple):
-    """What is in a shard, whatever file holds it."""
-
-    digests: list[bytes]  # of the episodes
-    returns: Floats  # of the episodes, undiscounted
-    moments: Moments  # of the float columns
-    sample: Table  # of the float columns, for quantiles
-    clipped: int
-    labelled: dict[str, tuple[Moments, Table]]  # moments and sample of each split that is not whole files
-
-
-# The content of a shard that nobody has read.
-UNREAD = Content([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
+from ibdata.rollout import Columns, parts, rollout
 
 
 class Written(NamedTuple):
@@ -47,32 +31,90 @@ class Written(NamedTuple):
     content: Content
 
 
-def write_shard(recipe: Recipe, shard: Shard, folder: Path, floats: Columns | None = None) -> Written:
-    """Commit a shard to its file: simulated, or with these columns.
+class Begun:
+    """A shard that is simulated, or has these columns; then `finish` it or `abandon` it.
 
-    What is there is encoded and hashed while the rest is simulated; all three let go of Python's lock.
+    A part is encoded and described in threads while the next is simulated; all let go of Python's lock.
     """
-    experiment = recipe.of_shard(shard)
-    total = (shard.stop - shard.first) * experiment.steps
-    parts = filling(experiment, shard.first, shard.stop) if floats is None else iter([(floats, total)])
-    encoded: list[Future[None]] = []
-    hashed: list[Future[list[bytes]]] = []
-    rows = 0
-    with committed(folder, shard.file) as file, _writer(experiment, file) as writer, _threads() as threads:
-        for made, ready in parts:
-            if rows == 0:
-                table = arrow_table(experiment, shard, made)  # without a copy: it fills as the columns do
-            start, stop = (n if n == total else n - n % ROW_GROUP_ROWS for n in (rows, ready))
-            if start < stop:
-                part = table.slice(start, stop - start)
-                encoded.append(threads[0].submit(writer.write_table, part, row_group_size=ROW_GROUP_ROWS))
-            hashed.append(threads[1].submit(_digests, experiment, shard, made, rows, ready))
-            rows = ready
-        digests = [digest for future in hashed for digest in future.result()]
-        content = describe(recipe, shard, made, digests)
-        for future in encoded:
+
+    def __init__(
+        self, recipe: Recipe, shard: Shard, folder: Path, threads: Threads, floats: Columns | None = None
+    ) -> None:
+        self.shard, self.experiment = shard, recipe.of_shard(shard)
+        self._account = Account(recipe, shard)
+        self._pending: list[Future[None]] = []
+        made = self._simulated() if floats is None else parts_of(recipe, shard, floats)
+        with ExitStack() as stack:
+            self._file = stack.enter_context(committed(folder, shard.file))
+            self._groups = RowGroups(stack.enter_context(_writer(self.experiment, self._file)))
+            stack.callback(self._stop)
+            for part, own in made:
+                self._settle([future for future in self._pending if future.done()])
+                self._pending += threads.take(
+                    partial(self._encode, part, own), partial(self._account.add, part, own)
+                )
+            self._opened = stack.pop_all()
+
+    def _simulated(self) -> Iterator[tuple[Shard, Columns]]:
+        for first, stop in parts(self.experiment, self.shard.first, self.shard.stop):
+            yield self.shard._replace(first=first, stop=stop), rollout(self.experiment, first, stop)
+
+    def _encode(self, part: Shard, floats: Columns) -> None:
+        self._groups.add(arrow_table(self.experiment, part, floats))
+
+    def _settle(self, ended: list[Future[None]]) -> None:
+        """Wait for these; what failed is raised."""
+        for future in ended:
             future.result()
-    return Written(shard, FileEntry(shard.file, file.size, file.sha256()), content)
+            self._pending.remove(future)
+
+    def _stop(self) -> None:
+        """Begin nothing more, and wait for what was begun."""
+        for future in self._pending:
+            future.cancel()
+        wait(self._pending)
+
+    def finish(self) -> Written:
+        """Commit the shard to its file. Raises IbdataError where a value is not finite."""
+        with self._opened:
+            self._settle(list(self._pending))
+            self._groups.end()
+            content = self._account.content()
+        entry = FileEntry(self.shard.file, self._file.size, self._file.sha256())
+        return Written(self.shard, entry, content)
+
+    def abandon(self) -> None:
+        """Leave nothing of it."""
+        with suppress(_AbandonedError), self._opened:
+            raise _AbandonedError
+
+
+class _AbandonedError(Exception):
+    pass
+
+
+class RowGroups:
+    """Rows that come in tables of any length, and are written in groups of equal length."""
+
+    def __init__(self, writer: pq.ParquetWriter) -> None:
+        self._writer = writer
+        self._rest: list[pa.Table] = []  # of fewer rows than a group
+
+    def add(self, table: pa.Table) -> None:
+        """Write the groups that are full."""
+        rows = pa.concat_tables([*self._rest, table])
+        whole = len(rows) - len(rows) % ROW_GROUP_ROWS
+        for start in range(0, whole, ROW_GROUP_ROWS):
+            self._write(rows.slice(start, ROW_GROUP_ROWS))
+        self._rest = [rows.slice(whole)] if whole < len(rows) else []
+
+    def end(self) -> None:
+        """Write what is left."""
+        for rows in self._rest:
+            self._write(rows)
+
+    def _write(self, rows: pa.Table) -> None:
+        self._writer.write_table(rows.combine_chunks(), row_group_size=ROW_GROUP_ROWS)
 
 
 def _writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:
@@ -80,65 +122,7 @@ def _writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:
     return pq.ParquetWriter(file, arrow_schema(described), **writer_options(described))
 
 
-@contextmanager
-def _threads() -> Iterator[tuple[ThreadPoolExecutor, ThreadPoolExecutor]]:
-    """One thread to encode in order, one to hash."""
-    with ThreadPoolExecutor(1) as encoder, ThreadPoolExecutor(1) as hasher:
-        yield encoder, hasher
-
-
 def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingFile) -> None:
     """Write a shard as Parquet."""
     with _writer(experiment, file) as writer:
         writer.write_table(arrow_table(experiment, shard, floats), row_group_size=ROW_GROUP_ROWS)
-
-
-def _digests(experiment: Experiment, shard: Shard, floats: Columns, start: int, stop: int) -> list[bytes]:
-    """The digests of the episodes in rows start … stop - 1 of a shard."""
-    steps = experiment.steps
-    part = shard._replace(first=shard.first + start // steps, stop=shard.first + stop // steps)
-    own = floats._replace(table=floats.table[:, start:stop])
-    return episode_digests(digest_runs(experiment, part, own), [steps] * (part.stop - part.first))
-
-
-def content_of(digests: list[bytes]) -> str:
-    """The hex digest of a shard's content, from those of its episodes."""
-    return hashlib.sha256(b"".join(digests)).hexdigest()
-
-
-def describe(recipe: Recipe, shard: Shard, floats: Columns, digests: list[bytes] | None = None) -> Content:
-    """Digests, if they are not known, returns and statistics of a shard.
-
-    Raises IbdataError where a value is not finite.
-    """
-    experiment = recipe.of_shard(shard)
-    parts = moments(floats.table)
-    finite = np.isfinite(parts.squares)
-    finite[floats.names.index("action_log_prob")] = True  # a custom policy may not know its density
-    if not finite.all():
-        name = floats.names[int(np.argmin(finite))]
-        raise IbdataError(f"{shard.file}: {name}: found a value that is not finite, expected finite numbers")
-    return Content(
-        _digests(experiment, shard, floats, 0, floats.table.shape[1]) if digests is None else digests,
-        sums(floats.table[floats.names.index("reward")], experiment.steps),
-        parts,
-        _sample(floats.table, experiment),
-        floats.clipped,
-        _labelled(recipe, shard, floats.table),
-    )
-
-
-def _sample(table: Table, experiment: Experiment) -> Table:
-    return np.ascontiguousarray(table[:, :: sample_stride(table.shape[1], experiment.rows)])
-
-
-def _labelled(recipe: Recipe, shard: Shard, table: Table) -> dict[str, tuple[Moments, Table]]:
-    """Moments and sample of the rows of each later split."""
-    experiment = recipe.of_shard(shard)
-    parts: dict[str, list[Table]] = {}
-    for first, stop, names in recipe.runs(shard) if recipe.later else ():
-        rows = slice((first - shard.first) * experiment.steps, (stop - shard.first) * experiment.steps)
-        for name in recipe.later.keys() & set(names):
-            parts.setdefault(name, []).append(table[:, rows])
-    joined = {name: np.concatenate(tables, axis=1) for name, tables in parts.items()}
-    return {name: (moments(part), _sample(part, experiment)) for name, part in joined.items()}

@@ -72,14 +72,11 @@ def described(
 
     A sample stands for the rows of its shard. None takes the place of what is not a number.
     """
-    sample = np.concatenate(samples, axis=1).astype(np.float64)
+    sample = np.concatenate(samples, axis=1)
     weights = np.concatenate(
         [np.full(s.shape[1], n / s.shape[1]) for s, n in zip(samples, rows, strict=True)]
     )
-    equal = weights.min() == weights.max()  # then they say nothing, and numpy need not sort
-    quantiles = np.quantile(
-        sample, QUANTILES, axis=1, weights=None if equal else weights, method="inverted_cdf"
-    )
+    quantiles = _quantiles(sample, None if weights.min() == weights.max() else weights)
     return {
         name: {
             "count": parts.rows,
@@ -91,6 +88,18 @@ def described(
         }
         for i, name in enumerate(names)
     }
+
+
+def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
+    """QUANTILES (quantiles, columns) of a sample, each a value that is in it."""
+    if weights is not None:
+        found: npt.NDArray[Any] = np.quantile(
+            sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
+        )
+        return found
+    ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf")
+    ordered = np.sort(sample, axis=1)  # a fraction of the time of np.quantile, which selects
+    return np.where(np.isnan(ordered[:, -1]), np.nan, ordered[:, ranks.astype(np.int64)].T)
 
 
 def _number(x: float) -> float | None:

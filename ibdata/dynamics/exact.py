@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from ibdata.compiling import compiled
 
@@ -21,6 +22,7 @@ LOG2_E = float.fromhex("0x1.71547652b82fep+0")
 SQRT2 = float.fromhex("0x1.6a09e667f3bcdp+0")
 MANTISSA = 0x000FFFFFFFFFFFFF
 EXPONENT_OF_ONE = 0x3FF0000000000000
+MIDDLE = 0.425  # |u - ½| up to which AS 241 needs no logarithm
 
 
 @compiled
@@ -67,9 +69,9 @@ def log(x: float) -> float:
     bits = np.float64(x).view(np.int64)
     k = (bits >> 52) - 1023
     m = np.int64((bits & MANTISSA) | EXPONENT_OF_ONE).view(np.float64)
-    if m > SQRT2:
-        m = 0.5 * m
-        k = k + 1
+    halved = m > SQRT2  # chosen without a branch, so that a loop over lanes takes several at a time
+    m = 0.5 * m if halved else m
+    k = k + 1 if halved else k
     f = (m - 1.0) / (m + 1.0)
     q = f * f
     s = 1 / 23.0
@@ -128,12 +130,36 @@ def normal(u: float) -> float:
     >>> round(float(normal(0.975)), 12)
     1.95996398454
     """
+    return _middle_normal(u) if abs(u - 0.5) <= MIDDLE else _tail_normal(u)
+
+
+@compiled
+def normals(u: npt.NDArray[np.float64]) -> None:
+    """`normal` of every uniform (n,), in place: first as if all were in the middle, then the tails."""
+    tails, lanes = np.empty(u.shape[0]), np.empty(u.shape[0], dtype=np.int64)
+    count = 0
+    for i in range(u.shape[0]):
+        tails[count], lanes[count] = u[i], i
+        count += abs(u[i] - 0.5) > MIDDLE
+    for i in range(u.shape[0]):
+        u[i] = _middle_normal(u[i])
+    for j in range(count):
+        tails[j] = _tail_normal(tails[j])
+    for j in range(count):
+        u[lanes[j]] = tails[j]
+
+
+@compiled
+def _middle_normal(u: float) -> float:
     q = u - 0.5
-    if abs(q) <= 0.425:
-        return q * _middle(0.180625 - q * q)
+    return q * _middle(0.180625 - q * q)
+
+
+@compiled
+def _tail_normal(u: float) -> float:
     r = math.sqrt(-log(min(u, 1.0 - u)))
     x = _tail(r - 1.6) if r <= 5.0 else _far_tail(r - 5.0)
-    return x if q > 0.0 else -x
+    return x if u > 0.5 else -x
 
 
 @compiled

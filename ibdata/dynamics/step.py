@@ -49,12 +49,23 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
 
 @compiled
 def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
-    """One step of every lane, in place: the compiled part of `step`, without its checks."""
-    for i in range(state.setpoint.shape[0]):
-        p = state.setpoint[i]
+    """One step of every lane, in place: the compiled part of `step`, without its checks.
+
+    A loop for each equation: those that do not branch then work on several lanes at a time.
+    """
+    _steer(state, action, noise, k)
+    _tire(state, noise, k)
+    _consume(state, noise, k)
+
+
+@compiled
+def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
+    """Setpoint, velocity, gain and shift."""
+    p, v, g, h = state.setpoint, state.velocity, state.gain, state.shift
+    for i in range(p.shape[0]):
         if state.drift_left[i] != NO_DRIFT:
-            p, state.drift_rate[i], state.drift_left[i] = drift(
-                p,
+            p[i], state.drift_rate[i], state.drift_left[i] = drift(
+                p[i],
                 state.drift_rate[i],
                 state.drift_left[i],
                 noise.uniform_drift_length[i],
@@ -63,37 +74,67 @@ def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k
                 noise.uniform_drift_flip[i],
                 k,
             )
-            state.setpoint[i] = p
+    for i in range(p.shape[0]):
+        v[i] = steer(v[i], D_V, np.float64(action[i, 0]))
+    for i in range(p.shape[0]):
+        g[i] = steer(g[i], D_G, np.float64(action[i, 1]))
+    for i in range(p.shape[0]):
+        h[i] = steer(h[i], D_H, np.float64(action[i, 2]))
 
-        v = steer(state.velocity[i], D_V, np.float64(action[i, 0]))
-        g = steer(state.gain[i], D_G, np.float64(action[i, 1]))
-        h = steer(state.shift[i], D_H, np.float64(action[i, 2]))
-        state.velocity[i], state.gain[i], state.shift[i] = v, g, h
 
-        ve = effective_velocity(v, g, p, k.v0, k.g0, k.v1, k.g1)
-        ge = effective_gain(g, p)
-        eta_v = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], ve, k)
-        eta_g = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], ge, k)
-        mu_v = hidden(state.mu_v[i], ve, eta_v)
-        mu_g = hidden(state.mu_g[i], ge, eta_g)
-        alpha = amplification(mu_v, mu_g, eta_v, eta_g, noise.normal_alpha[i], k.alpha_threshold)
-        f_b = basic_fatigue(v, g)
-        f = fatigue(f_b, alpha)
-        state.effective_velocity[i], state.effective_gain[i] = ve, ge
-        state.mu_v[i], state.mu_g[i], state.alpha[i] = mu_v, mu_g, alpha
-        state.basic_fatigue[i], state.fatigue[i] = f_b, f
+@compiled
+def _tire(state: State, noise: Noise, k: Parameters) -> None:
+    """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
+    p, v, g = state.setpoint, state.velocity, state.gain
+    ve, ge, mu_v, mu_g = state.effective_velocity, state.effective_gain, state.mu_v, state.mu_g
+    eta_v, eta_g = np.empty(p.shape[0]), np.empty(p.shape[0])
+    for i in range(p.shape[0]):
+        ve[i] = effective_velocity(v[i], g[i], p[i], k.v0, k.g0, k.v1, k.g1)
+    for i in range(p.shape[0]):
+        ge[i] = effective_gain(g[i], p[i])
+    for i in range(p.shape[0]):
+        eta_v[i] = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], ve[i], k)
+    for i in range(p.shape[0]):
+        eta_g[i] = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], ge[i], k)
+    for i in range(p.shape[0]):
+        mu_v[i] = hidden(mu_v[i], ve[i], eta_v[i])
+    for i in range(p.shape[0]):
+        mu_g[i] = hidden(mu_g[i], ge[i], eta_g[i])
+    for i in range(p.shape[0]):
+        state.alpha[i] = amplification(
+            mu_v[i], mu_g[i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
+        )
+    for i in range(p.shape[0]):
+        state.basic_fatigue[i] = basic_fatigue(v[i], g[i])
+    for i in range(p.shape[0]):
+        state.fatigue[i] = fatigue(state.basic_fatigue[i], state.alpha[i])
 
-        remember(operational_cost(p, v, g), state.operational_cost, i)
-        theta_c = convolved_cost(state.operational_cost, i, k.weights)
-        state.convolved_cost[i] = theta_c
 
-        he = effective_shift(h, p)
-        delta, psi, phi = turn(state.domain[i], state.response[i], state.direction[i], he)
-        m = penalty(phi, he)
-        state.effective_shift[i], state.penalty[i] = he, m
-        state.domain[i], state.response[i], state.direction[i] = delta, psi, phi
-
-        c_hat = expected_consumption(theta_c, m, k.consumption_offset)
-        c = consumption(c_hat, noise.normal_consumption[i], k.consumption_noise)
-        state.expected_consumption[i], state.consumption[i] = c_hat, c
-        state.reward[i] = reward(c, f)
+@compiled
+def _consume(state: State, noise: Noise, k: Parameters) -> None:
+    """Operational cost, mis-calibration, consumption and reward."""
+    p, v, g, h, he = state.setpoint, state.velocity, state.gain, state.shift, state.effective_shift
+    theta = np.empty(p.shape[0])
+    for i in range(p.shape[0]):
+        theta[i] = operational_cost(p[i], v[i], g[i])
+    for i in range(p.shape[0]):
+        remember(theta[i], state.operational_cost, i)
+        state.convolved_cost[i] = convolved_cost(state.operational_cost, i, k.weights)
+    for i in range(p.shape[0]):
+        he[i] = effective_shift(h[i], p[i])
+    for i in range(p.shape[0]):
+        state.domain[i], state.response[i], state.direction[i] = turn(
+            state.domain[i], state.response[i], state.direction[i], he[i]
+        )
+    for i in range(p.shape[0]):
+        state.penalty[i] = penalty(state.direction[i], he[i])
+    for i in range(p.shape[0]):
+        state.expected_consumption[i] = expected_consumption(
+            state.convolved_cost[i], state.penalty[i], k.consumption_offset
+        )
+    for i in range(p.shape[0]):
+        state.consumption[i] = consumption(
+            state.expected_consumption[i], noise.normal_consumption[i], k.consumption_noise
+        )
+    for i in range(p.shape[0]):
+        state.reward[i] = reward(state.consumption[i], state.fatigue[i])

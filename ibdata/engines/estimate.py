@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ibdata.dataset.content import describe
 from ibdata.dataset.files import HashingFile
-from ibdata.dataset.shard import describe, encode
+from ibdata.dataset.shard import encode
 from ibdata.engines import target
 from ibdata.engines.choice import worker_count
 from ibdata.engines.code import refuse_code

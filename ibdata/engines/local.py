@@ -7,14 +7,15 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import receipt
-from ibdata.dataset.shard import Written, write_shard
+from ibdata.dataset.shard import Begun, Written
+from ibdata.dataset.threads import Threads
 from ibdata.engines.signals import check, held
 from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError
@@ -31,9 +32,7 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
     row.
     """
     if workers == 1 or len(shards) <= 1:
-        for shard in shards:
-            yield written(recipe, shard, root, identity)
-            check()
+        yield from _one_after_the_other(recipe, shards, root, identity)
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
@@ -52,6 +51,27 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
                     f"{root / first.file}: found {deaths} dead worker processes in a row, expected none; "
                     "use fewer --workers if memory is short, then --resume"
                 ) from None
+
+
+def _one_after_the_other(recipe: Recipe, shards: list[Shard], root: Path, identity: str) -> Iterator[Written]:
+    """Each is simulated while the one before it is finished in a thread."""
+    with Threads() as threads, ThreadPoolExecutor(1) as finishing:
+        before: Future[Written] | None = None
+        for shard in shards:
+            begun = Begun(recipe, shard, root, threads)
+            try:
+                made = before.result() if before else None  # so that no more than two are in memory
+            except BaseException:
+                begun.abandon()
+                raise
+            before = finishing.submit(_finished, begun, root, identity)
+            del begun
+            if made:
+                yield made
+            check()
+        if before:
+            yield before.result()
+            check()
 
 
 def _pool(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
@@ -117,6 +137,11 @@ def _work(shard: Shard) -> Written:
 
 def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
     """A shard that is on the disk, and its receipt after it."""
-    made = write_shard(recipe, shard, root)
+    with Threads() as threads:
+        return _finished(Begun(recipe, shard, root, threads), root, identity)
+
+
+def _finished(begun: Begun, root: Path, identity: str) -> Written:
+    made = begun.finish()
     receipt.put(root, identity, made)
     return made

@@ -10,11 +10,12 @@ from typing import Any
 
 from ibdata.columns import columns
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.content import UNREAD, content_of, describe
 from ibdata.dataset.digest import episode_digests, table_runs
 from ibdata.dataset.files import FileEntry, file_sha256, write
 from ibdata.dataset.finish import documents, finish, renew
 from ibdata.dataset.frame import frame_of
-from ibdata.dataset.shard import UNREAD, Written, content_of, describe
+from ibdata.dataset.shard import Written
 from ibdata.dataset.validation import check_files
 from ibdata.engines import local, target
 from ibdata.engines.choice import worker_count

@@ -11,10 +11,12 @@ import pyarrow as pa
 
 from ibdata.columns import layout
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.content import describe
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.finish import documents, finish, renew
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.shard import Written, describe, write_shard
+from ibdata.dataset.shard import Begun, Written
+from ibdata.dataset.threads import Threads
 from ibdata.engines import lock, target
 from ibdata.engines.generate import made_folder, refusals
 from ibdata.engines.signals import check, stoppable
@@ -78,7 +80,8 @@ def _refuse(folder: Path) -> None:
 
 def _copied(recipe: Recipe, shard: Shard, source: Source, root: Path) -> Written:
     """A shard with a source's episodes, which are proven to be those that it lists."""
-    w = write_shard(recipe, shard, root, _columns(recipe, shard, source))
+    with Threads() as threads:
+        w = Begun(recipe, shard, root, threads, _columns(recipe, shard, source)).finish()
     _prove(w, source)
     return w
 

@@ -14,7 +14,8 @@ from ibdata.dynamics import State, initial_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.experiment.fields import BurnIn
-from ibdata.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, Raw, blank_noise, slots, uniforms
+from ibdata.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise, slots, uniforms
+from ibdata.philox import Raw
 from ibdata.policies import OBSERVATION
 from ibdata.starts import burn_in_steps, steerings
 
@@ -42,9 +43,7 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         start, k = self.settings.start, len(which)
-        u = np.empty((k, 3))
-        if start != "default":
-            uniforms(draw(which, slots(3)).reshape(k, 1, -1), 0, u)
+        u = np.empty((k, 3)) if start == "default" else _uniforms(draw(which, slots(3)), 3)
         state = initial_state(
             np.full(k, self.settings.first_setpoint), *steerings(start, u), drifting=self.settings.drifting
         )
@@ -58,8 +57,7 @@ class Simulation:
         for t in range(int(counts.max())):
             running = np.flatnonzero(t < counts)
             raw = self._raw(which[running], draw)
-            u = np.empty((len(running), 3))
-            uniforms(draw(which[running], slots(3)).reshape(len(running), 1, -1), 0, u)
+            u = _uniforms(draw(which[running], slots(3)), 3)
             action = np.empty(u.shape, dtype=np.float32)
             lanes.to_action(2.0 * u - 1.0, action)
             part = _taken(state, running)
@@ -78,12 +76,11 @@ class Simulation:
         self._observe(part, which, False)
 
     def _raw(self, which: Indices, draw: Draw) -> tuple[Raw, Raw]:
-        """The integers of one step as (k, 1, 8) and (k, 1, 4), the latter (k, 0, 4) if nothing drifts."""
-        k = len(which)
-        dynamics = draw(which, DYNAMICS_SLOTS).reshape(k, 1, DYNAMICS_SLOTS)
+        """The integers of one step as (1, 8, k) and (1, 4, k), the latter (0, 4, k) if nothing drifts."""
+        dynamics = _one_step(draw(which, DYNAMICS_SLOTS))
         if self.settings.drifting:
-            return dynamics, draw(which, DRIFT_SLOTS).reshape(k, 1, DRIFT_SLOTS)
-        return dynamics, np.empty((k, 0, DRIFT_SLOTS), dtype=np.uint64)
+            return dynamics, _one_step(draw(which, DRIFT_SLOTS))
+        return dynamics, np.empty((0, DRIFT_SLOTS, len(which)), dtype=np.uint64)
 
     def _move(self, state: State, action: Float32s, raw: tuple[Raw, Raw]) -> None:
         n = len(action)
@@ -142,6 +139,18 @@ def checked_actions(given: Any, used: npt.NDArray[np.bool_]) -> Float32s:
     out = np.empty(shape, dtype=np.float32)
     lanes.to_action(proposed, out)
     return out
+
+
+def _one_step(raw: Raw) -> Raw:
+    """The integers (1, slots, k) of a step from those of each lane (k, slots)."""
+    return np.ascontiguousarray(raw.T)[None]
+
+
+def _uniforms(raw: Raw, draws: int) -> npt.NDArray[np.float64]:
+    """Uniforms (k, draws) from integers (k, slots)."""
+    u = np.empty((len(raw), draws))
+    uniforms(_one_step(raw), u[None])
+    return u
 
 
 def _taken(state: State, which: Indices) -> State:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ibdata import lanes
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
-from ibdata.noise import Purpose, slots, uniforms
+from ibdata.noise import Purpose
 from ibdata.rollout import CHUNK, Block, blocks
 
 Floats = npt.NDArray[np.float64]
@@ -30,7 +30,6 @@ class EvaluationBlock(Block):
         """Two sums (n,) over the steps t: of discount to the t times the reward, and of the reward."""
         discounted, plain, weight = np.zeros(self.n), np.zeros(self.n), 1.0
         action = np.empty((self.n, 3), dtype=np.float32)
-        u = np.empty((self.n, self.policy.draws))
         history = np.empty((self.n, self.policy.frames, 6), dtype=np.float32)
         seen = history.view()
         seen.flags.writeable = False
@@ -38,10 +37,9 @@ class EvaluationBlock(Block):
         for t0 in range(0, self.experiment.steps, CHUNK):
             count = min(CHUNK, self.experiment.steps - t0)
             raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t0 + 1, count)
-            policy_raw = self._raw(Purpose.POLICY, t0, count, slots(self.policy.draws))
+            u = self._uniforms(Purpose.POLICY, t0, count, self.policy.draws)
             for t in range(count):
-                uniforms(policy_raw, t, u)
-                self.asked.act(seen, u, action, t0 + t)
+                self.asked.act(seen, u[t], action, t0 + t)
                 lanes.step_lanes(self.state, action, raw, drift, t, self.noise, self.parameters)
                 lanes.observe(self.state, history, False)
                 discounted += weight * self.state.reward

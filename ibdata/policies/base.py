@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ibdata.compiling import compiled
+
 History = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 
@@ -30,7 +32,7 @@ class Policy(Plugin, ABC):
     """A behaviour policy. A subclass in a file of this folder is all it takes to add one.
 
     It names its `kind: Literal["…"]`, its options as fields, the observations of history it wants
-    (`frames`), and the uniform draws it uses per step (`draws`). It sees nothing but observations.
+    (`frames`; 0: none), and the uniform draws it uses per step (`draws`). It sees nothing but observations.
     `Deterministic` and `Wrapper` below do part of the work.
     """
 
@@ -69,8 +71,19 @@ class Policy(Plugin, ABC):
 
 def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     """Proposed actions (n, 3) as the caller of `act` applies them: clipped, rounded, without -0."""
-    clipped = np.clip(np.asarray(proposed, dtype=np.float64), -1.0, 1.0)
-    return clipped.astype(np.float32) + np.float32(0.0)
+    given = np.asarray(proposed, dtype=np.float64)
+    out = np.empty(given.shape, dtype=np.float32)
+    _apply(given, out)
+    return out
+
+
+@compiled
+def _apply(proposed: Floats, out: npt.NDArray[np.float32]) -> None:
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            x = proposed[i, j]
+            clipped = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x  # what is no number stays so
+            out[i, j] = np.float32(clipped) + np.float32(0.0)
 
 
 class Deterministic(Policy):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,8 @@ Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True), AfterValidator
 
 class Constant(Deterministic):
     """The same action (Δv, Δg, Δh) at every step; zero unless said otherwise."""
+
+    frames: ClassVar[int] = 0
 
     kind: Literal["constant"] = "constant"
     action: tuple[Component, Component, Component] = Field(

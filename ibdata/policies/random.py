@@ -22,6 +22,7 @@ class Random(Policy):
     Hein et al. 2017, section "Experimental Prototypes", random exploration.
     """
 
+    frames: ClassVar[int] = 0
     draws: ClassVar[int] = 3
 
     kind: Literal["random"] = "random"

@@ -7,10 +7,11 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.card import card as readme
+from ibdata.dataset.content import UNREAD
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.finish import renew
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.shard import UNREAD, Written
+from ibdata.dataset.shard import Written
 from ibdata.engines import lock, target
 from ibdata.engines.code import recipe_in
 from ibdata.engines.generate import refusals

@@ -130,6 +130,19 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 99, 100, 101, 1000])
+def test_quantiles_are_those_of_numpy(n):
+    """Also of a column that is constant, and of one with a value that is no number."""
+    sample = np.random.default_rng(n).normal(size=(3, n)).astype(np.float32)
+    sample[1] = 7.0
+    sample[2, n // 2] = np.nan
+    found = described(("x", "constant", "odd"), moments(sample), [sample], [n])
+    expected = np.quantile(sample[:2], statistics.QUANTILES, axis=1, method="inverted_cdf")
+    assert [*found["x"]["quantiles"].values()] == expected[:, 0].tolist()
+    assert [*found["constant"]["quantiles"].values()] == expected[:, 1].tolist()
+    assert {*found["odd"]["quantiles"].values()} == {None}
+
+
 def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypatch, describe, tmp_path):
     monkeypatch.setattr(statistics, "SAMPLE_ROWS", 10)
     monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)

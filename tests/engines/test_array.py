@@ -92,7 +92,7 @@ def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(ti
     make(tiny, "1/2", "2/2")
     with pytest.raises(IbdataError, match="no finished dataset here"):
         ibdata.open("out")
-    monkeypatch.setattr("ibdata.engines.local.write_shard", None)
+    monkeypatch.setattr("ibdata.engines.local.Begun", None)
     assert make(tiny, "1/2") == make(tiny, "2/2")
     first = ibdata.finalize("out").manifest
     assert ibdata.finalize("out").manifest == first
@@ -225,7 +225,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.engines.local.write_shard", fail)
+        failing.setattr("ibdata.engines.local.Begun", fail)
         with pytest.raises(IbdataError, match=r"^out: cannot be written: No space left on device$"):
             make(tiny, "2/2")
         assert not Path("out").exists()
@@ -234,7 +234,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch):
     under_way.write_bytes(b"part")
     before = files("out")
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.engines.local.write_shard", fail)
+        failing.setattr("ibdata.engines.local.Begun", fail)
         Path("out").joinpath(".lock").touch()
         with lock.shared(Path("out")), pytest.raises(IbdataError, match="No space left"):
             make(tiny, "2/2")

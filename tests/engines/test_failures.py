@@ -60,9 +60,9 @@ PLACES = [
     ("ibdata.engines.generate.finish", 0),
     ("ibdata.dataset.finish.write", 0),
     ("ibdata.dataset.finish.write", 5),
-    ("ibdata.engines.local.write_shard", 2),
+    ("ibdata.engines.local.Begun", 2),
     ("ibdata.dataset.shard.arrow_table", 0),
-    ("ibdata.dataset.shard.describe", 3),
+    ("ibdata.dataset.shard.Account", 3),
     ("os.fsync", 1),
     ("os.fsync", 7),
 ]
@@ -138,6 +138,7 @@ def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatc
         action[:, 1] = np.nan if next(calls) == 2 + 5 + 3 else 0.0
         return action
 
+    monkeypatch.setattr("ibdata.policies.random.Random.frames", 1)
     monkeypatch.setattr("ibdata.policies.random.Random.act", act)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):
         ibdata.generate(tiny, "a/b", workers=1)

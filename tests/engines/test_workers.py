@@ -30,10 +30,10 @@ SCRIPT = """
     if __name__ != "__main__":  # in a worker
         import ibdata.dataset.shard as shard
         from ibdata.asking import PolicyError
-        filling = shard.filling
+        rollout = shard.rollout
         def changed(experiment, first, stop):
             {changed}
-        shard.filling = changed
+        shard.rollout = changed
 
     if __name__ == "__main__":
         experiment = Experiment.model_validate({plain})
@@ -51,7 +51,7 @@ SCRIPT = """
 def run(tmp_path):
     """Run a script that generates into a/b with two workers, in which `changed` fills the columns."""
 
-    def script(changed="return filling(experiment, first, stop)"):
+    def script(changed="return rollout(experiment, first, stop)"):
         path = tmp_path / "script.py"
         path.write_text(textwrap.dedent(SCRIPT).format(plain=PLAIN, changed=changed))
         child = subprocess.run(
@@ -106,7 +106,7 @@ def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_pa
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
-    lines = run("os._exit(9) if first == 4 else None; return filling(experiment, first, stop)")
+    lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
     assert lines[0].startswith("failed: IbdataError: True: a/b/data/part-"), lines
     assert "found 3 dead worker processes in a row, expected none" in lines[0]
     assert not list(tmp_path.rglob(".tmp-*"))

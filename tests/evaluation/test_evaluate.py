@@ -15,7 +15,7 @@ from ibdata.dynamics.exact import exponential, normal
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.play import EvaluationBlock
 from ibdata.experiment import Experiment
-from ibdata.noise import Purpose, Source, stream_key, uniform
+from ibdata.noise import Purpose, integers, stream_key, uniform
 
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
@@ -60,7 +60,7 @@ def returns(policy, setpoint=70.0, **settings):
 
 def raw_at(form, seed, index, purpose, steps, slots):
     key = stream_key(seed, hashlib.sha256(form.encode()).digest())
-    return Source().raw(key, index, purpose, 0, steps, slots)
+    return integers(key[None], np.array([index]), purpose, 0, steps, slots)[:, :, 0]
 
 
 def random_action(u):

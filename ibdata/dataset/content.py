@@ -1,0 +1,121 @@
+"""What is in a shard, whatever file holds it: digests, returns and statistics, put together part by part."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ibdata.columns import Table
+from ibdata.dataset.digest import episode_digests
+from ibdata.dataset.schema import digest_runs
+from ibdata.dataset.statistics import Floats, Moments, merged, moments, sample_stride, sums
+from ibdata.errors import IbdataError
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.rollout import Columns, parts
+
+
+class Content(NamedTuple):
+    """What is in a shard."""
+
+    digests: list[bytes]  # of the episodes
+    returns: Floats  # of the episodes, undiscounted
+    moments: Moments  # of the float columns
+    sample: Table  # of the float columns, for quantiles
+    clipped: int
+    labelled: dict[str, tuple[Moments, Table]]  # moments and sample of each split that is not whole files
+
+
+# The content of a shard that nobody has read.
+UNREAD = Content([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
+
+
+def content_of(digests: list[bytes]) -> str:
+    """The hex digest of a shard's content, from those of its episodes."""
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def describe(recipe: Recipe, shard: Shard, floats: Columns) -> Content:
+    """The content of a shard with these columns. Raises IbdataError where a value is not finite."""
+    account = Account(recipe, shard)
+    for part, columns in parts_of(recipe, shard, floats):
+        account.add(part, columns)
+    return account.content()
+
+
+def parts_of(recipe: Recipe, shard: Shard, floats: Columns) -> Iterator[tuple[Shard, Columns]]:
+    """The parts in which a shard is simulated, with their columns."""
+    experiment, table = recipe.of_shard(shard), floats.table
+    for first, stop in parts(experiment, shard.first, shard.stop):
+        rows = slice((first - shard.first) * experiment.steps, (stop - shard.first) * experiment.steps)
+        clipped = floats.clipped if first == shard.first else 0
+        part = Columns(floats.names, np.ascontiguousarray(table[:, rows]), clipped)
+        yield shard._replace(first=first, stop=stop), part
+
+
+class Account:
+    """The content of a shard while its parts are added in their order."""
+
+    def __init__(self, recipe: Recipe, shard: Shard) -> None:
+        self.shard, self.experiment = shard, recipe.of_shard(shard)
+        steps = self.experiment.steps
+        self._runs = list(recipe.runs(shard)) if recipe.later else []
+        lengths: dict[str, int] = {}
+        for first, stop, names in self._runs:
+            for name in recipe.later.keys() & set(names):
+                lengths[name] = lengths.get(name, 0) + (stop - first) * steps
+        self._all = _Rows((shard.stop - shard.first) * steps, self.experiment.rows)
+        self._labelled = {name: _Rows(rows, self.experiment.rows) for name, rows in lengths.items()}
+        self._digests: list[bytes] = []
+        self._returns: list[Floats] = []
+        self._names: tuple[str, ...] = ()
+        self._clipped = 0
+
+    def add(self, part: Shard, floats: Columns) -> None:
+        """Add the next episodes of the shard."""
+        steps, table = self.experiment.steps, floats.table
+        lengths = [steps] * (part.stop - part.first)
+        self._digests += episode_digests(digest_runs(self.experiment, part, floats), lengths)
+        self._returns.append(sums(table[floats.names.index("reward")], steps))
+        self._all.add(table)
+        for first, stop, names in self._runs:
+            rows = slice(*(steps * (np.clip(x, part.first, part.stop) - part.first) for x in (first, stop)))
+            for name in self._labelled.keys() & set(names) if rows.start < rows.stop else ():
+                self._labelled[name].add(np.ascontiguousarray(table[:, rows]))
+        self._names, self._clipped = floats.names, self._clipped + floats.clipped
+
+    def content(self) -> Content:
+        """What all parts together hold. Raises IbdataError where a value is not finite."""
+        whole, sample = self._all.found()
+        finite = np.isfinite(whole.squares)
+        finite[self._names.index("action_log_prob")] = True  # a custom policy may not know its density
+        if not finite.all():
+            name = self._names[int(np.argmin(finite))]
+            raise IbdataError(
+                f"{self.shard.file}: {name}: found a value that is not finite, expected finite numbers"
+            )
+        returns = np.concatenate(self._returns)
+        labelled = {name: rows.found() for name, rows in self._labelled.items()}
+        return Content(self._digests, returns, whole, sample, self._clipped, labelled)
+
+
+class _Rows:
+    """Moments and an even sample of rows of a shard that come in parts."""
+
+    def __init__(self, rows: int, total: int) -> None:
+        self._stride, self._seen = sample_stride(rows, total), 0
+        self._moments: Moments | None = None
+        self._samples: list[Table] = []
+
+    def add(self, table: Table) -> None:
+        own = moments(table)
+        self._moments = own if self._moments is None else merged(self._moments, own)
+        self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
+        self._seen += table.shape[1]
+
+    def found(self) -> tuple[Moments, Table]:
+        assert self._moments is not None
+        return self._moments, np.concatenate(self._samples, axis=1)
