@@ -60,7 +60,9 @@ def integers(
     """
     out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
     with np.errstate(over="ignore"):  # where nothing is compiled, numpy tells of products past 64 bits
-        fill(keys, indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out)
+        fill(
+            np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
+        )
     return out
 
 

@@ -35,30 +35,27 @@ def high(a: np.uint64, b: np.uint64) -> np.uint64:
 
 
 @compiled
-def philox(
-    k0: np.uint64, k1: np.uint64, c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64
-) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """The block of four integers at key (k0, k1) and counter (c0, c1, c2, c3)."""
-    for _ in range(ROUNDS):
-        high_0, low_0 = high(MULTIPLIER_0, c0), MULTIPLIER_0 * c0
-        high_1, low_1 = high(MULTIPLIER_1, c2), MULTIPLIER_1 * c2
-        c0, c1, c2, c3 = high_1 ^ c1 ^ k0, low_1, high_0 ^ c3 ^ k1, low_0
-        k0, k1 = k0 + WEYL_0, k1 + WEYL_1
-    return c0, c1, c2, c3
+def philox(keys: Raw, c0: np.uint64, c1: np.uint64, c2: Raw, c3: np.uint64, out: Raw) -> None:
+    """The blocks (4, n) at keys (2, n) and counters (c0, c1, c2, c3), of which c2 is (n,)."""
+    for i in range(c2.shape[0]):
+        k0, k1 = keys[0, i], keys[1, i]
+        w, x, y, z = c0, c1, c2[i], c3
+        for _ in range(ROUNDS):
+            high_0, low_0 = high(MULTIPLIER_0, w), MULTIPLIER_0 * w
+            high_1, low_1 = high(MULTIPLIER_1, y), MULTIPLIER_1 * y
+            w, x, y, z = high_1 ^ x ^ k0, low_1, high_0 ^ z ^ k1, low_0
+            k0, k1 = k0 + WEYL_0, k1 + WEYL_1
+        out[0, i], out[1, i], out[2, i], out[3, i] = w, x, y, z
 
 
 @compiled
 def fill(keys: Raw, words: Raw, first: int, purpose: int, out: Raw) -> None:
-    """The integers out (steps, slots, n) of lanes with keys (n, 2) and counters that end in words (n,).
+    """The integers out (steps, slots, n) of lanes with keys (2, n) and counters that end in words (n,).
 
     Word 0 of the counter is the number of the block, of which the first is `first`, word 1 the purpose.
     """
-    steps, slots, n = out.shape
-    per_step = slots // BLOCK
-    for t in range(steps):
+    per_step = out.shape[1] // BLOCK
+    for t in range(out.shape[0]):
         for b in range(per_step):
             block = Word(first + t * per_step + b) + ONE
-            for i in range(n):
-                w, x, y, z = philox(keys[i, 0], keys[i, 1], block, Word(purpose), words[i], Word(0))
-                out[t, BLOCK * b, i], out[t, BLOCK * b + 1, i] = w, x
-                out[t, BLOCK * b + 2, i], out[t, BLOCK * b + 3, i] = y, z
+            philox(keys, block, Word(purpose), words, Word(0), out[t, BLOCK * b : BLOCK * (b + 1)])
