@@ -1,8 +1,8 @@
 """Random numbers with an address: (seed, cell, index, purpose, step, slot) → 64 bits → a variate.
 
-Philox4x64-10 is a function of a 128-bit key and a 256-bit counter; NumPy promises that its integers stay
-as they are. The key comes from the seed and the cell's digest, the counter holds the rest of the address,
-so no number depends on what was drawn before it. Every step owns a fixed number of slots, used or not.
+Philox4x64-10 is a function of a 128-bit key and a 256-bit counter. The key comes from the seed and the
+cell's digest, the counter holds the rest of the address, so no number depends on what was drawn before it.
+Every step owns a fixed number of slots, used or not.
 """
 
 from __future__ import annotations

@@ -20,9 +20,14 @@ THREADS = os.cpu_count() or 1
 
 
 def check_shard(
-    table: pa.Table, frame: Frame, shard: dict[str, Any], info: dict[str, Any], episodes: pa.Table
+    table: pa.Table,
+    frame: Frame,
+    shard: dict[str, Any],
+    info: dict[str, Any],
+    episodes: pa.Table,
+    ranges: dict[str, tuple[float, float]],
 ) -> Iterator[Problem]:
-    """Every rule of the rows of a shard, given its part of the table of episodes.
+    """Every rule of the rows of a shard, given its part of the table of episodes, and ranges of columns.
 
     Digests are computed in other threads meanwhile; hashing lets go of Python's lock.
     """
@@ -39,6 +44,7 @@ def check_shard(
         episodes["episode"].to_numpy(),
         episodes["setpoint"].to_numpy(),
         info["drifting"],
+        ranges,
     )
     with ThreadPoolExecutor(THREADS) as threads:
         digesting = _digesting(threads, table, frame, rows)

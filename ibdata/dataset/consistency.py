@@ -81,15 +81,29 @@ def _root(listed: dict[str, Any], info: dict[str, Any], episodes: pa.Table) -> I
         yield Problem(manifest.PATH, None, "content root", f"found {listed['content_root']}, expected {root}")
 
 
-def moments_of(frame: Frame, shard: dict[str, Any], episodes: pa.Table) -> Part:
-    """The moments of a shard, and of the rows of each split in it."""
-    floats = floats_of(frame)
-    whole = joined([moments(values) for values in floats])
+def moments_of(frame: Frame) -> Moments:
+    """The moments of the columns of floats of a shard."""
+    return joined([moments(values) for values in floats_of(frame)])
+
+
+def ranges_of(frame: Frame, whole: Moments) -> dict[str, tuple[float, float]]:
+    """The least and the greatest value of each column of floats, given the moments, where all are finite."""
+    floats = (names for names, values in frame if values is not None and values.dtype.kind == "f")
+    return {
+        name: (float(whole.low[i]), float(whole.high[i]))
+        for i, name in enumerate(name for names in floats for name in names)
+        if np.isfinite(whole.squares[i])
+    }
+
+
+def part_of(frame: Frame, whole: Moments, shard: dict[str, Any], episodes: pa.Table) -> Part:
+    """The moments of a shard, which are known, and of the rows of each split in it."""
     of = {name: whole for name in shard["splits"]}
     lengths, names = episodes["length"].to_numpy(), episodes["splits"].to_pylist()
     for name in {name for own in names for name in own} - of.keys():
         rows = np.repeat([name in own for own in names], lengths)
-        of[name] = joined([moments(np.ascontiguousarray(values[:, rows])) for values in floats])
+        taken = [moments(np.ascontiguousarray(values[:, rows])) for values in floats_of(frame)]
+        of[name] = joined(taken)
     return Part(whole, of)
 
 

@@ -36,6 +36,7 @@ class Rows(NamedTuple):
     episodes: Array
     setpoints: Array
     drifting: bool
+    ranges: dict[str, tuple[float, float]]  # of the columns of floats that are finite
 
     def group(self, role: str) -> list[str]:
         """The names of the columns with a role."""
@@ -45,10 +46,9 @@ class Rows(NamedTuple):
 def finite(rows: Rows) -> Found:
     """Every float is finite; action_log_prob may be NaN, where a custom policy knows no density."""
     for column in rows.described:
-        if column["dtype"].startswith("float") and column["role"] != "log_prob":
-            yield from _where(
-                ~np.isfinite(rows.columns[column["name"]]), column["name"], rows, "a finite number"
-            )
+        name = column["name"]
+        if column["dtype"].startswith("float") and column["role"] != "log_prob" and name not in rows.ranges:
+            yield from _where(~np.isfinite(rows.columns[name]), name, rows, "a finite number")
 
 
 def bounds(rows: Rows) -> Found:
@@ -56,11 +56,12 @@ def bounds(rows: Rows) -> Found:
     for column in rows.described:
         if column["dtype"] in ("bool", "string"):
             continue
-        values, low, high = rows.columns[column["name"]], column["low"], column["high"]
-        if low is not None:
-            yield from _where(values < low, column["name"], rows, f"at least {low:g}")
-        if high is not None:
-            yield from _where(values > high, column["name"], rows, f"at most {high:g}")
+        name, low, high = column["name"], column["low"], column["high"]
+        least, greatest = rows.ranges.get(name, (-np.inf, np.inf))
+        if low is not None and least < low:
+            yield from _where(rows.columns[name] < low, name, rows, f"at least {low:g}")
+        if high is not None and greatest > high:
+            yield from _where(rows.columns[name] > high, name, rows, f"at most {high:g}")
 
 
 def indices(rows: Rows) -> Found:

@@ -28,9 +28,10 @@ class Moments(NamedTuple):
 
 
 def moments(table: Table) -> Moments:
-    """The moments of the rows of a table (columns, rows), summed in a fixed order."""
-    mean, squares, low, high = (np.empty(len(table)) for _ in range(4))
-    _moments(table, mean, squares, low, high)
+    """The moments of the rows of a table (columns, rows), summed in a fixed order; NaN where it has none."""
+    mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
+    if table.shape[1]:
+        _moments(table, mean, squares, low, high)
     return Moments(table.shape[1], mean, squares, low, high)
 
 

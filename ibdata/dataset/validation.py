@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet, shape, storage
 from ibdata.dataset.check import THREADS, check_shard
-from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of
+from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of, part_of, ranges_of
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.files import file_sha256
 from ibdata.dataset.frame import frame_of
@@ -93,9 +93,10 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
         table, wrong = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
         if table is not None:
             frame = frame_of(table, info["columns"])
-            wrong += check_shard(table, frame, shard, info, own)
+            whole = moments_of(frame)
+            wrong += check_shard(table, frame, shard, info, own, ranges_of(frame, whole))
             if not wrong:
-                parts.append(moments_of(frame, shard, own))
+                parts.append(part_of(frame, whole, shard, own))
         yield from wrong
     if len(parts) == len(listed["shards"]):
         yield from check_statistics(stats, info, parts)
