@@ -33,13 +33,13 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "cost noise": ("variants.py", [("consumption_noise=0.005,", "consumption_noise=0.0055,")]),
     "velocity and gain swapped": (
         "step.py",
-        [("state.gain[i], state.shift[i] = v, g, h", "state.gain[i], state.shift[i] = g, v, h")],
+        [("action[i, 0]", "action[i, 1]"), ("action[i, 1]", "action[i, 0]")],
     ),
     "effective actions swapped in the noise": (
         "step.py",
         [
-            ("noise.bernoulli_v[i], ve, k)", "noise.bernoulli_v[i], ge, k)"),
-            ("noise.bernoulli_g[i], ge, k)", "noise.bernoulli_g[i], ve, k)"),
+            ("noise.bernoulli_v[i], ve[i], k)", "noise.bernoulli_v[i], ge[i], k)"),
+            ("noise.bernoulli_g[i], ge[i], k)", "noise.bernoulli_g[i], ve[i], k)"),
         ],
     ),
     "fatigue amplification": ("fatigue.py", [("AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n")]),
@@ -58,14 +58,14 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
         "step.py",
         [("convolved_cost(state.operational_cost, i", "convolved_cost(state.operational_cost[:, ::-1], i")],
     ),
-    "Goldstone sign": ("step.py", [("m = penalty(phi, he)", "m = -penalty(phi, he)")]),
+    "Goldstone sign": ("step.py", [("= penalty(state.direction", "= -penalty(state.direction")]),
     "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
     "reward of t-1": ("step.py", [("return new\n", "return new._replace(reward=state.reward)\n")]),
     "latents cross-coupled": (  # as in the authors' Java code
         "step.py",
         [
-            ("hidden(state.mu_v[i], ve", "hidden(state.mu_g[i], ve"),
-            ("hidden(state.mu_g[i], ge", "hidden(state.mu_v[i], ge"),
+            ("hidden(mu_v[i], ve", "hidden(mu_g[i], ve"),
+            ("hidden(mu_g[i], ge", "hidden(mu_v[i], ge"),
         ],
     ),
     "history window reversed": (
@@ -75,15 +75,32 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
             ("    history[lane, 9] = theta", "    history[lane, 0] = theta"),
         ],
     ),
-    "consumption and fatigue swapped in the reward": ("step.py", [("reward(c, f)", "reward(f, c)")]),
+    "consumption and fatigue swapped in the reward": (
+        "step.py",
+        [
+            (
+                "reward(state.consumption[i], state.fatigue[i])",
+                "reward(state.fatigue[i], state.consumption[i])",
+            )
+        ],
+    ),
     "the old setpoint used": (
         "step.py",
-        [("state.setpoint[i] = p\n", "state.setpoint[i], p = p, state.setpoint[i]\n")],
+        [
+            (
+                "    _steer(state, action",
+                "    old = state._replace(setpoint=state.setpoint.copy())\n    _steer(state, action",
+            ),
+            (
+                "_tire(state, noise, k)\n    _consume(state, noise, k)",
+                "_tire(old, noise, k)\n    _consume(old, noise, k)",
+            ),
+        ],
     ),
     "setpoint moved twice": ("setpoint.py", [("return moved(p, b),", "return moved(moved(p, b), b),")]),
     "setpoint turns before moving": ("variants.py", [("drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)")]),
     "segment one step longer": ("setpoint.py", [("k.flip_after), left - 1", "k.flip_after), left")]),
-    "shift steps at the gain's rate": ("step.py", [("state.shift[i], D_H", "state.shift[i], D_G")]),
+    "shift steps at the gain's rate": ("step.py", [("steer(h[i], D_H", "steer(h[i], D_G")]),
     "alpha threshold as printed": ("variants.py", [("alpha_threshold=5.0", "alpha_threshold=1.2")]),
     "domain not reset after a turn": (
         "miscalibration.py",
