@@ -11,7 +11,7 @@ from ibdata.compiling import compiled
 from ibdata.dynamics.state import Floats, Noise, State
 from ibdata.dynamics.step import advance
 from ibdata.dynamics.variants import Parameters
-from ibdata.noise import blank_noise, drift_noise, standard_noise
+from ibdata.noise import compiled_blank_noise, drift_noise, standard_noise
 from ibdata.packed import Packed, unpacked
 from ibdata.philox import Raw
 
@@ -130,7 +130,7 @@ def simulate(
     The record (steps, n, variables) holds the state after each step, the history what a policy sees last.
     """
     state = unpacked(packed)
-    noise = blank_noise(actions.shape[1])
+    noise = compiled_blank_noise(actions.shape[1])
     for t in range(actions.shape[0]):
         step_lanes(state, actions[t], raw, drift, t, noise, k)
         observe(state, history, False)

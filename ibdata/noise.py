@@ -131,8 +131,10 @@ def drift_noise(raw: Raw, noise: Noise) -> None:
     _uniforms(raw[3], noise.uniform_drift_flip)
 
 
-@compiled
 def blank_noise(n: int) -> Noise:
     """Arrays (n,) for `standard_noise` and `drift_noise` to fill."""
     z = np.zeros((12, n))
     return Noise(z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8], z[9], z[10], z[11])
+
+
+compiled_blank_noise = compiled(blank_noise)

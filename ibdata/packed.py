@@ -18,8 +18,7 @@ class Packed(NamedTuple):
     integers: Ints  # (4, n)
 
 
-@compiled
-def unpacked(packed: Packed) -> State:
+def _views(packed: Packed) -> State:
     """The State whose arrays are those of the packed one."""
     x, z = packed.floats, packed.integers
     return State(
@@ -28,10 +27,15 @@ def unpacked(packed: Packed) -> State:
     )  # fmt: skip
 
 
+# For compiled code only: to hand a NamedTuple to Python, numba calls Python, and where the handler of a signal
+# raises in there, the process crashes.
+unpacked = compiled(_views)
+
+
 def packed(state: State) -> Packed:
     """A copy of a state, packed."""
     n = len(state.setpoint)
     made = Packed(np.empty((18, n)), np.empty((n, 10)), np.empty((4, n), dtype=np.int64))
-    for own, given in zip(unpacked(made), state, strict=True):
+    for own, given in zip(_views(made), state, strict=True):
         own[:] = given
     return made

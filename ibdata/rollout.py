@@ -36,6 +36,7 @@ from ibdata.starts import burn_in_steps, steerings
 
 LANES = 256  # a block's state and record stay in the processor's cache
 CHUNK = 32  # steps drawn and recorded at a time, for the same reason
+LEAST_LANES = 64
 PART_ROWS = 2**18  # a table that is encoded while the next is filled; the last bits of statistics hang on it
 
 
@@ -61,8 +62,12 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 
 
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Runs of episodes that are simulated into one table: whole blocks, of about PART_ROWS rows together."""
-    most = max(1, PART_ROWS // experiment.steps // LANES) * LANES
+    """Runs of episodes that are simulated into one table: of about PART_ROWS rows, and whole blocks of them.
+
+    Where episodes are long they are at least LEAST_LANES, so that few steps are taken for little.
+    """
+    most = PART_ROWS // experiment.steps
+    most = most // LANES * LANES or max(most, LEAST_LANES)
     for start in range(first, stop, most):
         yield start, min(stop, start + most)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ibdata.dynamics.state import initial_state
-from ibdata.packed import packed, unpacked
+from ibdata.packed import _views, packed
 
 
 def test_a_state_comes_back_as_it_was_and_shares_the_memory_of_the_packed_one():
@@ -11,7 +11,7 @@ def test_a_state_comes_back_as_it_was_and_shares_the_memory_of_the_packed_one():
     for number, field in enumerate(state):
         field[:] = np.arange(field.size).reshape(field.shape) + 100 * number
     small = packed(state)
-    again = unpacked(small)
+    again = _views(small)
     for name in state._fields:
         np.testing.assert_array_equal(getattr(again, name), getattr(state, name))
         assert getattr(again, name).dtype == getattr(state, name).dtype

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -62,7 +63,7 @@ class Account:
     def __init__(self, recipe: Recipe, shard: Shard) -> None:
         self.shard, self.experiment = shard, recipe.of_shard(shard)
         steps = self.experiment.steps
-        self._runs = list(recipe.runs(shard)) if recipe.later else []
+        self._runs = deque(recipe.runs(shard) if recipe.later else ())
         lengths: dict[str, int] = {}
         for first, stop, names in self._runs:
             for name in recipe.later.keys() & set(names):
@@ -81,11 +82,24 @@ class Account:
         self._digests += episode_digests(digest_runs(self.experiment, part, floats), lengths)
         self._returns.append(sums(table[floats.names.index("reward")], steps))
         self._all.add(table)
-        for first, stop, names in self._runs:
-            rows = slice(*(steps * (np.clip(x, part.first, part.stop) - part.first) for x in (first, stop)))
-            for name in self._labelled.keys() & set(names) if rows.start < rows.stop else ():
-                self._labelled[name].add(np.ascontiguousarray(table[:, rows]))
+        for name, tables in self._of_splits(part, table).items():
+            self._labelled[name].add(np.concatenate(tables, axis=1))
         self._names, self._clipped = floats.names, self._clipped + floats.clipped
+
+    def _of_splits(self, part: Shard, table: Table) -> dict[str, list[Table]]:
+        """The rows of a part that have a label, run by run; runs that have ended are forgotten."""
+        steps, found = self.experiment.steps, dict[str, list[Table]]()
+        while self._runs and self._runs[0][0] < part.stop:
+            first, stop, names = self._runs[0]
+            rows = slice(
+                (max(first, part.first) - part.first) * steps, (min(stop, part.stop) - part.first) * steps
+            )
+            for name in self._labelled.keys() & set(names):
+                found.setdefault(name, []).append(table[:, rows])
+            if stop > part.stop:
+                break
+            self._runs.popleft()
+        return found
 
     def content(self) -> Content:
         """What all parts together hold. Raises IbdataError where a value is not finite."""

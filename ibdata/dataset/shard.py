@@ -7,6 +7,7 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import NamedTuple
 
 import pyarrow as pa
@@ -43,6 +44,7 @@ class Begun:
         self.shard, self.experiment = shard, recipe.of_shard(shard)
         self._account = Account(recipe, shard)
         self._pending: list[Future[None]] = []
+        self._encoding, self._stopped = Lock(), False
         made = self._simulated() if floats is None else parts_of(recipe, shard, floats)
         with ExitStack() as stack:
             self._file = stack.enter_context(committed(folder, shard.file))
@@ -60,7 +62,9 @@ class Begun:
             yield self.shard._replace(first=first, stop=stop), rollout(self.experiment, first, stop)
 
     def _encode(self, part: Shard, floats: Columns) -> None:
-        self._groups.add(arrow_table(self.experiment, part, floats))
+        with self._encoding:
+            if not self._stopped:  # what was queued when a signal came may be unknown to `_pending`
+                self._groups.add(arrow_table(self.experiment, part, floats))
 
     def _settle(self, ended: list[Future[None]]) -> None:
         """Wait for these; what failed is raised."""
@@ -70,6 +74,8 @@ class Begun:
 
     def _stop(self) -> None:
         """Begin nothing more, and wait for what was begun."""
+        with self._encoding:
+            self._stopped = True
         for future in self._pending:
             future.cancel()
         wait(self._pending)
@@ -84,13 +90,9 @@ class Begun:
         return Written(self.shard, entry, content)
 
     def abandon(self) -> None:
-        """Leave nothing of it."""
-        with suppress(_AbandonedError), self._opened:
-            raise _AbandonedError
-
-
-class _AbandonedError(Exception):
-    pass
+        """Leave nothing of it, whatever fails meanwhile."""
+        with suppress(Exception), self._opened:
+            raise InterruptedError
 
 
 class RowGroups:

@@ -32,6 +32,8 @@ def moments(table: Table) -> Moments:
     mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
     if table.shape[1]:
         _moments(table, mean, squares, low, high)
+        odd = np.isnan(squares)  # whether a NaN reaches the extremes depends on its place
+        low[odd] = high[odd] = np.nan
     return Moments(table.shape[1], mean, squares, low, high)
 
 

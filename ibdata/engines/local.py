@@ -7,8 +7,9 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -55,16 +56,16 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
 
 def _one_after_the_other(recipe: Recipe, shards: list[Shard], root: Path, identity: str) -> Iterator[Written]:
     """Each is simulated while the one before it is finished in a thread."""
-    with Threads() as threads, ThreadPoolExecutor(1) as finishing:
+    with Threads() as threads:
         before: Future[Written] | None = None
         for shard in shards:
             begun = Begun(recipe, shard, root, threads)
             try:
                 made = before.result() if before else None  # so that no more than two are in memory
+                before = threads.finish(partial(_finished, begun, root, identity))
             except BaseException:
                 begun.abandon()
                 raise
-            before = finishing.submit(_finished, begun, root, identity)
             del begun
             if made:
                 yield made

@@ -13,6 +13,7 @@ from ibdata.errors import Interrupted
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _arrived: list[int] = []
+_held: list[int] = []  # an entry for each `held` that is entered
 
 
 def check() -> None:
@@ -23,12 +24,19 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Let signals wait, and keep them from the processes that are started meanwhile."""
+    """Let signals wait, and keep them from the processes that are started meanwhile.
+
+    A mask is not enough: another thread, of a library, may take the signal, and Python's handler runs here.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    _held.append(0)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _held.pop()
+        if not _held:
+            check()
 
 
 @contextmanager
@@ -46,13 +54,18 @@ def stoppable() -> Iterator[None]:
         for other in STOPPING:
             signal.signal(other, signal.SIG_IGN)
         _arrived.append(number)
-        raise Interrupted(number)
+        if not _held:
+            raise Interrupted(number)
 
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # nohup, or a shell's background job
             signal.signal(number, stop)
     try:
         yield
+    except Exception as error:
+        if _arrived and not isinstance(error, Interrupted):  # some code takes every error for its own
+            raise Interrupted(_arrived[0]) from error
+        raise
     finally:
         _arrived.clear()
         for number, handler in before.items():

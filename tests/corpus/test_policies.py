@@ -230,6 +230,7 @@ def test_finite_actions_out_of_range_are_clipped_and_counted(played, answer, vel
 def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Random, "frames", 1)
 
     def generate(answer, resume=False):
         calls = itertools.count()

@@ -39,6 +39,12 @@ def test_parts_are_whole_blocks(made):
     assert [*parts(recipe.of_shard(whole), 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
 
 
+def test_parts_of_long_episodes_have_some_lanes(made):
+    recipe, whole = made
+    longer = recipe.of_shard(whole).model_copy(update={"steps": 10**6})
+    assert [*parts(longer, 0, 100)] == [(0, 64), (64, 100)]
+
+
 def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
     recipe, whole = made
     experiment = recipe.of_shard(whole)

@@ -130,6 +130,23 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
 
 
+@pytest.mark.parametrize("at", [0, 5, 9])
+@pytest.mark.parametrize("odd", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_shows_wherever_it_is_and_however_the_rows_are_cut(at, odd):
+    table = np.arange(10.0).reshape(1, 10)
+    table[0, at] = odd
+    whole, parts = moments(table), [moments(np.ascontiguousarray(table[:, i : i + 5])) for i in (0, 5)]
+    for found in (whole, merged(*parts)):
+        assert not np.isfinite(found.squares[0])
+        assert np.isnan([found.low[0], found.high[0]]).all()
+
+
+def test_no_rows_have_no_moments():
+    found = moments(np.empty((2, 0)))
+    assert found.rows == 0
+    assert all(np.isnan(part).all() for part in found[1:])
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 99, 100, 101, 1000])
 def test_quantiles_are_those_of_numpy(n):
     """Also of a column that is constant, and of one with a value that is no number."""

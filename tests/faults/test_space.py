@@ -87,8 +87,8 @@ def test_a_full_disk_gives_one_line_and_the_run_completes_once_space_is_freed(
 def test_too_little_memory_gives_one_line(forks: Any, tools: Any) -> None:
     large = tools.file(
         "large.yaml",
-        "name: large\nsetpoints: 50\npolicies: [{kind: random}]\nepisodes: 40000\nsteps: 1000\n"
-        "output: {shard_rows: 40000000}\n",
+        "name: large\nsetpoints: 50\npolicies: [{kind: random}]\nepisodes: 64\nsteps: 1000000\n"
+        "output: {shard_rows: 64000000}\n",
     )
     out = tools.where / "out"
     args = ["generate", "--quiet", "--config", large, "--out", out, "--workers", 1]

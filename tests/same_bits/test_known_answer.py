@@ -10,7 +10,7 @@ import pytest
 pytestmark = pytest.mark.same_bits
 
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
-COMPILE = "numba.njit(cache=True, nogil=True)"
+COMPILE = 'numba.njit(cache=True, nogil=True, error_model="numpy")'
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
     "fused multiply-add": ("compiling.py", COMPILE, "numba.njit(cache=True, fastmath={'contract'})"),
