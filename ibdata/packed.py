@@ -27,7 +27,7 @@ def _views(packed: Packed) -> State:
     )  # fmt: skip
 
 
-# For compiled code only: to hand a NamedTuple to Python, numba calls Python, and where the handler of a signal
+# For compiled code only: to hand a NamedTuple to Python, numba calls Python, and where a signal's handler
 # raises in there, the process crashes.
 unpacked = compiled(_views)
 
