@@ -86,12 +86,11 @@ def moments_of(frame: Frame) -> Moments:
     return joined([moments(values) for values in floats_of(frame)])
 
 
-def ranges_of(frame: Frame, whole: Moments) -> dict[str, tuple[float, float]]:
+def ranges_of(info: dict[str, Any], whole: Moments) -> dict[str, tuple[float, float]]:
     """The least and the greatest value of each column of floats, given the moments, where all are finite."""
-    floats = (names for names, values in frame if values is not None and values.dtype.kind == "f")
     return {
         name: (float(whole.low[i]), float(whole.high[i]))
-        for i, name in enumerate(name for names in floats for name in names)
+        for i, name in enumerate(_floats(info))
         if np.isfinite(whole.squares[i])
     }
 

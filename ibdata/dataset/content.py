@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ibdata.columns import Table
+from ibdata.columns import Table, layout
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.schema import digest_runs
 from ibdata.dataset.statistics import Floats, Moments, merged, moments, sample_stride, sums
@@ -72,7 +72,6 @@ class Account:
         self._labelled = {name: _Rows(rows, self.experiment.rows) for name, rows in lengths.items()}
         self._digests: list[bytes] = []
         self._returns: list[Floats] = []
-        self._names: tuple[str, ...] = ()
         self._clipped = 0
 
     def add(self, part: Shard, floats: Columns) -> None:
@@ -84,7 +83,7 @@ class Account:
         self._all.add(table)
         for name, tables in self._of_splits(part, table).items():
             self._labelled[name].add(np.concatenate(tables, axis=1))
-        self._names, self._clipped = floats.names, self._clipped + floats.clipped
+        self._clipped += floats.clipped
 
     def _of_splits(self, part: Shard, table: Table) -> dict[str, list[Table]]:
         """The rows of a part that have a label, run by run; runs that have ended are forgotten."""
@@ -104,10 +103,11 @@ class Account:
     def content(self) -> Content:
         """What all parts together hold. Raises IbdataError where a value is not finite."""
         whole, sample = self._all.found()
+        names = layout(self.experiment).names
         finite = np.isfinite(whole.squares)
-        finite[self._names.index("action_log_prob")] = True  # a custom policy may not know its density
+        finite[names.index("action_log_prob")] = True  # a custom policy may not know its density
         if not finite.all():
-            name = self._names[int(np.argmin(finite))]
+            name = names[int(np.argmin(finite))]
             raise IbdataError(
                 f"{self.shard.file}: {name}: found a value that is not finite, expected finite numbers"
             )

@@ -94,7 +94,7 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
         if table is not None:
             frame = frame_of(table, info["columns"])
             whole = moments_of(frame)
-            wrong += check_shard(table, frame, shard, info, own, ranges_of(frame, whole))
+            wrong += check_shard(table, frame, shard, info, own, ranges_of(info, whole))
             if not wrong:
                 parts.append(part_of(frame, whole, shard, own))
         yield from wrong

@@ -37,7 +37,7 @@ class Acting(Policy):
         return int(getattr(self.target, "frames", self.history))
 
     @property
-    def draws(self) -> int:  # type: ignore[override]
+    def draws(self) -> int:  # type: ignore[override]  # read from instances only
         """Uniform draws per step that the object says."""
         return int(getattr(self.target, "draws", 0))
 

@@ -40,7 +40,7 @@ def _fitting(name: str) -> AfterValidator:
 def _strict(hint: Any) -> Any:
     """The type with its numbers strict, as everywhere else."""
     if get_origin(hint) is tuple:
-        return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]
+        return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
     return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
 
 

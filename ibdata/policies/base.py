@@ -119,7 +119,7 @@ class Wrapper(Policy):
         return self.base.frames
 
     @property
-    def draws(self) -> int:  # type: ignore[override]
+    def draws(self) -> int:  # type: ignore[override]  # read from instances only
         """Uniform draws per step: the base's and its own."""
         return self.base.draws + self.own_draws
 
