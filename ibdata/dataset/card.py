@@ -102,5 +102,5 @@ def _again(recipe: Recipe) -> list[str]:
         ]
     return [
         "`meta/experiment.yaml` is all it takes to make the dataset again, bit for bit:",
-        "`ibdata generate --config meta/experiment.yaml --out again`.",
+        "`ibdata generate --config meta/experiment.yaml --out ../again`.",
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from ibdata.dataset.statistics import Floats, Moments, merged, moments, sample_s
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import Columns, parts
+from ibdata.rollout import Columns, parts, rollout
 
 
 class Content(NamedTuple):
@@ -39,22 +39,19 @@ def content_of(digests: list[bytes]) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def describe(recipe: Recipe, shard: Shard, floats: Columns) -> Content:
-    """The content of a shard with these columns. Raises IbdataError where a value is not finite."""
+def describe(recipe: Recipe, shard: Shard, made: Iterable[tuple[Shard, Columns]]) -> Content:
+    """The content of a shard that has these parts. Raises IbdataError where a value is not finite."""
     account = Account(recipe, shard)
-    for part, columns in parts_of(recipe, shard, floats):
-        account.add(part, columns)
+    for part, floats in made:
+        account.add(part, floats)
     return account.content()
 
 
-def parts_of(recipe: Recipe, shard: Shard, floats: Columns) -> Iterator[tuple[Shard, Columns]]:
-    """The parts in which a shard is simulated, with their columns."""
-    experiment, table = recipe.of_shard(shard), floats.table
+def simulated(recipe: Recipe, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
+    """The parts of a shard, with their columns."""
+    experiment = recipe.of_shard(shard)
     for first, stop in parts(experiment, shard.first, shard.stop):
-        rows = slice((first - shard.first) * experiment.steps, (stop - shard.first) * experiment.steps)
-        clipped = floats.clipped if first == shard.first else 0
-        part = Columns(floats.names, np.ascontiguousarray(table[:, rows]), clipped)
-        yield shard._replace(first=first, stop=stop), part
+        yield shard._replace(first=first, stop=stop), rollout(experiment, first, stop)
 
 
 class Account:
@@ -74,16 +71,17 @@ class Account:
         self._returns: list[Floats] = []
         self._clipped = 0
 
-    def add(self, part: Shard, floats: Columns) -> None:
-        """Add the next episodes of the shard."""
+    def add(self, part: Shard, floats: Columns) -> Moments:
+        """Add the next episodes of the shard; the moments of their columns."""
         steps, table = self.experiment.steps, floats.table
         lengths = [steps] * (part.stop - part.first)
         self._digests += episode_digests(digest_runs(self.experiment, part, floats), lengths)
         self._returns.append(sums(table[floats.names.index("reward")], steps))
-        self._all.add(table)
+        own = self._all.add(table)
         for name, tables in self._of_splits(part, table).items():
             self._labelled[name].add(np.concatenate(tables, axis=1))
         self._clipped += floats.clipped
+        return own
 
     def _of_splits(self, part: Shard, table: Table) -> dict[str, list[Table]]:
         """The rows of a part that have a label, run by run; runs that have ended are forgotten."""
@@ -109,7 +107,7 @@ class Account:
         if not finite.all():
             name = names[int(np.argmin(finite))]
             raise IbdataError(
-                f"{self.shard.file}: {name}: found a value that is not finite, expected finite numbers"
+                f"{self.shard.stem}: {name}: found a value that is not finite, expected finite numbers"
             )
         returns = np.concatenate(self._returns)
         labelled = {name: rows.found() for name, rows in self._labelled.items()}
@@ -124,11 +122,12 @@ class _Rows:
         self._moments: Moments | None = None
         self._samples: list[Table] = []
 
-    def add(self, table: Table) -> None:
+    def add(self, table: Table) -> Moments:
         own = moments(table)
         self._moments = own if self._moments is None else merged(self._moments, own)
         self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
         self._seen += table.shape[1]
+        return own
 
     def found(self) -> tuple[Moments, Table]:
         assert self._moments is not None

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from ibdata.dataset import manifest, parquet
-from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.reader import Dataset
 
 
@@ -62,7 +61,7 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
     """The episodes of each cell and index by their digests; a merged dataset may have some of each seed."""
     columns = ("cell", "index", "digest", "episode")
-    table = read_episodes(dataset.path, len(dataset.manifest["shards"]))
+    table = dataset.episode_table
     found: dict[tuple[str, int], dict[bytes, int]] = {}
     for cell, index, digest, episode in zip(*(table[name].to_pylist() for name in columns), strict=True):
         found.setdefault((cell, index), {})[digest] = episode
@@ -70,10 +69,10 @@ def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
 
 
 def _rows(dataset: Dataset, episode: int, names: list[str]) -> dict[str, list[Any]]:
-    row = dataset.episodes.iloc[episode]
-    shard = dataset.manifest["shards"][int(row["shard"])]["path"]
-    table = parquet.read(manifest.locate(dataset.path, shard), names)
-    part = table.slice(int(row["row_start"]), int(row["length"]))
+    shard, start, stop = (
+        dataset.episode_table[name][episode].as_py() for name in ("shard", "row_start", "row_stop")
+    )
+    part = pa.Table.from_batches(dataset.shard_batches(shard, names, stop - start, start, stop))
     return {name: part[name].to_pylist() for name in names if name != "episode"}
 
 

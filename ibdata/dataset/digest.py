@@ -13,9 +13,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy.typing as npt
-import pyarrow as pa
-
-from ibdata.dataset.frame import Frame
 
 Run = npt.NDArray[Any] | list[bytes]
 
@@ -57,14 +54,3 @@ def content_root(described: Iterable[tuple[str, str]], episodes: Iterable[tuple[
     for cell, index, digest in sorted(episodes):
         hasher.update(cell + index.to_bytes(8, "little") + digest)
     return hasher.hexdigest()
-
-
-def table_runs(frame: Frame, table: pa.Table, first_rows: list[int]) -> list[Run]:
-    """The columns of a table as `episode_digests` takes them, given the first row of each episode."""
-    runs: list[Run] = []
-    for names, values in frame:
-        if values is None:
-            runs.append([text(value) for value in table[names[0]].take(first_rows).to_pylist()])
-        elif names != ["episode"]:
-            runs.append(values[1:] if names[0] == "episode" else values)
-    return runs

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -29,19 +31,19 @@ SCHEMA = pa.schema(
 )
 
 
-def read_episodes(folder: Path, shards: int) -> pa.Table:
-    """The table of episodes of a dataset of so many shards; DatasetError where it is not one."""
-    path = manifest.locate(folder, PATH)
-    table = parquet.read(path)
+def read_episodes(folder: Path, listed: Mapping[str, Any]) -> pa.Table:
+    """The table of episodes of the dataset with this manifest; DatasetError where it is not one."""
+    path = folder / PATH
+    data = manifest.listed_content(folder, listed, PATH)
+    rows = max(shard["episodes"][1] for shard in listed["shards"])
+    table = parquet.read(path, rows=rows, data=data)
     for name in SCHEMA.names:
         found = table.schema.field(name).type if name in table.column_names else "none"
         if found != SCHEMA.field(name).type:
             raise DatasetError(f"{path}: {name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
             raise DatasetError(f"{path}: {name}: found no value in some rows, expected one in each")
-    if not len(table):
-        raise DatasetError(f"{path}: found no episodes, expected some")
-    _check_places(path, table, shards)
+    _check_places(path, table, len(listed["shards"]))
     return table.select(SCHEMA.names)
 
 

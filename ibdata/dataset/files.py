@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import BinaryIO, NamedTuple
 
 TEMPORARY = ".tmp-"
+TOKEN = "{token}"
 BLOCK = 2**20
 
 
@@ -83,18 +84,30 @@ class HashingFile:
 
 @contextmanager
 def committed(folder: Path, path: str) -> Iterator[HashingFile]:
-    """A new file folder/path that appears under its name when the block ends well, and not otherwise."""
-    target, temporary = _places(folder, path)
+    """A new file folder/path that appears under its name when the block ends well, and not otherwise.
+
+    `TOKEN` in the path stands for the first digits of the file's SHA-256.
+    """
+    temporary = _temporary(folder, path)
     try:
         with temporary.open("xb") as raw:
             file = HashingFile(raw)
             yield file
             file.sync()
-        temporary.replace(target)
+        temporary.replace(folder / named(path, file.sha256()))
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    sync_folder(target.parent)
+    sync_folder((folder / path).parent)
+
+
+def named(path: str, sha256: str) -> str:
+    """The path of a file with this hash.
+
+    >>> named("data/part-00000-{token}.parquet", "1a2b3c4d5e6f")
+    'data/part-00000-1a2b3c4d.parquet'
+    """
+    return path.replace(TOKEN, sha256[:8])
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
@@ -106,7 +119,7 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
 
 def write_once(folder: Path, path: str, data: bytes) -> bool:
     """Commit a small file, of which the first writer decides; whether it holds these bytes then."""
-    target, temporary = _places(folder, path)
+    target, temporary = folder / path, _temporary(folder, path)
     if not target.is_file():
         try:
             with temporary.open("xb") as raw:
@@ -121,18 +134,21 @@ def write_once(folder: Path, path: str, data: bytes) -> bool:
     return target.read_bytes() == data
 
 
-def _places(folder: Path, path: str) -> tuple[Path, Path]:
-    """Where a new file is to be, and where it is until it is whole."""
-    target = folder / path
-    target.parent.mkdir(exist_ok=True)
-    return target, target.with_name(f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}")
+def _temporary(folder: Path, path: str) -> Path:
+    """Where a new file is until it is whole: not beside the data, and under a name that is no data file's.
+
+    The folder that the file is to be in is made.
+    """
+    (folder / path).parent.mkdir(exist_ok=True)
+    name = Path(path.partition(f"-{TOKEN}")[0]).name
+    return folder / f"{TEMPORARY}{secrets.token_hex(6)}-{name}.part"
 
 
 def file_sha256(path: Path) -> str | None:
-    """The hex hash of a regular file; None where there is none, or it cannot be read."""
+    """The hex hash of a regular file, which a link may lead to; None where none can be read."""
     hasher = hashlib.sha256()
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 return None
@@ -157,10 +173,13 @@ def plain_bytes(path: Path, most: int) -> bytes:
 def sweep(folder: Path, names: Container[str] | None = None) -> None:
     """Remove the temporary files of writers that were killed, or just those that were to be these files.
 
+    The name of a shard's file is given without its token.
+
     Call it only where nobody writes them.
     """
     for temporary in folder.glob(f"{TEMPORARY}*"):
-        if names is None or temporary.name.removeprefix(TEMPORARY).partition("-")[2] in names:
+        name = temporary.name.removeprefix(TEMPORARY).partition("-")[2].removesuffix(".part")
+        if names is None or name in names:
             temporary.unlink(missing_ok=True)
 
 

@@ -66,16 +66,15 @@ def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(recipe.experiments)}
 
 
-def renew(folder: Path, listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> None:
-    """Commit the files that are staged under `.next`, with a manifest that lists these entries."""
+def renewed(listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
+    """The manifest of a dataset some of whose files are others now."""
     files = [entry._asdict() for entry in entries.values()]
     content = {key: value for key, value in listed.items() if key != "checksum"}
     if files != listed["files"]:
         content |= {"files": files, "versions": versions()}
     content |= changes
     content["checksum"] = manifest.checksum(content)
-    write(folder / manifest.NEXT, manifest.PATH, metadata.as_json(content))
-    manifest.promote(folder)
+    return metadata.as_json(content)
 
 
 def versions() -> dict[str, str]:

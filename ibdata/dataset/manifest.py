@@ -1,8 +1,7 @@
 """meta/manifest.json, written last: what is listed there exists, and nothing else does.
 
-A dataset is replaced in three moves, each of which leaves the old one or the new one whole: the new files
-are written under `.next`; renaming that to `.new` makes them count; then they move to their places, the
-manifest last. Whoever reads looks into `.new` first, whoever writes settles what a killed writer left there.
+A dataset can be replaced while it is read (see `engines.replacement`): while that is under way, a file that
+is not in its place may be in `.new`.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import shape, storage
-from ibdata.dataset.files import plain_bytes, sync_folder
-from ibdata.errors import DatasetError, printable
+from ibdata.dataset.files import plain_bytes
+from ibdata.errors import DatasetError, UsageError, printable
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -26,55 +25,94 @@ CARD = "README.md"
 REPORT = "report.html"  # where there is one: `ibdata card` makes it
 NEXT = ".next"
 NEW = ".new"
+RUN = ".run"
+FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
 FORMAT = "ibdata-manifest"
 VERSION = 1
 DATA_VERSION = 1  # raised whenever the same experiment gives other bytes
 SAFE_PATH = re.compile(shape.SAFE_PATH)
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
+MOVES = 2  # of a file, while a reader looks for it
 
 
 class NewerError(DatasetError):
     """A newer ibdata made the dataset."""
 
 
+class ReplacedError(DatasetError):
+    """Another dataset has taken the place of the one that is being read."""
+
+    exit_code = 75
+
+
 def read(folder: Path) -> dict[str, Any]:
     """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
     try:
-        data = _loaded(folder, PATH, "a manifest")
+        data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(
             f"{storage.name_of(folder)}: no finished dataset here: {PATH} is missing"
         ) from None
-    path = locate(folder, PATH)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise DatasetError(f"{path}: found another format, expected {FORMAT}")
-    if data.get("version") != VERSION:
-        found = printable(repr(data.get("version")))[:60]
-        raise NewerError(f"{path}: found version {found}, expected {VERSION}; use a newer ibdata")
-    if data.get("checksum") != checksum(data):
-        raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
-    return _of_shape(path, shape.Manifest, data)
-
-
-def read_json(folder: Path, path: str, form: type[shape.Shape]) -> dict[str, Any]:
-    """A JSON file of a dataset; DatasetError where it is missing, unreadable, or of another shape."""
-    try:
-        data = _loaded(folder, path, "JSON")
-    except (FileNotFoundError, NotADirectoryError):
-        raise DatasetError(f"{folder / path}: missing; ibdata repair {folder}") from None
-    return _of_shape(folder / path, form, data)
-
-
-def _loaded(folder: Path, path: str, what: str) -> Any:
-    place = locate(folder, path)
-    try:
-        return json.loads(content(folder, path), parse_constant=_no_constant)
-    except (FileNotFoundError, NotADirectoryError):
-        raise
     except OSError as error:
-        raise DatasetError(f"{place}: cannot be read: {error.strerror}") from None
+        raise DatasetError(f"{folder / PATH}: cannot be read: {error.strerror}") from None
+    return parsed(folder / PATH, data)
+
+
+def parsed(path: Path, data: bytes) -> dict[str, Any]:
+    """The manifest in a file with these bytes; DatasetError where it is not a whole one."""
+    found = _json(path, data, "a manifest")
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise DatasetError(f"{path}: found another format, expected {FORMAT}")
+    if found.get("version") != VERSION:
+        shown = printable(repr(found.get("version")))[:60]
+        raise NewerError(f"{path}: found version {shown}, expected {VERSION}; use a newer ibdata")
+    if found.get("checksum") != checksum(found):
+        raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
+    return _of_shape(path, shape.Manifest, found)
+
+
+def read_json(folder: Path, listed: Mapping[str, Any], path: str, form: type[shape.Shape]) -> dict[str, Any]:
+    """A JSON file of the dataset with this manifest. Raises as `listed_content`, and for another shape."""
+    return _of_shape(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
+
+
+def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
+    """What is in a file of the dataset with this manifest.
+
+    Raises DatasetError where the file is missing or is not the one listed; ReplacedError where that is so
+    because another dataset, or another version of this one, has taken its place.
+    """
+    problem = None
+    try:
+        data = content(folder, path)
+    except (FileNotFoundError, NotADirectoryError):
+        problem = "missing"
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+    if problem is None:
+        sha256 = next((file["sha256"] for file in listed["files"] if file["path"] == path), None)
+        if hashlib.sha256(data).hexdigest() == sha256:
+            return data
+        problem = "found other content than the manifest lists"
+    refuse_replaced(folder, listed)
+    raise DatasetError(f"{folder / path}: {problem}; ibdata repair {folder}")
+
+
+def refuse_replaced(folder: Path, listed: Mapping[str, Any]) -> None:
+    """ReplacedError where the dataset is no longer the one with this manifest."""
+    try:
+        now = read(folder)["checksum"]
+    except DatasetError:
+        return
+    if now != listed["checksum"]:
+        raise ReplacedError(f"{storage.name_of(folder)}: replaced while it was read; open it again")
+
+
+def _json(path: Path, data: bytes, what: str) -> Any:
+    try:
+        return json.loads(data, parse_constant=_no_constant)
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{place}: found no valid JSON ({error}), expected {what}") from None
+        raise DatasetError(f"{path}: found no valid JSON ({error}), expected {what}") from None
 
 
 def _no_constant(name: str) -> None:
@@ -90,69 +128,32 @@ def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
 
 
 def locate(folder: Path, path: str) -> Path:
-    """Where a file of the dataset is: in `.new` while a replacement settles, else in its place."""
+    """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced."""
     storage.ensure(folder, path)
-    new = folder / NEW / path
-    return new if os.path.lexists(new) else folder / path
+    for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
+        if os.path.lexists(place):
+            return place
+    return folder / path
 
 
 def content(folder: Path, path: str) -> bytes:
     """What is in a file of the dataset; also while a replacement moves it to its place."""
-    try:
-        return plain_bytes(locate(folder, path), MAX_BYTES)
-    except FileNotFoundError:
-        return plain_bytes(locate(folder, path), MAX_BYTES)
+    for _ in range(MOVES):
+        try:
+            return plain_bytes(locate(folder, path), MAX_BYTES)
+        except FileNotFoundError:
+            continue
+    return plain_bytes(locate(folder, path), MAX_BYTES)
 
 
-def outgoing(folder: Path) -> set[str]:
-    """Files that are there because a replacement that counts has not been settled; it will remove them."""
-    return _listed(folder / PATH) if (folder / NEW / PATH).is_file() else set()
+def refuse_inside(out: Path) -> None:
+    """UsageError where an output would lie within a dataset, finished or not, whose readers it would break."""
+    for folder in Path(os.path.realpath(out)).parents:
+        if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
+            raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
 
 
 def checksum(data: Mapping[str, Any]) -> str:
     """SHA-256 of the manifest without its checksum, as JSON with sorted keys."""
     rest = {key: value for key, value in data.items() if key != "checksum"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-def promote(folder: Path) -> None:
-    """Make the whole dataset, or the changed files and the manifest, in `.next` the ones that count."""
-    for path in (folder / NEXT).rglob("*"):
-        place = folder / path.relative_to(folder / NEXT)
-        if path.is_file() and place.is_dir():
-            raise DatasetError(f"{place}: found a folder, expected a file; move it away")
-    (folder / NEXT).rename(folder / NEW)
-    sync_folder(folder)
-    settle(folder)
-
-
-def settle(folder: Path) -> None:
-    """Move what counts from `.new` to its place, and remove what only the old manifest lists."""
-    new = folder / NEW
-    if (new / PATH).is_file():
-        listed = {file["path"] for file in read(folder)["files"]}
-        old = _listed(folder / PATH)
-        for path in sorted(listed):
-            if os.path.lexists(new / path):
-                _move(new / path, folder / path)
-        for path in old - listed:
-            (folder / path).unlink(missing_ok=True)
-        _move(new / PATH, folder / PATH)
-    for part in (new / "data", new / "meta", new):
-        if part.is_dir() and not part.is_symlink():
-            part.rmdir()
-
-
-def _move(source: Path, target: Path) -> None:
-    target.parent.mkdir(exist_ok=True)
-    source.replace(target)
-    sync_folder(target.parent)
-
-
-def _listed(path: Path) -> set[str]:
-    """The safe paths that the manifest being replaced lists; none if it cannot be read."""
-    try:
-        files = json.loads(plain_bytes(path, MAX_BYTES))["files"]
-        return {file["path"] for file in files if SAFE_PATH.fullmatch(file["path"])}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return set()

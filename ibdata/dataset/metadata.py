@@ -70,7 +70,7 @@ def splits(recipe: Recipe, written: Iterable[Written]) -> dict[str, dict[str, An
     for w in written:
         steps = recipe.of_shard(w.shard).steps
         for name in w.shard.splits:
-            out[name]["files"].append(w.shard.file)
+            out[name]["files"].append(w.entry.path)
         for first, stop, names in recipe.runs(w.shard):
             for name in names:
                 out[name]["episodes"] += stop - first
@@ -80,6 +80,14 @@ def splits(recipe: Recipe, written: Iterable[Written]) -> dict[str, dict[str, An
 
 def episodes_parquet(recipe: Recipe, written: list[Written]) -> bytes:
     """episodes.parquet: a row an episode."""
+    out = io.BytesIO()
+    table = episodes_table(recipe, written)
+    pq.write_table(table, out, compression="zstd", write_page_checksum=True)
+    return out.getvalue()
+
+
+def episodes_table(recipe: Recipe, written: list[Written]) -> pa.Table:
+    """The table of episodes."""
     numbers = [np.arange(w.shard.first, w.shard.stop) for w in written]
     parts = [_cells(recipe, w, n) for w, n in zip(written, numbers, strict=True)]
     lengths = [np.full(len(n), recipe.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
@@ -103,9 +111,7 @@ def episodes_parquet(recipe: Recipe, written: list[Written]) -> bytes:
         arrow_array(row_start + length),
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
-    out = io.BytesIO()
-    pq.write_table(pa.table(arrays, schema=EPISODES), out, compression="zstd", write_page_checksum=True)
-    return out.getvalue()
+    return pa.table(arrays, schema=EPISODES)
 
 
 class _Episodes(NamedTuple):

@@ -6,6 +6,7 @@ import os
 import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path
 
 import pyarrow as pa
@@ -17,9 +18,9 @@ UNREADABLE = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
 @contextmanager
-def _readable(path: Path) -> Iterator[None]:
+def _readable(path: Path, data: bytes | None) -> Iterator[None]:
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
+        if data is None and not stat.S_ISREG(os.stat(path).st_mode):
             raise DatasetError(f"{path}: found no regular file, expected one")
         yield
     except DatasetError:
@@ -30,28 +31,66 @@ def _readable(path: Path) -> Iterator[None]:
         raise DatasetError(f"{path}: cannot be read, see ibdata validate: {line}") from None
 
 
-def read(path: Path, names: Sequence[str] | None = None) -> pa.Table:
-    """A file's table, or just these columns of it; DatasetError where they cannot be read."""
-    with _readable(path):
+def read(
+    path: Path, names: Sequence[str] | None = None, rows: int | None = None, data: bytes | None = None
+) -> pa.Table:
+    """The table in a file, or in the bytes that were read of it, or just these columns of it.
+
+    Raises DatasetError where they cannot be read, or where the file has another number of rows: then nothing
+    is read of it, so that a small file cannot fill the memory.
+    """
+    with _opened(path, names, rows, data) as file:
+        return file.read(columns=None if names is None else list(names))
+
+
+def described(path: Path) -> tuple[pa.Schema, int]:
+    """The columns of a file, and its number of rows. Raises as `read`."""
+    with _opened(path, None, None) as file:
+        return file.schema_arrow, file.metadata.num_rows
+
+
+def batches(
+    path: Path,
+    names: Sequence[str] | None,
+    most: int,
+    rows: int | None = None,
+    start: int = 0,
+    stop: int | None = None,
+) -> Iterator[pa.RecordBatch]:
+    """Rows start … stop - 1 of a file in order, at most so many at a time. Raises as `read`."""
+    with _opened(path, names, rows) as file:
+        sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+        ends = list(accumulate(sizes))
+        stop = file.metadata.num_rows if stop is None else stop
+        groups = [i for i, end in enumerate(ends) if end > start and end - sizes[i] < stop]
+        row = ends[groups[0]] - sizes[groups[0]] if groups else 0
         columns = None if names is None else list(names)
-        table = pq.read_table(_file(path), columns=columns, page_checksum_verification=True)
-    _complete(path, table.column_names, names)
-    return table
+        for batch in file.iter_batches(most, row_groups=groups, columns=columns):
+            low, high = max(0, start - row), min(batch.num_rows, stop - row)
+            if low < high:
+                yield batch.slice(low, high - low)
+            row += batch.num_rows
 
 
-def batches(path: Path, names: Sequence[str], rows: int) -> Iterator[pa.RecordBatch]:
-    """A file's rows in order, at most so many at a time. Raises as `read`."""
-    with _readable(path), pq.ParquetFile(_file(path), page_checksum_verification=True) as file:
-        _complete(path, file.schema_arrow.names, names)
-        yield from file.iter_batches(rows, columns=list(names))
+@contextmanager
+def _opened(
+    path: Path, names: Sequence[str] | None, rows: int | None, data: bytes | None = None
+) -> Iterator[pq.ParquetFile]:
+    with (
+        _readable(path, data),
+        pq.ParquetFile(
+            _file(path) if data is None else pa.BufferReader(data), page_checksum_verification=True
+        ) as file,
+    ):
+        found = file.metadata.num_rows
+        if rows is not None and found != rows:
+            raise DatasetError(f"{path}: found {found} rows, expected {rows}; see ibdata validate")
+        missing = [name for name in names or () if name not in file.schema_arrow.names]
+        if missing:
+            raise DatasetError(f"{path}: found no column {missing[0]}, expected one; see ibdata validate")
+        yield file
 
 
 def _file(path: Path) -> pa.OSFile:
     """The file itself: given a path, pyarrow would find partitions in the names of its folders."""
     return pa.OSFile(os.fsencode(path))
-
-
-def _complete(path: Path, found: list[str], names: Sequence[str] | None) -> None:
-    missing = [name for name in names or () if name not in found]
-    if missing:
-        raise DatasetError(f"{path}: found no column {missing[0]}, expected one; see ibdata validate")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,16 +17,20 @@ from ibdata.dataset import manifest, parquet, shape, storage
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.returns import behaviour_returns
-from ibdata.errors import UsageError
+from ibdata.errors import DatasetError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Runs = list[tuple[int, int]]
+TRIES = 5
 
 
 class Dataset:
     """A finished dataset in a folder, or at a URL; only what its manifest lists is ever read.
+
+    What is read is the dataset that was opened: where another has taken its place meanwhile, reading raises
+    ReplacedError.
 
     `place` is where it is. Of a URL, the files that are needed are copied to the temporary folder `path`,
     which goes with the process.
@@ -35,7 +39,16 @@ class Dataset:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = storage.folder_of(path)
         self.place = storage.name_of(self.path)
-        self.manifest: dict[str, Any] = manifest.read(self.path)
+        self.manifest: dict[str, Any] = {}
+        for _ in range(TRIES):  # until manifest and info are of one dataset
+            self.manifest = manifest.read(self.path)
+            try:
+                self.info  # noqa: B018  # kept
+            except manifest.ReplacedError:
+                continue
+            except DatasetError:
+                pass  # whoever asks for it is told
+            break
 
     def __repr__(self) -> str:
         counts = self.info["counts"]
@@ -52,24 +65,24 @@ class Dataset:
     @cached_property
     def info(self) -> dict[str, Any]:
         """meta/info.json: columns with roles, units and bounds; counts; splits."""
-        return manifest.read_json(self.path, "meta/info.json", shape.Info)
+        return manifest.read_json(self.path, self.manifest, "meta/info.json", shape.Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
-        stats = manifest.read_json(self.path, "meta/stats.json", shape.Stats)
+        stats = manifest.read_json(self.path, self.manifest, "meta/stats.json", shape.Stats)
         columns: dict[str, Any] = stats["all"] if split is None else stats["splits"][self._known(split)]
         return columns
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
-        frame: pd.DataFrame = self._episodes.to_pandas()
+        frame: pd.DataFrame = self.episode_table.to_pandas()
         return frame
 
     @property
     def digests(self) -> list[bytes]:
         """The content digest of each episode, in order."""
-        digests: list[bytes] = self._episodes["digest"].to_pylist()
+        digests: list[bytes] = self.episode_table["digest"].to_pylist()
         return digests
 
     def returns(self) -> dict[str, Any]:
@@ -79,7 +92,7 @@ class Dataset:
         and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
         published variant and constant setpoints, else it is None, as is every score.
         """
-        return behaviour_returns(self._episodes, self.info)
+        return behaviour_returns(self.episode_table, self.info)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.
@@ -88,8 +101,8 @@ class Dataset:
         """
         names = self._columns(columns)
         parts = []
-        for file, runs in self._files(split):
-            whole = parquet.read(manifest.locate(self.path, file), names)
+        for number, runs in self._shards(split):
+            whole = self.read_shard(number, names)
             parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
         return pa.concat_tables(parts).unify_dictionaries()
 
@@ -104,7 +117,31 @@ class Dataset:
         """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        return _batches(self.path, self._files(split), self._columns(columns), batch_rows)
+        return self._batches(self._shards(split), self._columns(columns), batch_rows)
+
+    def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
+        """The rows of one file, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
+        shard = self.manifest["shards"][number]
+        with self._unreplaced():
+            return parquet.read(manifest.locate(self.path, shard["path"]), columns, shard["rows"])
+
+    def shard_batches(
+        self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
+    ) -> Iterator[pa.RecordBatch]:
+        """Rows start … stop - 1 of one file, at most batch_rows at a time. Raises as `read_shard`."""
+        shard = self.manifest["shards"][number]
+        place = manifest.locate(self.path, shard["path"])
+        with self._unreplaced():
+            yield from parquet.batches(place, columns, batch_rows, shard["rows"], start, stop)
+
+    @contextmanager
+    def _unreplaced(self) -> Iterator[None]:
+        """Say so where a file cannot be read because another dataset has taken the place of this one."""
+        try:
+            yield
+        except DatasetError:
+            manifest.refuse_replaced(self.path, self.manifest)
+            raise
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
         """Arrays as learning libraries take them.
@@ -136,8 +173,9 @@ class Dataset:
         }
 
     @cached_property
-    def _episodes(self) -> pa.Table:
-        return read_episodes(self.path, len(self.manifest["shards"]))
+    def episode_table(self) -> pa.Table:
+        """meta/episodes.parquet as an Arrow table: `episodes` without pandas."""
+        return read_episodes(self.path, self.manifest)
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column["name"] for column in self.info["columns"]]
@@ -150,20 +188,19 @@ class Dataset:
             raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
         return list(columns)
 
-    def _files(self, split: str | None) -> list[tuple[str, Runs | None]]:
-        """The files of the dataset, or of a split, in order; of those that hold more, runs of rows."""
-        shards = [shard["path"] for shard in self.manifest["shards"]]
+    def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
+        """The numbers of the files of the dataset, or of a split; of those that hold more, runs of rows."""
+        numbers = range(len(self.manifest["shards"]))
         if split is None:
-            return [(path, None) for path in shards]
+            return [(number, None) for number in numbers]
         files = self.info["splits"][self._known(split)]["files"]
         if files is not None:
-            return [(path, None) for path in shards if path in set(files)]
-        runs = self._runs(split)
-        return [(shards[number], runs[number]) for number in sorted(runs)]
+            return [(n, None) for n in numbers if self.manifest["shards"][n]["path"] in set(files)]
+        return sorted(self._runs(split).items())
 
     def _runs(self, split: str) -> dict[int, Runs]:
         """The rows of a split in each shard, as runs start … stop - 1."""
-        table = self._episodes
+        table = self.episode_table
         offsets = table["splits"].combine_chunks().offsets.to_numpy()
         hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(table["splits"]), split).to_numpy())])
         inside = np.flatnonzero(hits[offsets[1:]] > hits[offsets[:-1]])
@@ -176,6 +213,19 @@ class Dataset:
             own.append((start, stop))
         return runs
 
+    def _batches(
+        self, shards: list[tuple[int, Runs | None]], names: list[str], rows: int
+    ) -> Iterator[pa.RecordBatch]:
+        for number, runs in shards:
+            first = 0
+            for batch in self.shard_batches(number, names, rows):
+                stop = first + batch.num_rows
+                for start, end in [(first, stop)] if runs is None else runs:
+                    low, high = max(start, first), min(end, stop)
+                    if low < high:
+                        yield batch.slice(low - first, high - low)
+                first = stop
+
     def _known(self, split: str) -> str:
         """The split itself, if the dataset has it."""
         splits = self.info["splits"]
@@ -183,17 +233,3 @@ class Dataset:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
             raise UsageError(f"split: found {split!r}, expected {known}")
         return split
-
-
-def _batches(
-    folder: Path, files: list[tuple[str, Runs | None]], names: list[str], rows: int
-) -> Iterator[pa.RecordBatch]:
-    for file, runs in files:
-        first = 0
-        for batch in parquet.batches(manifest.locate(folder, file), names, rows):
-            stop = first + batch.num_rows
-            for start, end in [(first, stop)] if runs is None else runs:
-                low, high = max(start, first), min(end, stop)
-                if low < high:
-                    yield batch.slice(low - first, high - low)
-            first = stop

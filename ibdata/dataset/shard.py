@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -14,14 +14,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.columns import columns
-from ibdata.dataset.content import Account, Content, parts_of
-from ibdata.dataset.files import FileEntry, HashingFile, committed
+from ibdata.dataset.content import Account, Content, simulated
+from ibdata.dataset.files import TOKEN, FileEntry, HashingFile, committed, named
 from ibdata.dataset.schema import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
 from ibdata.dataset.threads import Threads
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import Columns, parts, rollout
+from ibdata.rollout import Columns
 
 
 class Written(NamedTuple):
@@ -33,21 +33,26 @@ class Written(NamedTuple):
 
 
 class Begun:
-    """A shard that is simulated, or has these columns; then `finish` it or `abandon` it.
+    """A shard that is simulated, or made of these parts; then `finish` it or `abandon` it.
 
     A part is encoded and described in threads while the next is simulated; all let go of Python's lock.
     """
 
     def __init__(
-        self, recipe: Recipe, shard: Shard, folder: Path, threads: Threads, floats: Columns | None = None
+        self,
+        recipe: Recipe,
+        shard: Shard,
+        folder: Path,
+        threads: Threads,
+        made: Iterable[tuple[Shard, Columns]] | None = None,
     ) -> None:
         self.shard, self.experiment = shard, recipe.of_shard(shard)
         self._account = Account(recipe, shard)
-        self._pending: list[Future[None]] = []
+        self._pending: list[Future[object]] = []
         self._encoding, self._stopped = Lock(), False
-        made = self._simulated() if floats is None else parts_of(recipe, shard, floats)
+        made = simulated(recipe, shard) if made is None else made
         with ExitStack() as stack:
-            self._file = stack.enter_context(committed(folder, shard.file))
+            self._file = stack.enter_context(committed(folder, file_of(shard)))
             self._groups = RowGroups(stack.enter_context(_writer(self.experiment, self._file)))
             stack.callback(self._stop)
             for part, own in made:
@@ -57,16 +62,12 @@ class Begun:
                 )
             self._opened = stack.pop_all()
 
-    def _simulated(self) -> Iterator[tuple[Shard, Columns]]:
-        for first, stop in parts(self.experiment, self.shard.first, self.shard.stop):
-            yield self.shard._replace(first=first, stop=stop), rollout(self.experiment, first, stop)
-
     def _encode(self, part: Shard, floats: Columns) -> None:
         with self._encoding:
             if not self._stopped:  # what was queued when a signal came may be unknown to `_pending`
                 self._groups.add(arrow_table(self.experiment, part, floats))
 
-    def _settle(self, ended: list[Future[None]]) -> None:
+    def _settle(self, ended: list[Future[object]]) -> None:
         """Wait for these; what failed is raised."""
         for future in ended:
             future.result()
@@ -86,13 +87,19 @@ class Begun:
             self._settle(list(self._pending))
             self._groups.end()
             content = self._account.content()
-        entry = FileEntry(self.shard.file, self._file.size, self._file.sha256())
+        sha256 = self._file.sha256()
+        entry = FileEntry(named(file_of(self.shard), sha256), self._file.size, sha256)
         return Written(self.shard, entry, content)
 
     def abandon(self) -> None:
         """Leave nothing of it, whatever fails meanwhile."""
         with suppress(Exception), self._opened:
             raise InterruptedError
+
+
+def file_of(shard: Shard) -> str:
+    """The path of a shard's file, but for its token: a path from an old listing never opens other data."""
+    return f"{shard.stem}-{TOKEN}.parquet"
 
 
 class RowGroups:

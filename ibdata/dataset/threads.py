@@ -10,7 +10,7 @@ from typing import TypeVar
 
 WAITING = 2  # parts
 
-Task = Callable[[], None]
+Task = Callable[[], object]
 T = TypeVar("T")
 
 
@@ -23,7 +23,7 @@ class Threads:
     def __init__(self) -> None:
         self._encoding, self._describing, self._finishing = (ThreadPoolExecutor(1) for _ in range(3))
         self._threads = (self._encoding, self._describing, self._finishing)
-        self._waiting: deque[tuple[Future[None], Future[None]]] = deque()
+        self._waiting: deque[tuple[Future[object], Future[object]]] = deque()
         try:
             # Now: a thread during whose start a signal raises runs on, and nobody would wait for it.
             for thread in self._threads:
@@ -33,7 +33,7 @@ class Threads:
                 thread.shutdown(wait=False)
             raise
 
-    def take(self, encode: Task, describe: Task) -> tuple[Future[None], Future[None]]:
+    def take(self, encode: Task, describe: Task) -> tuple[Future[object], Future[object]]:
         """Hand over what is to be done with a part."""
         if len(self._waiting) == WAITING:
             wait(self._waiting.popleft())

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
-from ibdata.dataset import manifest, parquet, shape, storage
-from ibdata.dataset.check import THREADS, check_shard
-from ibdata.dataset.consistency import Part, check_metadata, check_statistics, moments_of, part_of, ranges_of
-from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.files import file_sha256
-from ibdata.dataset.frame import frame_of
+from ibdata.dataset import manifest, storage
+from ibdata.dataset.check import check_shard
+from ibdata.dataset.consistency import check_plan, check_root, checks
+from ibdata.dataset.content import content_of
+from ibdata.dataset.files import FileEntry, file_sha256
 from ibdata.dataset.metadata import as_json
-from ibdata.dataset.rules import Problem, nulls
-from ibdata.errors import DatasetError
+from ibdata.dataset.rules import Problem
+from ibdata.dataset.shard import Written
+from ibdata.errors import BusyError, DatasetError
+from ibdata.experiment.recipe import recipe_in
+from ibdata.system.lock import is_locked
 
-METADATA: dict[str, Callable[[Path, int], Any]] = {
-    "meta/info.json": lambda folder, _: manifest.read_json(folder, "meta/info.json", shape.Info),
-    "meta/episodes.parquet": read_episodes,
-    "meta/stats.json": lambda folder, _: manifest.read_json(folder, "meta/stats.json", shape.Stats),
-}
+THREADS = os.cpu_count() or 1
+TRIES = 5  # while the dataset is being replaced
+PATIENCE = 10.0  # seconds for a writer to end the moves of a replacement
 
 
 def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
@@ -33,24 +31,56 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
 
     Runs no code of the dataset. At a URL, files that are not listed are not looked for.
 
-    quick compares the SHA-256 of every file only. Else also: schema, no nulls, finite, bounds, order,
-    flags, continuity, reward identity, setpoints, episode digests, content root, counts, statistics.
+    quick compares the SHA-256 of every file only. Else also: every rule of the rows (schema, no nulls,
+    finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
+    costs, densities), episode digests, content root, and whether all other files are those that follow from
+    experiment and rows.
+
+    Raises BusyError where the dataset is being replaced all the time.
     """
-    folder = storage.folder_of(folder)
-    try:
-        listed = manifest.read(folder)
-    except DatasetError as error:
-        return [Problem(manifest.PATH, None, "manifest", str(error))]
+    path = storage.folder_of(folder)
+    for _ in range(TRIES):
+        _wait_for_moves(path)
+        try:
+            listed = manifest.read(path)
+        except DatasetError as error:
+            return [*_unsettled(path), Problem(manifest.PATH, None, "manifest", str(error))]
+        try:
+            problems = [*_unsettled(path), *_problems(path, listed, quick)]
+            manifest.refuse_replaced(path, listed)
+        except manifest.ReplacedError:
+            continue
+        if not problems or not _moving(path):
+            return problems
+    raise BusyError(f"{storage.name_of(path)}: being replaced; wait for the writer, then validate again")
+
+
+def _moving(folder: Path) -> bool:
+    """Whether a writer that lives is replacing the dataset right now."""
+    return os.path.lexists(folder / manifest.NEW) and is_locked(folder)
+
+
+def _wait_for_moves(folder: Path) -> None:
+    until = time.monotonic() + PATIENCE
+    while _moving(folder) and time.monotonic() < until:
+        time.sleep(0.02)
+
+
+def _unsettled(folder: Path) -> Iterator[Problem]:
+    if os.path.lexists(folder / manifest.NEW) and not is_locked(folder):
+        message = f"found a replacement that was interrupted; ibdata repair {folder} finishes it"
+        yield Problem(manifest.NEW, None, "unsettled", message)
+
+
+def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
         message = "found the content in other bytes, expected those that ibdata writes"
-        return [Problem(manifest.PATH, None, "manifest", message)]
+        yield Problem(manifest.PATH, None, "manifest", message)
+        return
     problems = list(check_files(folder, listed))
-    if quick:
-        return problems
-    damaged = {problem.path for problem in problems}
-    if damaged & set(METADATA):
-        return problems
-    return [*problems, *_contents(folder, listed, damaged)]
+    yield from problems
+    if not quick:
+        yield from _contents(folder, listed, {problem.path for problem in problems})
 
 
 def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
@@ -61,68 +91,53 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     for entry, found in zip(listed["files"], hashes, strict=True):
         if found is None:
             yield Problem(
-                entry["path"], None, "file", "found none, expected the file that the manifest lists"
+                entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
             )
         elif found != entry["sha256"]:
             message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
             yield Problem(entry["path"], None, "hash", message)
-    known = {entry["path"] for entry in listed["files"]} | manifest.outgoing(folder)
+    if os.path.lexists(folder / manifest.NEW):
+        return  # what is in data/ may be the new dataset's already
+    known = {entry["path"] for entry in listed["files"]}
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
         if name not in known and not path.name.startswith("."):
-            yield Problem(name, None, "file", "found a file that the manifest does not list, expected none")
+            yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
 
 
 def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
-    read: dict[str, Any] = {}
-    for path, reader in METADATA.items():
-        try:
-            read[path] = reader(folder, len(listed["shards"]))
-        except DatasetError as error:
-            yield Problem(path, None, "metadata", str(error))
-    if len(read) < len(METADATA):
-        return
-    info, episodes, stats = read.values()
-    yield from check_metadata(listed, info, episodes, stats)
-    shard_of = episodes["shard"].to_numpy()
-    parts: list[Part] = []
-    for number, shard in enumerate(listed["shards"]):
-        if shard["path"] in damaged:
-            continue
-        own = episodes.filter(pa.array(shard_of == number))
-        table, wrong = _readable(manifest.locate(folder, shard["path"]), shard, info["columns"])
-        if table is not None:
-            frame = frame_of(table, info["columns"])
-            whole = moments_of(frame)
-            wrong += check_shard(table, frame, shard, info, own, ranges_of(info, whole))
-            if not wrong:
-                parts.append(part_of(frame, whole, shard, own))
-        yield from wrong
-    if len(parts) == len(listed["shards"]):
-        yield from check_statistics(stats, info, parts)
-
-
-def _readable(
-    path: Path, shard: dict[str, Any], described: list[dict[str, Any]]
-) -> tuple[pa.Table | None, list[Problem]]:
-    """The table of a shard that has the columns it should have, or why there is none."""
     try:
-        table = parquet.read(path)
+        recipe = recipe_in(folder, listed)
     except DatasetError as error:
-        reason = str(error).removeprefix(f"{path}: ").replace(", see ibdata validate", "")
-        return None, [Problem(shard["path"], None, "parquet", reason)]
-    found = [(field.name, _plain_type(field.type)) for field in table.schema]
-    expected = [(column["name"], column["dtype"]) for column in described]
-    if found != expected:
-        pairs = zip_longest(found, expected)
-        wrong, right = next((f, e) for f, e in pairs if f != e)
-        return None, [Problem(shard["path"], None, "schema", f"found column {wrong}, expected {right}")]
-    missing = [Problem(shard["path"], row, "nulls", message) for row, message in nulls(table)]
-    return (None if missing else table), missing
+        yield Problem(manifest.PATH, None, "manifest", str(error))
+        return
+    plan = list(check_plan(recipe, listed))
+    yield from plan
+    if any(problem.rule in ("experiments", "files") for problem in plan):
+        return
+    written: list[Written] = []
+    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+    for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+        if one["path"] in damaged:
+            continue
+        content, problems = check_shard(recipe, shard, manifest.locate(folder, one["path"]), one["path"])
+        yield from problems
+        if content is not None:
+            written.append(Written(shard, entries[one["path"]], content))
+            if content_of(content.digests) != one["content"]:
+                message = "found other content than the manifest lists"
+                yield Problem(one["path"], None, "digest", message)
+    yield from check_root(recipe, listed, written)
+    for path, check in checks(folder, listed, recipe, written):
+        if path not in damaged:
+            yield from _read(path, check)
 
 
-def _plain_type(kind: pa.DataType) -> str:
-    """The type of a column as info.json names it."""
-    if pa.types.is_dictionary(kind):
-        return "string"
-    return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))
+def _read(path: str, check: Iterator[Problem]) -> Iterator[Problem]:
+    """The problems of a file, also where it cannot be read."""
+    try:
+        yield from check
+    except manifest.ReplacedError:
+        raise
+    except DatasetError as error:
+        yield Problem(path, None, "metadata", str(error))

@@ -20,7 +20,6 @@ from ibdata.engines import record, target
 from ibdata.engines.choice import chosen
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
-from ibdata.engines.lock import locked, refuse_busy, shared
 from ibdata.engines.record import Range
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
@@ -28,6 +27,7 @@ from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
+from ibdata.system.lock import locked, refuse_busy, shared
 
 
 class Made(NamedTuple):

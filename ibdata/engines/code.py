@@ -10,11 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, UsageError, printable
-from ibdata.experiment.recipe import Recipe
+from ibdata.errors import UsageError, printable
+from ibdata.experiment.recipe import Recipe, recipe_in
 
 
 def targets(recipe: Recipe) -> list[str]:
@@ -47,19 +44,6 @@ def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
     """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
     recipe = recipe_in(folder, listed)
     refuse_code(recipe, folder, allow_code)
-    return recipe
-
-
-def recipe_in(folder: Path, listed: dict[str, Any]) -> Recipe:
-    """What the manifest says the dataset is made of; DatasetError where that is not valid."""
-    try:
-        recipe = Recipe.from_plain(listed)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise DatasetError(
-            f"{folder / manifest.PATH}: experiments: {printable(where)}: {printable(first['msg'])}"
-        ) from None
     return recipe
 
 

@@ -14,12 +14,12 @@ from ibdata.dataset.shard import encode
 from ibdata.engines import target
 from ibdata.engines.choice import worker_count
 from ibdata.engines.code import refuse_code
-from ibdata.engines.lock import refuse_busy
 from ibdata.engines.warmup import warm_up
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard, plan
 from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import rollout
+from ibdata.system.lock import refuse_busy
 
 SAMPLE_ROWS = 100_000
 PARTS = 8
@@ -69,7 +69,7 @@ def _sample(experiment: Experiment) -> tuple[float, float]:
         file = HashingFile(io.BytesIO())
         floats = rollout(small, shard.first, shard.stop)
         encode(small, shard, floats, file)
-        describe(Recipe.of(small), shard, floats)
+        describe(Recipe.of(small), shard, [(shard, floats)])
         size += file.size
     rows = parts * width * steps
     return size / rows, (time.perf_counter() - start) / rows

@@ -15,17 +15,17 @@ from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.dataset.storage import Remote, is_url
-from ibdata.engines import record, target
+from ibdata.engines import record, replacement, target
 from ibdata.engines import remote as uploading
 from ibdata.engines.choice import Run, chosen
 from ibdata.engines.code import provenance, refuse_code
-from ibdata.engines.lock import locked, refuse_busy
 from ibdata.engines.signals import stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
+from ibdata.system.lock import locked, refuse_busy
 
 
 def generate(
@@ -83,13 +83,13 @@ def _generate(
         reproducible = warm_up(experiment)  # nothing is to be tidied yet: a signal may end the process
         with stoppable(), made_folder(folder), locked(folder):
             root = target.check(folder, experiment, resume, overwrite)
-            manifest.settle(folder)
+            replacement.settle(folder)
             if folder == root and (folder / manifest.PATH).is_file():
                 target.end(folder)  # a run that was killed when it had finished
             else:
                 _run(experiment, root, run, overwrite, progress, reproducible)
                 if root != folder:
-                    manifest.promote(folder)
+                    replacement.commit(folder)
 
 
 def resolve(
@@ -140,6 +140,7 @@ def make(
     written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
     done = {w.shard.number for w in written}
     missing = [shard for shard in shards if shard.number not in done]
+    target.forget(root, missing)
     rows = sum((shard.stop - shard.first) * recipe.of_shard(shard).steps for shard in shards)
     disable = None if progress is None else not progress
     with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:

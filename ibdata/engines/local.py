@@ -49,7 +49,7 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
             if deaths == MAX_DEATHS:
                 first = next(iter(missing.values()))
                 raise IbdataError(
-                    f"{root / first.file}: found {deaths} dead worker processes in a row, expected none; "
+                    f"{root / first.stem}: found {deaths} dead worker processes in a row, expected none; "
                     "use fewer --workers if memory is short, then --resume"
                 ) from None
 

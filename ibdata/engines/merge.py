@@ -10,11 +10,10 @@ from pathlib import Path
 
 from ibdata.columns import columns
 from ibdata.dataset.reader import Dataset
-from ibdata.engines.code import recipe_in
 from ibdata.engines.rewrite import Source, sources, write_dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.recipe import Recipe, recipe_in
 from ibdata.policies.base import NAME_PATTERN
 
 

@@ -85,7 +85,7 @@ def _result(ray: Any, future: Any, shard: Shard, root: Path) -> Written:
     except ray.exceptions.RayError as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise IbdataError(
-            f"{root / shard.file}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
+            f"{root / shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
         ) from None
     return written
 

@@ -1,34 +1,31 @@
-"""Repairing a dataset: what is damaged or missing is made again, and the content root proves it."""
+"""Repairing a dataset: what is damaged or missing is made again, and the manifest's digests prove it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ibdata.columns import columns
-from ibdata.dataset import manifest, parquet
-from ibdata.dataset.content import UNREAD, content_of, describe
-from ibdata.dataset.digest import episode_digests, table_runs
-from ibdata.dataset.files import FileEntry, file_sha256, write
-from ibdata.dataset.finish import documents, finish, renew
-from ibdata.dataset.frame import frame_of
+from ibdata.dataset import manifest
+from ibdata.dataset.consistency import refuse_other_plan
+from ibdata.dataset.content import UNREAD, Content, content_of, describe, simulated
+from ibdata.dataset.files import FileEntry, file_sha256, sync_folder, write
+from ibdata.dataset.finish import documents, finish, renewed
 from ibdata.dataset.shard import Written
+from ibdata.dataset.stored import stored_content
 from ibdata.dataset.validation import check_files
-from ibdata.engines import local, target
+from ibdata.engines import local, replacement, target
 from ibdata.engines.choice import worker_count
-from ibdata.engines.code import provenance, recipe_of, refuse_code
+from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.generate import refusals
-from ibdata.engines.lock import locked, refuse_busy
-from ibdata.engines.signals import stoppable
+from ibdata.engines.signals import check, stoppable
 from ibdata.engines.warmup import warm_up
-from ibdata.errors import DatasetError
-from ibdata.experiment import Experiment, load
+from ibdata.errors import DatasetError, IbdataError
+from ibdata.experiment import load
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import rollout
+from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.system.lock import locked, refuse_busy
+from ibdata.version import __version__
 
 NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 
@@ -36,21 +33,23 @@ NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again; their paths.
 
-    Only those are touched, and only if what was made again has the content that the manifest lists. A
-    damaged manifest is made again from meta/experiment.yaml, if the shards prove that it is theirs. Where
-    pyarrow writes other bytes than the version that made the dataset, the manifest gets the new hashes.
-    A damaged report.html is taken away instead: `ibdata card` draws it again.
-    allow_code lets custom policies run, which promise the same bits in the same environment only.
+    Only those are touched, and only if the rows that were made again, or from which metadata are made again,
+    have the content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if
+    the shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the
+    dataset, the manifest gets the new hashes. A damaged report.html is taken away instead: `ibdata card`
+    draws it again. A replacement that was interrupted is finished.
+    allow_code lets custom policies run, where shards are to be made again; they promise the same bits in the
+    same environment only.
 
     Raises DatasetError where there is no dataset, or what was made again is not what was there.
     """
     path, processes = Path(folder), worker_count(workers)
-    if not os.path.isdir(path / "meta"):  # False where the system refuses the name
+    if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
     target.refuse_links(path)
-    with stoppable(), refusals(path), locked(path), _nothing_left(path):
-        manifest.settle(path)
+    with stoppable(), refusals(path), locked(path):
+        replacement.settle(path)
         try:
             listed = manifest.read(path)
         except manifest.NewerError:
@@ -60,48 +59,64 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         return _mend(path, listed, processes, allow_code)
 
 
-@contextmanager
-def _nothing_left(folder: Path) -> Iterator[None]:
-    """Take away what a repair that failed has made."""
-    try:
-        yield
-    except BaseException:
-        target.discard(folder / manifest.NEXT)
-        raise
-
-
 def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
     damaged = [problem.path for problem in check_files(folder, listed) if problem.path in entries]
     if not damaged:
         return []
-    recipe = recipe_of(folder, listed, allow_code)
-    for experiment in recipe.experiments:
-        warm_up(experiment)
-    shards = recipe.shards
-    made = _made_again(recipe, [s for s in shards if s.file in damaged], folder, workers)
-    for shard, was in zip(shards, listed["shards"], strict=True):
-        w = made.get(shard.number)
-        if w is not None and content_of(w.content.digests) != was["content"]:
-            raise DatasetError(
-                f"{folder / shard.file}: found other content when made again, expected what the manifest "
-                "lists; nothing was changed"
-            )
-        if w is not None:
-            entries[shard.file] = w.entry
-    lost = [path for path in damaged if not path.startswith("data/")]
-    simulate = bool(NEEDS_CONTENT & set(lost))
-    written = [
-        made.get(shard.number) or _known(recipe, shard, entries[shard.file], simulate) for shard in shards
-    ]
-    for path, make in documents(recipe, written, listed["content_root"]).items():
-        if path in lost:
-            entries[path] = write(folder / manifest.NEXT, path, make())
-    if manifest.REPORT in damaged:
-        del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
-    renew(folder, listed, entries)
+    recipe = recipe_in(folder, listed)
+    refuse_other_plan(recipe, listed)
+    paths = [shard["path"] for shard in listed["shards"]]
+    wrong = [shard for shard in recipe.shards if paths[shard.number] in damaged]
+    lost = [path for path in damaged if path not in paths]
+    if lost and listed["versions"]["ibdata"] != __version__:
+        lost = list(documents(recipe, [], ""))  # so that all of them are of one version
+    with replacement.staged(folder) as staged:
+        made = _made_again(recipe, wrong, folder, staged, workers, allow_code) if wrong else {}
+        written = []
+        for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+            w = made.get(shard.number)
+            content = w.content if w else UNREAD
+            if w is None and NEEDS_CONTENT & set(lost):
+                content = stored_content(recipe, shard, folder / one["path"])
+            if content is not UNREAD and content_of(content.digests) != one["content"]:
+                found = "found other content when made again, expected what the manifest lists"
+                raise DatasetError(f"{folder / one['path']}: {found}; nothing was changed")
+            if w:
+                entries[one["path"]] = w.entry._replace(path=one["path"])
+            written.append(Written(shard, entries[one["path"]], content))
+            check()
+        for path, make in documents(recipe, written, listed["content_root"]).items():
+            if path in lost:
+                entries[path] = write(staged, path, make())
+        if manifest.REPORT in damaged:
+            del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
+        _stage_manifest(folder, staged, listed, entries)
+        _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
     return damaged
+
+
+def _stage_manifest(
+    folder: Path, staged: Path, listed: dict[str, Any], entries: dict[str, FileEntry]
+) -> None:
+    """Where files of `meta`, or hashes, are to change: the manifest, beside the files that stay."""
+    data = renewed(listed, entries)
+    staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
+    if staged_files or data != manifest.content(folder, manifest.PATH):
+        rest = [path for path in entries if path.startswith("meta/") and path not in staged_files]
+        replacement.keep(folder, staged, rest)
+        write(staged, manifest.PATH, data)
+
+
+def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
+    """Let shards that were made again, of proven content, take the places of damaged ones."""
+    for source, path in files.items():
+        (folder / "data").mkdir(exist_ok=True)
+        (staged / source).replace(folder / path)
+        sync_folder(folder / "data")
+    if files:
+        (staged / "data").rmdir()
 
 
 def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
@@ -112,25 +127,28 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     whole: list[Written] = []
     wrong: list[Shard] = []
     for shard in recipe.shards:
-        experiment = recipe.of_shard(shard)
-        content = describe(recipe, shard, rollout(experiment, shard.first, shard.stop))
-        path = folder / shard.file
-        if _digests_on_disk(path, experiment, shard) == content.digests:
-            entry = FileEntry(shard.file, path.stat().st_size, file_sha256(path) or "")
+        content = describe(recipe, shard, simulated(recipe, shard))
+        path = _file_with(recipe, shard, content, folder)
+        if path is not None:
+            entry = FileEntry(f"data/{path.name}", path.stat().st_size, file_sha256(path) or "")
             whole.append(Written(shard, entry, content))
         else:
             wrong.append(shard)
+        check()
     if not whole:
         raise DatasetError(
             f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
             "prove that it is the dataset's; nothing was changed"
         )
-    made = _made_again(recipe, wrong, folder, workers)
-    everything = [*whole, *made.values()]
-    finish(recipe, everything, folder / manifest.NEXT, reproducible, provenance(recipe))
-    manifest.promote(folder)
-    (folder / manifest.REPORT).unlink(missing_ok=True)  # it may tell of splits that are lost
-    return [manifest.PATH, *(shard.file for shard in wrong)]
+    with replacement.staged(folder) as staged:
+        made = _made_again(recipe, wrong, folder, staged, workers, allow_code) if wrong else {}
+        finish(recipe, [*whole, *made.values()], staged, reproducible, provenance(recipe))
+        _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
+        listed = {w.entry.path for w in (*whole, *made.values())}
+        for path in (folder / "data").glob("part-*.parquet"):
+            if f"data/{path.name}" not in listed:
+                path.unlink()  # damaged, and made again under another name
+    return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
 def _told(folder: Path) -> Recipe:
@@ -140,34 +158,25 @@ def _told(folder: Path) -> Recipe:
     return Recipe(experiments[0].name, experiments)
 
 
-def _made_again(recipe: Recipe, shards: list[Shard], folder: Path, workers: int) -> dict[int, Written]:
+def _made_again(
+    recipe: Recipe, shards: list[Shard], folder: Path, staged: Path, workers: int, allow_code: bool
+) -> dict[int, Written]:
     """The shards, written under `.next`, by number."""
-    root = folder / manifest.NEXT
-    target.discard(root)
-    root.mkdir()
+    refuse_code(recipe, folder, allow_code)
+    for experiment in recipe.experiments:
+        warm_up(experiment)
     identity = target.identity(recipe.experiments[0])
-    made = {w.shard.number: w for w in local.run(recipe, shards, root, identity, workers)}
-    target.end(root)
+    made = {w.shard.number: w for w in local.run(recipe, shards, staged, identity, workers)}
+    target.end(staged)
     return made
 
 
-def _known(recipe: Recipe, shard: Shard, entry: FileEntry, simulate: bool) -> Written:
-    """A shard whose file is whole, with its content where that is needed."""
-    if not simulate:
-        return Written(shard, entry, UNREAD)
-    floats = rollout(recipe.of_shard(shard), shard.first, shard.stop)
-    return Written(shard, entry, describe(recipe, shard, floats))
-
-
-def _digests_on_disk(path: Path, experiment: Experiment, shard: Shard) -> list[bytes] | None:
-    """The digests of the episodes in a shard's file; None where it is not readable as such."""
-    count = shard.stop - shard.first
-    try:
-        table = parquet.read(path)
-        described = [column._asdict() for column in columns(experiment)]
-        firsts = list(range(0, count * experiment.steps, experiment.steps))
-        return episode_digests(
-            table_runs(frame_of(table, described), table, firsts), [experiment.steps] * count
-        )
-    except (DatasetError, ValueError, KeyError, IndexError):
-        return None
+def _file_with(recipe: Recipe, shard: Shard, content: Content, folder: Path) -> Path | None:
+    """The file that holds a shard's episodes; None where none can be read as such."""
+    for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
+        try:
+            if stored_content(recipe, shard, path).digests == content.digests:
+                return path
+        except (IbdataError, ValueError):
+            continue
+    return None

@@ -6,10 +6,14 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from ibdata.columns import columns
 from ibdata.dataset import manifest
-from ibdata.dataset.digest import episode_digests
+from ibdata.dataset.consistency import refuse_other_plan
+from ibdata.dataset.digest import content_root, episode_digests
 from ibdata.dataset.episodes import read_episodes
+from ibdata.dataset.finish import addressed as addresses
 from ibdata.dataset.rules import Problem
 from ibdata.dataset.schema import digest_runs
 from ibdata.engines.code import recipe_of
@@ -25,6 +29,8 @@ def reproduce(
 ) -> tuple[int, list[Problem]]:
     """How many episodes were made again, and those that have another digest than the dataset lists.
 
+    The content root is compared too: it is that of the experiment's cells and of the digests listed.
+
     episodes is a number, of episodes spread evenly, or a range such as 500-600; None means all. Nothing is
     written. allow_code lets custom policies run, which promise the same bits in the same environment only.
 
@@ -33,11 +39,12 @@ def reproduce(
     path = Path(folder)
     listed = manifest.read(path)
     recipe = recipe_of(path, listed, allow_code)
-    table = read_episodes(path, len(listed["shards"]))
+    refuse_other_plan(recipe, listed)
+    table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
     for experiment in recipe.experiments:
         warm_up(experiment)
-    count, problems = 0, []
+    count, problems = 0, list(_root(recipe, listed, digests))
     for part in _parts(recipe, None if episodes is None else str(episodes), len(digests)):
         experiment = recipe.of_shard(part)
         floats = rollout(experiment, part.first, part.stop)
@@ -50,6 +57,21 @@ def reproduce(
                 shard = listed["shards"][shards[episode]]["path"]
                 problems.append(Problem(shard, rows[episode], "reproduce", message))
     return count, problems
+
+
+def _root(recipe: Recipe, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
+    addressed = (
+        episode
+        for shard in recipe.shards
+        for episode in addresses(
+            recipe, shard, digests[shard.first + shard.offset : shard.stop + shard.offset]
+        )
+    )
+    described = [(column.name, column.dtype) for column in columns(recipe.experiments[0])]
+    root = content_root(described, addressed)
+    if root != listed["content_root"]:
+        message = f"content root: found {listed['content_root']}, expected {root}"
+        yield Problem(manifest.PATH, None, "reproduce", message)
 
 
 def _parts(recipe: Recipe, episodes: str | None, total: int) -> Iterator[Shard]:

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pyarrow as pa
 
 from ibdata.columns import layout
-from ibdata.dataset import manifest, parquet
+from ibdata.dataset import manifest
+from ibdata.dataset.consistency import refuse_other_plan
 from ibdata.dataset.content import describe
 from ibdata.dataset.files import FileEntry, write
-from ibdata.dataset.finish import documents, finish, renew
+from ibdata.dataset.finish import documents, finish, renewed
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Begun, Written
+from ibdata.dataset.stored import BATCH_ROWS, float_columns, stored_parts
 from ibdata.dataset.threads import Threads
-from ibdata.engines import lock, target
+from ibdata.engines import replacement, target
 from ibdata.engines.generate import made_folder, refusals
 from ibdata.engines.signals import check, stoppable
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
 from ibdata.rollout import Columns
+from ibdata.system import lock
 
 
 class Source(NamedTuple):
@@ -46,14 +50,12 @@ def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str])
     lists; then nothing is left behind. What a killed run left is taken away by the next.
     """
     folder = target.meant(out)
-    root = folder / manifest.NEXT
     _refuse(folder)
     lock.refuse_busy(folder)
     with refusals(folder), stoppable(), made_folder(folder), lock.locked(folder):
         _refuse(folder)
-        try:
-            target.discard(root)
-            root.mkdir()
+        replacement.withdraw(folder)
+        with replacement.staged(folder) as root:
             written = []
             for shard in recipe.shards:
                 written.append(_copied(recipe, shard, of[shard.experiment], root))
@@ -62,17 +64,15 @@ def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str])
             code = [each for one in listed for each in one["code"]]
             clipped = sum(one["clipped_actions"] for one in listed)
             finish(recipe, written, root, all(one["reproducible"] for one in listed), code, clipped)
-        except BaseException:
-            target.discard(root)
-            raise
-        manifest.promote(folder)
     return Dataset(folder)
 
 
 def _refuse(folder: Path) -> None:
+    manifest.refuse_inside(folder)
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise UsageError(f"{folder}: found no folder, expected one or nothing; choose another --out")
-    if folder.exists() and any(path.name not in (lock.NAME, manifest.NEXT) for path in folder.iterdir()):
+    left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
+    if folder.exists() and any(path.name not in left for path in folder.iterdir()):
         raise UsageError(f"{folder}: exists already; choose another --out")
     if folder.exists():
         target.refuse_links(folder)
@@ -81,34 +81,36 @@ def _refuse(folder: Path) -> None:
 def _copied(recipe: Recipe, shard: Shard, source: Source, root: Path) -> Written:
     """A shard with a source's episodes, which are proven to be those that it lists."""
     with Threads() as threads:
-        w = Begun(recipe, shard, root, threads, _columns(recipe, shard, source)).finish()
+        w = Begun(recipe, shard, root, threads, _parts(recipe, shard, source)).finish()
     _prove(w, source)
     return w
 
 
-def _columns(recipe: Recipe, shard: Shard, source: Source) -> Columns:
+def _parts(recipe: Recipe, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
     """The float columns of a shard's episodes, read from whatever files of the source hold them."""
     experiment = recipe.of_shard(shard)
-    names = layout(experiment).names
+    try:
+        for part, table in stored_parts(recipe, shard, _batches(experiment, shard, source)):
+            yield part, float_columns(experiment, table)
+    except ValueError as error:
+        if isinstance(error, IbdataError):
+            raise
+        raise _changed(source) from None  # texts in the place of numbers
+
+
+def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
+    names, steps = layout(experiment).names, experiment.steps
     first, stop = source.first + shard.first, source.first + shard.stop
-    parts: list[pa.Table] = []
-    for listed in source.dataset.manifest["shards"]:
+    for number, listed in enumerate(source.dataset.manifest["shards"]):
         low, high = max(first, listed["episodes"][0]), min(stop, listed["episodes"][1])
         if low < high:
-            whole = parquet.read(manifest.locate(source.dataset.path, listed["path"]), names)
-            start = (low - listed["episodes"][0]) * experiment.steps
-            parts.append(whole.slice(start, (high - low) * experiment.steps))
-    table = pa.concat_tables(parts)
-    if len(table) != (stop - first) * experiment.steps:
-        raise _changed(source)
-    return Columns(names, np.stack([table[name].to_numpy() for name in names]), 0)
+            start, end = ((episode - listed["episodes"][0]) * steps for episode in (low, high))
+            yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
 
 
 def _prove(w: Written, source: Source) -> None:
-    if (
-        w.content.digests
-        != source.dataset.digests[source.first + w.shard.first : source.first + w.shard.stop]
-    ):
+    first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
+    if w.content.digests != source.dataset.episode_table["digest"].slice(first, count).to_pylist():
         raise _changed(source)
 
 
@@ -128,29 +130,28 @@ def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
     lock.refuse_busy(folder)
     target.refuse_links(folder)
     with refusals(folder), stoppable(), lock.locked(folder):
-        manifest.settle(folder)
-        dataset = Dataset(folder)
+        replacement.settle(folder)
         listed = dataset.manifest
+        manifest.refuse_replaced(folder, listed)
+        refuse_other_plan(recipe, listed)
         entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
         of = sources(dataset, recipe)
-        written = [_read(recipe, shard, of[shard.experiment], entries[shard.file]) for shard in recipe.shards]
-        staged = folder / manifest.NEXT
-        try:
-            target.discard(staged)
-            staged.mkdir()
+        paths = [shard["path"] for shard in listed["shards"]]
+        written = [
+            _read(recipe, shard, of[shard.experiment], entries[path])
+            for shard, path in zip(recipe.shards, paths, strict=True)
+        ]
+        with replacement.staged(folder) as staged:
             for path, make in documents(recipe, written, listed["content_root"]).items():
                 entries[path] = write(staged, path, make())
             entries.pop(manifest.REPORT, None)  # it tells of the old splits
-            renew(folder, listed, entries, splits=recipe.plain()["splits"])
-        except BaseException:
-            target.discard(staged)
-            raise
+            write(staged, manifest.PATH, renewed(listed, entries, splits=recipe.plain()["splits"]))
     return Dataset(folder)
 
 
 def _read(recipe: Recipe, shard: Shard, source: Source, entry: FileEntry) -> Written:
     """A shard that is there, with its content."""
-    w = Written(shard, entry, describe(recipe, shard, _columns(recipe, shard, source)))
+    w = Written(shard, entry, describe(recipe, shard, _parts(recipe, shard, source)))
     _prove(w, source)
     check()
     return w

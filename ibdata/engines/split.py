@@ -9,11 +9,10 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.dataset.reader import Dataset
-from ibdata.engines.code import recipe_in
 from ibdata.engines.rewrite import relabel, sources, write_dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import splitting
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.recipe import Recipe, recipe_in
 from ibdata.experiment.scalars import SplitName
 
 SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")

@@ -14,10 +14,10 @@ from ibdata.engines.choice import chosen
 from ibdata.engines.code import refuse_code
 from ibdata.engines.estimate import estimate
 from ibdata.engines.generate import generate
-from ibdata.engines.lock import refuse_busy
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, find, load_all
 from ibdata.experiment.recipe import Recipe
+from ibdata.system.lock import refuse_busy
 
 
 def generate_all(

@@ -5,18 +5,21 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
 from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
-from ibdata.engines import lock
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
+from ibdata.system import lock
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
 RANGE_LOCK = f"{lock.NAME}-"
+METADATA = (*manifest.METADATA, manifest.PATH)
+OURS = ("part-*.parquet", "experiment-*.yaml", manifest.FRESH, *(Path(path).name for path in METADATA))
 
 
 def identity(experiment: Experiment) -> str:
@@ -39,6 +42,7 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
         raise UsageError("found --resume with --overwrite, expected one of them")
     if "\0" in str(folder):
         raise UsageError(f"--out: found {str(folder)!r}, expected a path without NUL")
+    manifest.refuse_inside(folder)
     if not os.path.lexists(folder):
         return folder
     if not folder.is_dir():
@@ -94,7 +98,7 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
     if overwrite:
         _refuse_strangers(folder, listed)
         return folder / manifest.NEXT
-    if manifest.locate(folder, "meta/experiment.yaml").read_bytes() != as_yaml(experiment):
+    if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
     for file in listed["files"]:
         path = manifest.locate(folder, file["path"])
@@ -104,13 +108,15 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
 
 
 def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
-    known = {file["path"] for file in listed["files"]} | manifest.outgoing(folder)
-    for part in (folder / "data", folder / manifest.NEW / "data"):
-        for path in part.glob("*"):
-            if f"data/{path.name}" not in known and not path.name.startswith("."):
-                raise UsageError(
-                    f"{path}: found a file that is not the dataset's, expected none; move it away"
-                )
+    if os.path.lexists(folder / manifest.NEW):
+        return  # what is in data/ may be the new dataset's already
+    known = {file["path"] for file in listed["files"]}
+    for path in (folder / "data").glob("*"):
+        if f"data/{path.name}" not in known and not path.name.startswith("."):
+            raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
+    for name in known:
+        if (folder / name).is_dir():
+            raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")
 
 
 def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
@@ -123,8 +129,7 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     ):
         discard(root)
     root.mkdir(exist_ok=True)
-    for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
-        sweep(part)
+    sweep(root)
     if not mine.is_file():
         write(root, EXPERIMENT, as_yaml(experiment))
 
@@ -141,9 +146,17 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
 
 def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
     """Remove what killed writers of these shards had begun."""
-    names = {Path(path).name for shard in shards for path in (shard.file, receipt.path_of(shard))}
-    for part in ("data", receipt.FOLDER):
-        sweep(root / part, names)
+    sweep(root, {Path(path).name for shard in shards for path in (shard.stem, receipt.path_of(shard))})
+
+
+def forget(root: Path, shards: Iterable[Shard]) -> None:
+    """Remove what there is of shards that are to be made: also whole ones that have no receipt."""
+    shards = list(shards)
+    sweep_shards(root, shards)
+    numbers = {Path(shard.stem).name for shard in shards}
+    for path in (root / "data").glob("part-*.parquet"):
+        if path.name.rpartition("-")[0] in numbers:
+            path.unlink(missing_ok=True)
 
 
 def end(root: Path) -> None:
@@ -155,32 +168,41 @@ def end(root: Path) -> None:
 
 def abandon(root: Path) -> None:
     """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
-    for part in (root, root / "data", root / "meta", root / receipt.FOLDER):
-        sweep(part)
+    sweep(root)
     if not list((root / receipt.FOLDER).glob("*.receipt")):
         discard(root)
 
 
 def discard(root: Path) -> None:
-    """Remove an unfinished run: its shards, metadata and receipts; nothing else."""
+    """Remove an unfinished run, or the files of a dataset that `.next` holds; nothing else.
+
+    Raises UsageError where `.next` holds something that ibdata did not write.
+    """
     if not root.is_dir() or root.is_symlink():
         return
     staged = root.name == manifest.NEXT
-    for place in (root, root / "data", root / "meta"):
-        sweep(place)
-    for part in ("data", "meta"):
+    sweep(root)
+    for part in ("data", "meta", *(["old-data", "old-meta"] if staged else [])):
         folder = root / part
-        names = (*manifest.METADATA, *([manifest.PATH] if staged else []))
-        for pattern in ("part-*.parquet", "experiment-*.yaml", *(Path(path).name for path in names)):
-            for path in folder.glob(pattern) if not folder.is_symlink() else ():
-                path.unlink()
-        if folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir()):
-            folder.rmdir()
+        if folder.is_dir() and not folder.is_symlink():
+            for path in folder.iterdir():
+                if is_ours(path) and (staged or path.name != Path(manifest.PATH).name):
+                    path.unlink()
+            if not any(folder.iterdir()):
+                folder.rmdir()
     for name in (manifest.CARD, manifest.REPORT):
         (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:
+        left = next((path for path in sorted(root.rglob("*")) if not path.is_dir()), None)
+        if left is not None:
+            raise UsageError(f"{left}: found something that ibdata did not write; move it away")
         root.rmdir()
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a file in `data` or `meta` has a name that ibdata gives."""
+    return not path.is_dir() and any(fnmatchcase(path.name, pattern) for pattern in OURS)
 
 
 def _empty(folder: Path) -> None:

@@ -25,9 +25,9 @@ class Shard(NamedTuple):
     offset: int = 0
 
     @property
-    def file(self) -> str:
-        """The shard's path inside the dataset."""
-        return f"data/part-{self.number:05d}.parquet"
+    def stem(self) -> str:
+        """What the shard's path inside the dataset begins with; a token of the file's content follows."""
+        return f"data/part-{self.number:05d}"
 
 
 def plan(experiment: Experiment) -> list[Shard]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
+from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
@@ -92,6 +96,12 @@ class Recipe:
         """The policies' labels, in order."""
         return list(dict.fromkeys(label for e in self.experiments for label in e.labels))
 
+    @property
+    def code_targets(self) -> list[str]:
+        """The `package.module:name` of every custom policy, also of those inside others."""
+        found = (policy.code_target for e in self.experiments for policy in e.policies)
+        return list(dict.fromkeys(target for target in found if target is not None))
+
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""
         return self.experiments[shard.experiment]
@@ -118,3 +128,15 @@ class Recipe:
     @cached_property
     def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:
         return [segments(experiment, self.later) for experiment in self.experiments]
+
+
+def recipe_in(folder: Path, listed: Mapping[str, Any]) -> Recipe:
+    """What the manifest of a dataset says it is made of; DatasetError where that is not valid."""
+    try:
+        return Recipe.from_plain(listed)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise DatasetError(
+            f"{folder / 'meta/manifest.json'}: experiments: {printable(where)}: {printable(first['msg'])}"
+        ) from None

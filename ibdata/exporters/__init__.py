@@ -78,7 +78,7 @@ def export(
             raise UsageError(f"id: found {id!r}, expected none: {to} has no ids")
         options["id"] = id
     target = Path(format.place(view, Path(out), **options) if hasattr(format, "place") else out)
-    with stoppable(target), whole(target, source.path) as path:
+    with stoppable(target), whole(target) as path:
         snippet = format.export(view, path, target, **options)
     return Exported(to, str(target), view.episodes, view.rows, history, reward_scale, snippet)
 

@@ -12,17 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.files import TEMPORARY, sync_folder
+from ibdata.dataset.manifest import refuse_inside
 from ibdata.engines import signals
 from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
 
 
 @contextmanager
-def whole(target: Path, dataset: Path) -> Iterator[Path]:
+def whole(target: Path) -> Iterator[Path]:
     """A path to write to; it becomes the target when the block ends well, and nothing stays otherwise.
 
-    Raises UsageError for a target that exists or lies within the dataset.
+    Raises UsageError for a target that exists or lies within a dataset.
     """
-    refuse(target, dataset)
+    refuse(target)
     scratch = target.parent / f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}"
     missing = [path for path in target.parents if not path.exists()]
     try:
@@ -31,7 +32,7 @@ def whole(target: Path, dataset: Path) -> Iterator[Path]:
         yield result
         signals.check()
         _sync(result)
-        refuse(target, dataset)
+        refuse(target)
         result.rename(target)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -41,12 +42,11 @@ def whole(target: Path, dataset: Path) -> Iterator[Path]:
     sync_folder(target.parent)
 
 
-def refuse(target: Path, dataset: Path) -> None:
+def refuse(target: Path) -> None:
     """UsageError for a target that may not be written."""
     if os.path.lexists(target):
         raise UsageError(f"{target}: exists already, expected nothing; choose another --out")
-    if dataset.resolve() in target.resolve().parents:
-        raise UsageError(f"{target}: lies within the dataset, whose readers it would break; choose another")
+    refuse_inside(target)
 
 
 @contextmanager

@@ -106,9 +106,12 @@ def _modules(folder: str) -> list[str]:
 
 
 def _refuse_existing(path: Path, overwrite: bool) -> None:
+    from ibdata.dataset.manifest import refuse_inside
+
     if os.path.lexists(path) and (path.is_dir() or not overwrite):
         todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
         raise UsageError(f"{path}: exists already; expected {todo}")
+    refuse_inside(path)
 
 
 def _one_of(what: str, found: str, known: list[str] | tuple[str, ...]) -> None:

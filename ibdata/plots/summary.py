@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset import manifest, parquet
 from ibdata.dataset.reader import Dataset
 from ibdata.plots.counts import Counts, count
 from ibdata.plots.episode import PANELS
@@ -53,21 +52,12 @@ class Summary:
         }
         episode = self.dataset.episodes.iloc[self.typical]
         stop = min(int(episode["row_stop"]), int(episode["row_start"]) + MOST_STEPS)
-        shard = self.dataset.manifest["shards"][int(episode["shard"])]
-        parts: list[npt.NDArray[Any]] = []
-        first = 0
-        for batch in parquet.batches(
-            manifest.locate(self.dataset.path, shard["path"]), list(names.values()), 65_536
-        ):
-            low = max(int(episode["row_start"]), first)
-            last = min(stop, first + batch.num_rows)
-            if low < last:
-                parts.append(
-                    np.stack([column.to_numpy()[low - first : last - first] for column in batch.columns])
-                )
-            first += batch.num_rows
-            if first >= stop:
-                break
+        parts: list[npt.NDArray[Any]] = [
+            np.stack([column.to_numpy() for column in batch.columns])
+            for batch in self.dataset.shard_batches(
+                int(episode["shard"]), list(names.values()), MOST_STEPS, int(episode["row_start"]), stop
+            )
+        ]
         return dict(zip(names, np.concatenate(parts, axis=1), strict=True))
 
     def label(self, column: str) -> str:

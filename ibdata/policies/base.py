@@ -47,6 +47,11 @@ class Policy(Plugin, ABC):
         """The policy's label in the data."""
         return self.name or self.kind
 
+    @property
+    def code_target(self) -> str | None:
+        """The `package.module:name` of somebody's code, which runs only where that is allowed; else None."""
+        return None
+
     def form(self) -> dict[str, Any]:
         """What the policy is, for digests: its kind and the options that differ from their defaults."""
         return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
@@ -122,6 +127,11 @@ class Wrapper(Policy):
     def draws(self) -> int:  # type: ignore[override]  # read from instances only
         """Uniform draws per step: the base's and its own."""
         return self.base.draws + self.own_draws
+
+    @property
+    def code_target(self) -> str | None:
+        """That of the base."""
+        return self.base.code_target
 
     def form(self) -> dict[str, Any]:
         """As every policy's, with the form of the base."""

@@ -42,6 +42,11 @@ class Custom(Policy):
     )
 
     @property
+    def code_target(self) -> str | None:
+        """The target."""
+        return self.target
+
+    @property
     def frames(self) -> int:  # type: ignore[override]  # read from instances only
         """Observations of history that it wants."""
         return self.history

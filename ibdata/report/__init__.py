@@ -7,18 +7,19 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.card import card as readme
+from ibdata.dataset.consistency import refuse_other_plan
 from ibdata.dataset.content import UNREAD
 from ibdata.dataset.files import FileEntry, write
-from ibdata.dataset.finish import renew
+from ibdata.dataset.finish import renewed
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
-from ibdata.engines import lock, target
-from ibdata.engines.code import recipe_in
+from ibdata.engines import replacement, target
 from ibdata.engines.generate import refusals
 from ibdata.engines.signals import stoppable
-from ibdata.errors import DatasetError
+from ibdata.experiment.recipe import recipe_in
 from ibdata.plots import drawn
 from ibdata.report.page import page
+from ibdata.system import lock
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
@@ -35,23 +36,22 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     lock.refuse_busy(path)
     target.refuse_links(path)
     recipe = recipe_in(path, dataset.manifest)
+    refuse_other_plan(recipe, dataset.manifest)
     report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
     with refusals(path), stoppable(), lock.locked(path):
-        manifest.settle(path)
-        listed = manifest.read(path)
-        if listed != dataset.manifest:
-            raise DatasetError(f"{path}: changed while it was read; run ibdata card {path} again")
+        replacement.settle(path)
+        manifest.refuse_replaced(path, dataset.manifest)
+        listed = dataset.manifest
         entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-        written = [Written(shard, entries[shard.file], UNREAD) for shard in recipe.shards]
-        staged = path / manifest.NEXT
-        try:
-            target.discard(staged)
-            staged.mkdir()
+        paths = [shard["path"] for shard in listed["shards"]]
+        written = [
+            Written(shard, entries[file], UNREAD) for shard, file in zip(recipe.shards, paths, strict=True)
+        ]
+        with replacement.staged(path) as staged:
+            replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
             made = readme(recipe, written, dataset.content_root)
             entries[manifest.CARD] = write(staged, manifest.CARD, made)
             entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
-            renew(path, listed, entries, versions=listed["versions"])
-        except BaseException:
-            target.discard(staged)
-            raise
+            data = renewed(listed, entries, versions=listed["versions"])
+            write(staged, manifest.PATH, data)
     return Dataset(path)

@@ -19,7 +19,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.validation import validate
-from ibdata.engines.lock import NAME, locked
+from ibdata.system.lock import NAME, locked
 from ibdata.engines.repair import repair
 from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
 

@@ -15,7 +15,7 @@ import pytest
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.dataset import receipt
-from ibdata.engines import lock
+from ibdata.system import lock
 from ibdata.engines.record import Range
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan

@@ -16,7 +16,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.validation import validate
-from ibdata.engines import lock
+from ibdata.system import lock
 from ibdata.errors import BusyError, DatasetError
 from ibdata.plots import drawn, plots
 from ibdata.report import card

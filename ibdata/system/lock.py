@@ -45,17 +45,22 @@ def shared(folder: Path) -> Iterator[ExitStack]:
         os.close(descriptor)
 
 
-def refuse_busy(folder: Path, name: str = NAME) -> None:
-    """BusyError where another process holds the folder's lock; nothing is written."""
+def is_locked(folder: Path, name: str = NAME) -> bool:
+    """Whether a process that lives holds the folder's lock; nothing is written."""
     try:
-        descriptor = os.open(folder / name, os.O_RDWR | os.O_NOFOLLOW)
+        descriptor = os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
     except (OSError, ValueError):
-        return
+        return False
     try:
-        if not _try(descriptor):
-            raise _busy(folder)
+        return not _try(descriptor)
     finally:
         os.close(descriptor)
+
+
+def refuse_busy(folder: Path, name: str = NAME) -> None:
+    """BusyError where another process holds the folder's lock; nothing is written."""
+    if is_locked(folder, name):
+        raise _busy(folder)
 
 
 def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:

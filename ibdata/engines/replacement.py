@@ -1,0 +1,177 @@
+"""Replacing a dataset, or parts of it, so that every reader meets the old one or the new one, and no mixture.
+
+What is new is written to `.next`, whole folders of it. Renaming that to `.new` makes it count. Then `data`,
+and after it `meta`, change places with those in `.new`, each in one system call, and what was replaced is
+removed. Shards have names of their own, so whoever listed the old folder finds no new file under an old name.
+A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.dataset.files import file_sha256, plain_bytes, sync_folder, write
+from ibdata.dataset.manifest import FRESH, NEW, NEXT
+from ibdata.engines.signals import held
+from ibdata.engines.target import discard, is_ours
+from ibdata.errors import DatasetError
+
+PARTS = ("data", "meta")
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """An empty `.next`; what the block puts there replaces what the dataset has, or nothing changes."""
+    root = folder / NEXT
+    discard(root)
+    root.mkdir()
+    try:
+        yield root
+    except BaseException:
+        discard(root)
+        raise
+    commit(folder)
+
+
+def commit(folder: Path) -> None:
+    """Let what is in `.next` replace what the dataset has: `data` and `meta` as a whole, card and report."""
+    root = folder / NEXT
+    if not (root / manifest.PATH).is_file():  # nothing is to be replaced
+        discard(root)
+        return
+    for path in [manifest.PATH, *_paths(folder), *_paths(root)]:
+        if (folder / path).is_dir():
+            raise DatasetError(f"{folder / path}: found a folder in the place of a file; move it away")
+    for part in PARTS:
+        if (root / part).is_dir():
+            (root / part / FRESH).touch()
+            sync_folder(root / part)
+    sync_folder(root)
+    with held():
+        root.rename(folder / NEW)
+        sync_folder(folder)
+        settle(folder)
+
+
+def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
+    """Have files of the dataset in `.next` as they are."""
+    for path in paths:
+        (root / path).parent.mkdir(exist_ok=True)
+        try:
+            os.link(folder / path, root / path)
+        except OSError:  # a file system without links
+            write(root, path, (folder / path).read_bytes())
+
+
+def settle(folder: Path) -> None:
+    """Finish what a writer began to replace that was killed; remove a `.new` that does not count."""
+    new = folder / NEW
+    if not os.path.lexists(new):
+        return
+    with held():
+        if _counts(folder):
+            for part in PARTS:
+                if (new / part / FRESH).is_file():
+                    _swap(new, folder, part)
+            _place_single_files(new, folder)
+            _give_back(new, folder)
+            for part in PARTS:
+                (folder / part / FRESH).unlink(missing_ok=True)
+        discard(folder / NEXT)
+        new.rename(folder / NEXT)  # from here on it counts for nothing
+        sync_folder(folder)
+        discard(folder / NEXT)
+
+
+def begun(folder: Path) -> list[str]:
+    """What a killed writer left of a new dataset that has no place yet: the names in the folder."""
+    if os.path.lexists(folder / manifest.PATH):
+        return []
+    return [NEW, *(["data"] if (folder / "data" / FRESH).is_file() else [])]
+
+
+def withdraw(folder: Path) -> None:
+    """Remove what `begun` names."""
+    new = folder / NEW
+    if not os.path.lexists(new):
+        return
+    (new / "meta" / FRESH).unlink(missing_ok=True)  # from here on it counts for nothing
+    if (folder / "data" / FRESH).is_file():
+        (folder / "data").rename(new / "data")
+    discard(folder / NEXT)
+    new.rename(folder / NEXT)
+    discard(folder / NEXT)
+
+
+def _paths(folder: Path) -> list[str]:
+    """The paths of the files that the manifest in a folder lists; none where there is no whole manifest."""
+    try:
+        return [file["path"] for file in _manifest(folder)["files"]]
+    except (OSError, DatasetError):
+        return []
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    path = folder / manifest.PATH
+    return manifest.parsed(path, plain_bytes(path, manifest.MAX_BYTES))
+
+
+def _counts(folder: Path) -> bool:
+    """Whether `.new` is a replacement that was made to count: all that its manifest lists is there."""
+    new = folder / NEW
+    if not (new / "meta" / FRESH).is_file():
+        return (folder / "meta" / FRESH).is_file()  # then `meta` has its place already
+    paths = _paths(new)
+    return bool(paths) and all((new / path).is_file() or (folder / path).is_file() for path in paths)
+
+
+def _swap(new: Path, folder: Path, part: str) -> None:
+    """Let a new folder take its place; the old one is in `.new` afterwards."""
+    source, target = new / part, folder / part
+    if os.path.lexists(target) and not _exchanged(source, target):
+        target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
+    if not os.path.lexists(target):
+        source.rename(target)
+    sync_folder(new)
+    sync_folder(folder)
+
+
+def _exchanged(a: Path, b: Path) -> bool:
+    """Let two folders change places in one system call; False where there is none that can."""
+    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if call is None:
+        return False
+    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(b))
+
+
+def _place_single_files(new: Path, folder: Path) -> None:
+    """Card and report go to their places, if they are what the manifest lists; a report of old goes."""
+    listed = {file["path"]: file["sha256"] for file in _manifest(folder)["files"]}
+    for path in (manifest.CARD, manifest.REPORT):
+        if path not in listed:
+            (folder / path).unlink(missing_ok=True)
+        elif file_sha256(new / path) == listed[path]:
+            (new / path).replace(folder / path)
+    sync_folder(folder)
+
+
+def _give_back(new: Path, folder: Path) -> None:
+    """What a user has put into a folder that was replaced moves on to the new one."""
+    for part in PARTS:
+        for old in (new / part, new / f"old-{part}"):
+            for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
+                if not is_ours(path) and not os.path.lexists(folder / part / path.name):
+                    path.rename(folder / part / path.name)
