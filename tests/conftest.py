@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import runpy
 import signal
 import subprocess
@@ -12,12 +14,16 @@ from typing import Any
 
 import pytest
 
+from ibdata.dataset import manifest
+from ibdata.dataset.metadata import as_json
+
 # Background jobs of a shell ignore SIGINT, those under nohup SIGHUP, and children would inherit that; what is
 # handled here is at its default in them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, lambda number, frame: None)
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
+ShardFile = Callable[[str | Path, int], str]
 
 
 @pytest.fixture(scope="session")
@@ -36,6 +42,33 @@ def ibdata(command: str, tmp_path: Path) -> Run:
         return subprocess.run([command, *args], cwd=cwd, env=env, capture_output=True, text=True, timeout=300)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def shard_file() -> ShardFile:
+    """The path of a shard of that number inside a folder: its name holds the first digits of its hash."""
+
+    def path(folder: str | Path, number: int) -> str:
+        (found,) = Path(folder, "data").glob(f"part-{number:05d}-????????.parquet")
+        return f"data/{found.name}"
+
+    return path
+
+
+@pytest.fixture(scope="session")
+def sign() -> Callable[[Path, str], None]:
+    """Give a manifest the hash of a file that was changed, and its checksum, as who means harm would."""
+
+    def signed(folder: Path, path: str) -> None:
+        listed = json.loads((folder / manifest.PATH).read_bytes())
+        data = (folder / path).read_bytes()
+        for file in listed["files"]:
+            if file["path"] == path:
+                file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        listed["checksum"] = manifest.checksum(listed)
+        (folder / manifest.PATH).write_bytes(as_json(listed))
+
+    return signed
 
 
 EPISODES: dict[str, dict[str, Any]] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def interrupted(folder, path, error):
 def test_an_exception_leaves_nothing(tmp_path, error):
     with pytest.raises(error):
         interrupted(tmp_path, "data/x.parquet", error)
-    assert list((tmp_path / "data").iterdir()) == []
+    assert [path.name for path in tmp_path.rglob("*")] == ["data"]
 
 
 def test_an_exception_leaves_the_file_that_was_there(tmp_path):
@@ -55,10 +56,12 @@ def test_no_file_shows_under_its_name_before_the_block_ends(tmp_path):
     with committed(tmp_path, "meta/x") as file:
         file.write(b"first")
         file.flush()
-        (temporary,) = (tmp_path / "meta").iterdir()
-        assert temporary.name.startswith(".tmp-")
+        (temporary,) = (path for path in tmp_path.iterdir() if path.is_file())
+        assert re.fullmatch(r"\.tmp-[0-9a-f]{12}-x\.part", temporary.name)
         assert temporary.read_bytes() == b"first"
+        assert list((tmp_path / "meta").iterdir()) == []
         file.write(b", second")
+    assert [path.name for path in tmp_path.iterdir()] == ["meta"]
     assert [path.name for path in (tmp_path / "meta").iterdir()] == ["x"]
     assert (tmp_path / "meta/x").read_bytes() == b"first, second"
 
@@ -90,7 +93,7 @@ def test_a_symlink_is_replaced_and_not_followed(tmp_path, dangling):
 def test_a_symlink_under_the_temporary_name_is_not_followed(monkeypatch, tmp_path):
     monkeypatch.setattr("secrets.token_hex", lambda n: "known")
     (tmp_path / "victim").write_bytes(b"mine")
-    (tmp_path / ".tmp-known-x").symlink_to("victim")
+    (tmp_path / ".tmp-known-x.part").symlink_to("victim")
     with pytest.raises(FileExistsError):
         write(tmp_path, "x", b"data")
     assert (tmp_path / "victim").read_bytes() == b"mine"
@@ -125,6 +128,15 @@ def test_the_data_are_on_the_disk_before_the_name_and_the_name_before_the_return
     monkeypatch.setattr(Path, "replace", recorded_replace)
     write(tmp_path, "data/x", b"12345")
     assert done == [("fsync", 5, False), ("rename", 5, "x"), ("fsync", "folder", True)]
+
+
+def test_a_token_in_a_path_becomes_the_first_digits_of_the_hash(tmp_path):
+    with committed(tmp_path, "data/x-{token}.parquet") as file:
+        file.write(b"hello")
+        (temporary,) = (path for path in tmp_path.iterdir() if path.is_file())
+        assert re.fullmatch(r"\.tmp-[0-9a-f]{12}-x\.part", temporary.name)
+    assert [path.name for path in (tmp_path / "data").iterdir()] == ["x-2cf24dba.parquet"]
+    assert [path.name for path in tmp_path.iterdir()] == ["data"]
 
 
 @pytest.mark.parametrize("pieces", [[], [b""], [b"a"], [b"ab", b"c" * 100_000, b"d"]])

@@ -26,7 +26,10 @@ def read(dataset, path):
 
 
 def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
-    shards = [f"data/part-{i:05d}.parquet" for i in range(len(SHARDS))]
+    hashes = {file["path"]: file["sha256"] for file in dataset.manifest["files"]}
+    paths = [shard["path"] for shard in dataset.manifest["shards"]]
+    shards = [f"data/part-{i:05d}-{hashes[path][:8]}.parquet" for i, path in enumerate(paths)]
+    assert len(shards) == len(SHARDS)
     assert sorted(files(dataset.path)) == sorted(["README.md", *shards, *META])
 
 
@@ -72,7 +75,7 @@ def test_the_shards_of_the_manifest_are_whole_episodes_cut_where_splits_begin(da
         assert hashlib.sha256(b"".join(digests.values())).hexdigest() == shard["content"]
 
 
-def test_info_describes_counts_splits_groups_and_columns(dataset):
+def test_info_describes_counts_splits_groups_and_columns(dataset, shard_file):
     info = read(dataset, "meta/info.json")
     assert list(info) == [
         "format", "version", "name", "dynamics", "drifting", "start", "counts", "splits", "groups", "columns",
@@ -82,7 +85,7 @@ def test_info_describes_counts_splits_groups_and_columns(dataset):
     counts = {"rows": 480, "episodes": 12, "steps": 40, "cells": 4, "shards": 8, "data_bytes": size}
     assert info["counts"] == counts
     parts = {"source": [0, 1, 4, 5], "target": [2, 6]}
-    paths = {name: [f"data/part-{i:05d}.parquet" for i in numbers] for name, numbers in parts.items()}
+    paths = {name: [shard_file(dataset.path, i) for i in numbers] for name, numbers in parts.items()}
     assert info["splits"] == {
         "source": {"episodes": 6, "rows": 240, "files": paths["source"]},
         "target": {"episodes": 4, "rows": 160, "files": paths["target"]},
@@ -203,8 +206,8 @@ def test_nothing_is_null_nor_may_be(either):
         assert all(column.null_count == 0 for column in table.columns)
 
 
-def test_page_checksums_notice_every_flipped_bit_of_a_page(copied):
-    path = copied / "data/part-00000.parquet"
+def test_page_checksums_notice_every_flipped_bit_of_a_page(copied, shard_file):
+    path = copied / shard_file(copied, 0)
     whole = path.read_bytes()
     assert pq.read_table(path, page_checksum_verification=True).num_rows == 80
     column = pq.ParquetFile(path).metadata.row_group(0).column(7)

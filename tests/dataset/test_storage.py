@@ -63,12 +63,12 @@ def test_every_reading_command_takes_a_url(url, ibdata):
         assert done.stdout.replace(url, "there") == plain.stdout
 
 
-def test_damage_is_found_and_named(url):
+def test_damage_is_found_and_named(url, shard_file):
     made(url)
-    shard = Path("there/data/part-00001.parquet")
-    shard.write_bytes(shard.read_bytes()[:-1] + b"x")
+    shard = shard_file("there", 1)
+    Path("there", shard).write_bytes(Path("there", shard).read_bytes()[:-1] + b"x")
     (problem,) = ibdata.validate(url, quick=True)
-    assert (problem.path, problem.rule) == ("data/part-00001.parquet", "hash")
+    assert (problem.path, problem.rule) == (shard, "hash")
 
 
 def test_resuming_takes_what_is_there_and_another_experiment_is_refused(url):

@@ -15,10 +15,10 @@ import pytest
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.dataset import receipt
-from ibdata.system import lock
 from ibdata.engines.record import Range
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
+from ibdata.system import lock
 
 pytestmark = pytest.mark.slow
 
@@ -112,9 +112,11 @@ def test_a_plain_run_resumes_what_ranges_have_begun(tiny):
 # --- what finalizing refuses
 
 
-def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(tiny, ibdata_command):
+def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
+    tiny, ibdata_command, shard_file
+):
     make(tiny, "1/3")
-    Path("out/data/part-00001.parquet").write_bytes(b"damaged")
+    Path("out", shard_file("out", 1)).write_bytes(b"damaged")
     with pytest.raises(
         IbdataError, match=r"^out: found 2 of 10 shards, expected all; missing 1, 3, 4, "
     ) as error:
@@ -230,7 +232,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch):
             make(tiny, "2/2")
         assert not Path("out").exists()
     make(tiny, "1/2")
-    under_way = Path("out/data/.tmp-123456789abc-part-00000.parquet")  # a host with 1/2 writes it
+    under_way = Path("out/.tmp-123456789abc-part-00000.part")  # a host with 1/2 writes it
     under_way.write_bytes(b"part")
     before = files("out")
     with monkeypatch.context() as failing:
@@ -240,7 +242,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch):
             make(tiny, "2/2")
     after = files("out")
     assert set(after) - set(before) == {".run/range-2-2.json"}
-    assert after[f"data/{under_way.name}"] == b"part"
+    assert after[under_way.name] == b"part"
     make(tiny, "2/2")
     assert len(ibdata.finalize("out")) == 50
     assert not under_way.exists()

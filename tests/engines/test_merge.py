@@ -148,9 +148,9 @@ def test_moving_and_constant_setpoints_do_not_mix(make, tmp_path):
         ibdata.merge([a.path, b.path], tmp_path / "both")
 
 
-def test_a_source_that_is_damaged_is_an_error_and_leaves_nothing(pair, tmp_path):
-    path = pair[1].path / "data/part-00001.parquet"
-    path.write_bytes((pair[1].path / "data/part-00002.parquet").read_bytes())
+def test_a_source_that_is_damaged_is_an_error_and_leaves_nothing(pair, shard_file, tmp_path):
+    path, other = (pair[1].path / shard_file(pair[1].path, number) for number in (1, 2))
+    path.write_bytes(other.read_bytes())
     with pytest.raises(DatasetError, match="found other content than it lists"):
         ibdata.merge([d.path for d in pair], tmp_path / "both")
     assert not (tmp_path / "both").exists()
@@ -164,10 +164,10 @@ def test_one_dataset_or_a_folder_that_holds_something_is_refused(pair, tmp_path)
 
 
 def test_what_a_killed_merge_left_is_taken_away_by_the_next(pair, tmp_path):
-    left = tmp_path / "both" / manifest.NEXT / "data"
-    left.mkdir(parents=True)
-    (left / "part-00000.parquet").write_bytes(b"half")
-    (left / ".tmp-1-part-00001.parquet").write_bytes(b"half")
+    left = tmp_path / "both" / manifest.NEXT
+    (left / "data").mkdir(parents=True)
+    (left / "data/part-00000-1a2b3c4d.parquet").write_bytes(b"whole")
+    (left / ".tmp-123456789abc-part-00001.part").write_bytes(b"half")
     merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
     assert ibdata.validate(merged.path) == []
     assert sorted(path.name for path in merged.path.iterdir()) == ["README.md", "data", "meta"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -28,8 +30,8 @@ PLAIN = {
     "splits": {"source": {"setpoint": 20}},
 }
 FILES = [
-    "data/part-00000.parquet",
-    "data/part-00003.parquet",
+    "shard 0",
+    "shard 3",
     "meta/info.json",
     "meta/episodes.parquet",
     "meta/stats.json",
@@ -50,6 +52,16 @@ def copied(made, tmp_path) -> Path:
     return Path(shutil.copytree(made.path, tmp_path / "copied"))
 
 
+@pytest.fixture
+def file(copied, shard_file) -> Callable[[str], str]:
+    """The path of a file in the copy: of a shard, given as `shard 0`, or the path itself."""
+
+    def path(what: str) -> str:
+        return shard_file(copied, int(what.removeprefix("shard "))) if what.startswith("shard ") else what
+
+    return path
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -63,29 +75,29 @@ def damage(path: Path, how: str) -> None:
     path.write_bytes(data[: len(data) // 2] if how == "cut" else data)
 
 
-@pytest.mark.parametrize("path", [*FILES, manifest.PATH])
+@pytest.mark.parametrize("what", [*FILES, manifest.PATH])
 @pytest.mark.parametrize("how", ["missing", "cut", "flipped"])
-def test_any_one_file_is_made_again_as_it_was(copied, path, how):
-    before = contents(copied)
+def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
+    before, path = contents(copied), file(what)
     damage(copied / path, how)
     assert repair(copied, workers=1) == [path]
     assert contents(copied) == before
     assert validate(copied) == []
 
 
-def test_several_files_are_made_again_at_once(copied):
-    before = contents(copied)
-    for path in FILES:
+def test_several_files_are_made_again_at_once(copied, file):
+    before, paths = contents(copied), [file(what) for what in FILES]
+    for path in paths:
         damage(copied / path, "missing")
-    assert sorted(repair(copied, workers=1)) == sorted(FILES)
+    assert sorted(repair(copied, workers=1)) == sorted(paths)
     assert contents(copied) == before
 
 
-def test_manifest_and_a_shard_are_made_again_from_the_experiment(copied):
-    before = contents(copied)
+def test_manifest_and_a_shard_are_made_again_from_the_experiment(copied, file):
+    before, shard = contents(copied), file("shard 1")
     damage(copied / manifest.PATH, "flipped")
-    damage(copied / "data/part-00001.parquet", "cut")
-    assert repair(copied, workers=1) == [manifest.PATH, "data/part-00001.parquet"]
+    damage(copied / shard, "cut")
+    assert repair(copied, workers=1) == [manifest.PATH, shard]
     assert contents(copied) == before
 
 
@@ -95,13 +107,13 @@ def test_a_whole_dataset_is_left_alone(copied):
     assert {path: path.stat().st_mtime_ns for path in copied.rglob("*") if path.is_file()} == before
 
 
-def test_what_is_made_again_with_other_content_changes_nothing(copied):
+def test_what_is_made_again_with_other_content_changes_nothing(copied, file):
     """The manifest is of another seed than its experiment says."""
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["experiments"][0]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
     (copied / manifest.PATH).write_bytes(as_json(listed))
-    damage(copied / "data/part-00000.parquet", "cut")
+    damage(copied / file("shard 0"), "cut")
     before = contents(copied)
     with pytest.raises(DatasetError, match="found other content when made again"):
         repair(copied, workers=1)
@@ -129,18 +141,16 @@ def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
     assert reproduce(made.path, episodes) == (count, [])
 
 
-def test_an_episode_that_is_not_reproduced_is_named(copied):
+def test_an_episode_that_is_not_reproduced_is_named(copied, file):
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["experiments"][0]["seed"] = 1
     listed["checksum"] = manifest.checksum(listed)
     (copied / manifest.PATH).write_bytes(as_json(listed))
     count, problems = reproduce(copied, "4-5")
     assert count == 2
-    assert [(p.path, p.row) for p in problems] == [
-        ("data/part-00002.parquet", 0),
-        ("data/part-00003.parquet", 0),
-    ] or [p.message for p in problems] == [
-        f"episode {i}: found other content when made again" for i in (4, 5)
+    assert [(p.path, p.row, p.message) for p in problems] == [
+        (file("shard 2"), 20, "episode 4: found other content when made again"),
+        (file("shard 3"), 0, "episode 5: found other content when made again"),
     ]
 
 
@@ -173,7 +183,8 @@ def test_a_difference_is_named(made, tmp_path, change, line):
     assert any(found.startswith(line) for found in difference(made, other)), difference(made, other)
 
 
-def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied):
-    (copied / "data/part-00001.parquet").unlink()
-    with pytest.raises(DatasetError, match=r"part-00001\.parquet: missing or of another size than listed"):
+def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
+    shard = file("shard 1")
+    (copied / shard).unlink()
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: missing or of another size than listed"):
         ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)

@@ -150,14 +150,15 @@ def test_splits_add_up_and_one_of_the_same_name_is_replaced(made):
 
 @pytest.mark.parametrize(
     "damage",
-    ["meta/stats.json", "meta/episodes.parquet", "meta/info.json", "README.md", "data/part-00002.parquet"],
+    ["meta/stats.json", "meta/episodes.parquet", "meta/info.json", "README.md", "shard"],
 )
-def test_what_a_split_changed_is_repaired_with_it(made, damage):
+def test_what_a_split_changed_is_repaired_with_it(made, shard_file, damage):
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
-    path = split.path / damage
+    file = shard_file(split.path, 2) if damage == "shard" else damage
+    path = split.path / file
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    assert repair(split.path, workers=1) == [damage]
+    assert repair(split.path, workers=1) == [file]
     assert path.read_bytes() == whole
     assert ibdata.validate(split.path) == []
 
@@ -226,8 +227,8 @@ def test_a_name_of_a_declared_split_is_refused(experiment, tmp_path):
         ibdata.split(tmp_path / "x", scheme="interpolation")
 
 
-def test_rows_that_are_not_those_listed_are_refused_and_nothing_is_changed(made, tmp_path):
-    path = made.path / "data/part-00001.parquet"
+def test_rows_that_are_not_those_listed_are_refused_and_nothing_is_changed(made, shard_file, tmp_path):
+    path = made.path / shard_file(made.path, 1)
     table = pq.read_table(path)
     pq.write_table(table.take(list(range(len(table)))[::-1]), path)
     before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}

@@ -28,12 +28,12 @@ SCRIPT = """
     from ibdata.experiment import Experiment
 
     if __name__ != "__main__":  # in a worker
-        import ibdata.dataset.shard as shard
+        import ibdata.dataset.content as content
         from ibdata.asking import PolicyError
-        rollout = shard.rollout
+        rollout = content.rollout
         def changed(experiment, first, stop):
             {changed}
-        shard.rollout = changed
+        content.rollout = changed
 
     if __name__ == "__main__":
         experiment = Experiment.model_validate({plain})

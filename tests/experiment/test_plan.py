@@ -163,6 +163,6 @@ def test_splits_are_filled_anew_after_a_cut():
 
 
 @pytest.mark.parametrize(("number", "file"), [(0, "part-00000"), (12, "part-00012"), (99_999, "part-99999")])
-def test_a_shard_has_its_number_in_its_file(number, file):
+def test_a_shard_has_its_number_in_its_files_name(number, file):
     shards = plan(experiment(episodes=100_000, steps=1, output={"shard_rows": 1}))
-    assert shards[number].file == f"data/{file}.parquet"
+    assert shards[number].stem == f"data/{file}"

@@ -100,30 +100,32 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_made(merged, tmp_pat
 
 
 def edit(change):
-    def damage(folder):
+    def damage(folder, shard_file, sign):
         path = folder / "meta" / "stats.json"
         data = json.loads(path.read_text())
         change(data["all"])
         path.write_text(json.dumps(data))
+        sign(folder, "meta/stats.json")
 
     return damage
+
+
+def repeat_a_shard(folder, shard_file, sign):
+    shutil.copy(folder / shard_file(folder, 1), folder / shard_file(folder, 0))
 
 
 DAMAGE = {
     "no range": (edit(lambda all: all["reward"].update(min=None)), r"stats\.json: reward: found no range"),
     "no column": (edit(lambda all: all.pop("reward")), r"stats\.json: reward: found no range"),
-    "other rows": (
-        lambda folder: shutil.copy(folder / "data/part-00001.parquet", folder / "data/part-00000.parquet"),
-        "found other rows than meta/episodes.parquet lists",
-    ),
+    "other rows": (repeat_a_shard, "found other rows than meta/episodes.parquet lists"),
 }
 
 
 @pytest.mark.parametrize("how", DAMAGE)
-def test_a_damaged_dataset_is_told_to_be_validated(make, tmp_path, how):
+def test_a_damaged_dataset_is_told_to_be_validated(make, tmp_path, shard_file, sign, how):
     folder = shutil.copytree(make(splits={"low": {"setpoint": 20}}).path, tmp_path / "damaged")
     damage, message = DAMAGE[how]
-    damage(folder)
+    damage(folder, shard_file, sign)
     with pytest.raises(DatasetError, match=f"{message}.*see ibdata validate"):
         plot(folder, tmp_path / "a")
     assert os.listdir(tmp_path) == ["damaged"]

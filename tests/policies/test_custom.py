@@ -130,14 +130,15 @@ def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
     assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
 
 
-def test_repair_and_reproduce_need_leave_too(mine):
+def test_repair_and_reproduce_need_leave_too(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
     root = made.content_root
-    (mine / "out/data/part-00001.parquet").unlink()
+    shard = shard_file(mine / "out", 1)
+    (mine / "out" / shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
         with pytest.raises(UsageError, match="which is code that would run; --allow-code"):
             call("out")
-    assert ibdata.repair("out", workers=1, allow_code=True) == ["data/part-00001.parquet"]
+    assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
     assert ibdata.open("out").content_root == root
 

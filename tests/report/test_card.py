@@ -16,10 +16,10 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.validation import validate
-from ibdata.system import lock
 from ibdata.errors import BusyError, DatasetError
 from ibdata.plots import drawn, plots
 from ibdata.report import card
+from ibdata.system import lock
 
 pytestmark = pytest.mark.slow
 
@@ -177,8 +177,8 @@ def test_a_damaged_report_is_taken_away_by_repair_and_can_be_made_again(ibdata, 
     assert contents(copied) == contents(carded.path)
 
 
-def test_other_files_are_repaired_and_the_report_stays(carded, copied):
-    for path in ("README.md", "meta/stats.json", "data/part-00001.parquet"):
+def test_other_files_are_repaired_and_the_report_stays(carded, copied, shard_file):
+    for path in ("README.md", "meta/stats.json", shard_file(copied, 1)):
         (copied / path).unlink()
     ibdata.repair(copied, workers=1)
     assert contents(copied) == contents(carded.path)
