@@ -23,6 +23,7 @@ from ibdata.system.lock import is_locked
 
 THREADS = os.cpu_count() or 1
 TRIES = 5  # while the dataset is being replaced
+LATE = (manifest.CARD, manifest.REPORT)  # take their places after the manifest, in a replacement
 PATIENCE = 10.0  # seconds for a writer to end the moves of a replacement
 
 
@@ -57,7 +58,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
 
 def _moving(folder: Path) -> bool:
     """Whether a writer that lives is replacing the dataset right now."""
-    return os.path.lexists(folder / manifest.NEW) and is_locked(folder)
+    return _unsettled_here(folder) and is_locked(folder)
 
 
 def _wait_for_moves(folder: Path) -> None:
@@ -66,8 +67,12 @@ def _wait_for_moves(folder: Path) -> None:
         time.sleep(0.02)
 
 
+def _unsettled_here(folder: Path) -> bool:
+    return os.path.lexists(folder / manifest.NEW)
+
+
 def _unsettled(folder: Path) -> Iterator[Problem]:
-    if os.path.lexists(folder / manifest.NEW) and not is_locked(folder):
+    if _unsettled_here(folder) and not is_locked(folder):
         message = f"found a replacement that was interrupted; ibdata repair {folder} finishes it"
         yield Problem(manifest.NEW, None, "unsettled", message)
 
@@ -80,15 +85,18 @@ def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Pro
     problems = list(check_files(folder, listed))
     yield from problems
     if not quick:
-        yield from _contents(folder, listed, {problem.path for problem in problems})
+        late = LATE if _unsettled_here(folder) else ()
+        yield from _contents(folder, listed, {*late, *(problem.path for problem in problems)})
 
 
 def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
     """Files that are missing, changed, or not listed."""
-    paths = [manifest.locate(folder, entry["path"]) for entry in listed["files"]]
+    late = LATE if _unsettled_here(folder) else ()
+    entries = [entry for entry in listed["files"] if entry["path"] not in late]
+    paths = [manifest.locate(folder, entry["path"]) for entry in entries]
     with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
         hashes = list(threads.map(file_sha256, paths))
-    for entry, found in zip(listed["files"], hashes, strict=True):
+    for entry, found in zip(entries, hashes, strict=True):
         if found is None:
             yield Problem(
                 entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
@@ -96,7 +104,7 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
         elif found != entry["sha256"]:
             message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
             yield Problem(entry["path"], None, "hash", message)
-    if os.path.lexists(folder / manifest.NEW):
+    if _unsettled_here(folder):
         return  # what is in data/ may be the new dataset's already
     known = {entry["path"] for entry in listed["files"]}
     for path in sorted((folder / "data").glob("*")):

@@ -82,8 +82,8 @@ def _generate(
     with refusals(folder):
         reproducible = warm_up(experiment)  # nothing is to be tidied yet: a signal may end the process
         with stoppable(), made_folder(folder), locked(folder):
-            root = target.check(folder, experiment, resume, overwrite)
             replacement.settle(folder)
+            root = target.check(folder, experiment, resume, overwrite)
             if folder == root and (folder / manifest.PATH).is_file():
                 target.end(folder)  # a run that was killed when it had finished
             else:

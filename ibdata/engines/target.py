@@ -51,7 +51,7 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
-    if empty:
+    if empty or os.path.lexists(folder / manifest.NEW):  # what it holds is known when that is settled
         return folder
     return _finished(folder, experiment, resume, overwrite)
 
@@ -108,8 +108,6 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
 
 
 def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
-    if os.path.lexists(folder / manifest.NEW):
-        return  # what is in data/ may be the new dataset's already
     known = {file["path"] for file in listed["files"]}
     for path in (folder / "data").glob("*"):
         if f"data/{path.name}" not in known and not path.name.startswith("."):

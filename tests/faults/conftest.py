@@ -50,6 +50,56 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
             terminalreporter.write_line(figure)
 
 
+def by_pyarrow(folder: Path) -> list[float]:
+    """Through a list of files that is made first and opened later."""
+    import pyarrow.dataset
+
+    rewards: list[float] = pyarrow.dataset.dataset(folder / "data").to_table(["reward"])["reward"].to_pylist()
+    return rewards
+
+
+def by_pandas(folder: Path) -> list[float]:
+    """The folder."""
+    import pandas as pd
+
+    rewards: list[float] = pd.read_parquet(folder / "data", columns=["reward"])["reward"].tolist()
+    return rewards
+
+
+def by_polars(folder: Path) -> list[float]:
+    """The folder."""
+    import polars as pl
+
+    rewards: list[float] = pl.scan_parquet(folder / "data").select("reward").collect()["reward"].to_list()
+    return rewards
+
+
+def by_duckdb(folder: Path) -> list[float]:
+    """A pattern."""
+    import duckdb
+
+    with duckdb.connect() as connection:
+        rows = connection.sql(f"select reward from '{folder}/data/*.parquet'").fetchall()
+    return [reward for (reward,) in rows]
+
+
+def by_ibdata(folder: Path) -> list[float]:
+    """The files that the manifest lists."""
+    from ibdata.dataset.reader import Dataset
+
+    rewards: list[float] = Dataset(folder).table(["reward"])["reward"].to_pylist()
+    return rewards
+
+
+READERS = {
+    "pyarrow": by_pyarrow,
+    "pandas": by_pandas,
+    "polars": by_polars,
+    "duckdb": by_duckdb,
+    "ibdata": by_ibdata,
+}
+
+
 class Answer(NamedTuple):
     """What a run in a fork gave."""
 
@@ -72,10 +122,11 @@ class Forks:
         log: Path | str = "",
         user: int = 0,
         megabytes: int = 0,
+        exchange: bool = True,
     ) -> Answer:
         """One run; folder is where operations are counted, log the file of those that were done."""
         request = {"args": [str(arg) for arg in args], "folder": str(folder), "at": at, "mode": mode}
-        request |= {"user": user, "megabytes": megabytes}
+        request |= {"user": user, "megabytes": megabytes, "exchange": exchange}
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps({**request, "log": str(log)}) + "\n")
@@ -141,6 +192,16 @@ class Tools:
         dataset = Dataset(folder)
         assert dataset.table().num_rows == len(dataset)
         return dataset.content_root
+
+    def rewards(self, folder: Path) -> dict[str, list[float] | None]:
+        """The rewards that each reader finds in a dataset, whatever its order; None where it finds none."""
+        found: dict[str, list[float] | None] = {}
+        for name, read in READERS.items():
+            try:
+                found[name] = sorted(read(folder))
+            except Exception:  # each reader has errors of its own
+                found[name] = None
+        return found
 
     def leftovers(self, folder: Path) -> list[str]:
         """Files and folders of a run that should have gone."""

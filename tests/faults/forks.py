@@ -1,7 +1,8 @@
 """Run `ibdata …` in forks of one process that has everything loaded: a run takes milliseconds.
 
 Reads requests as JSON lines on stdin: args, folder, at, mode, log, user (whose rights it has; 0: its own),
-megabytes (of memory; 0: all); answers with code and output.
+megabytes (of memory; 0: all), exchange (whether two folders can change places in one system call); answers
+with code and output.
 """
 
 import ctypes
@@ -42,6 +43,8 @@ def child(request: dict[str, Any], output: int) -> int:
         shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
         folder, mode, log = (request[name].encode() for name in ("folder", "mode", "log"))
         shim.shim_arm(folder, ctypes.c_long(request["at"]), mode, log)
+    if not request["exchange"]:
+        os.environ["SHIM_NO_EXCHANGE"] = "1"
     if request["user"]:
         os.setgroups([])
         os.setresgid(*[request["user"]] * 3)

@@ -4,7 +4,7 @@
    Modes: ENOSPC, EIO (that operation fails), full (it and all later writes and creations fail with ENOSPC),
    before, after (killed there), half (half of a write, then killed), none (only records).
    A record is a line "operation path", of a rename "rename source path", written when it has been done; one
-   that the system refused begins with "-". */
+   that the system refused begins with "-". With SHIM_NO_EXCHANGE set, two paths cannot change places. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -131,6 +131,7 @@ int fdatasync(int fd) { return fsync(fd); }
 int renameat2(int from, const char *source, int to, const char *target, unsigned flags) {
     char old[PATH_MAX], new[PATH_MAX];
     of_name(from, source, old), of_name(to, target, new);
+    if (flags && getenv("SHIM_NO_EXCHANGE") && watched(new)) return errno = EINVAL, -1;
     GUARD("rename", old, new, 0, syscall(SYS_renameat2, from, source, to, target, flags));
 }
 int renameat(int from, const char *source, int to, const char *target) {

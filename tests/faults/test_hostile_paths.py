@@ -13,7 +13,7 @@ pytestmark = pytest.mark.faults
 NOBODY = 65534
 PLANTED = ("data", "meta", ".run", ".next", ".new", ".lock")
 INNER = (".new/data", ".new/meta", ".next/data", ".next/meta", ".next/.run")
-OURS = ("part-00000.parquet", "x.receipt", "info.json", "README.md")
+OURS = ("part-00000-01234567.parquet", "x.receipt", "info.json", "README.md")
 
 
 def generate(config: Path, out: Path, *more: object) -> list[object]:
@@ -39,7 +39,7 @@ def outside(tools: Any, forks: Any) -> Path:
         for name in (
             "precious",
             ".tmp-123-precious",
-            "part-00000.parquet",
+            "part-00000-01234567.parquet",
             "x.receipt",
             "info.json",
             "README.md",

@@ -1,11 +1,15 @@
 """What a killed run left behind, met by the next: the same experiment, another one, a reader."""
 
+import re
 import shutil
 import threading
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from ibdata.dataset.validation import validate
 
 pytestmark = pytest.mark.faults
 MORE = ["--set", "episodes=5"]  # five shards instead of two
@@ -18,25 +22,25 @@ def generate(config: Path, out: Path, *more: object) -> list[object]:
 
 
 def killed_after(forks: Any, tools: Any, out: Path, args: list[object], ending: str, where: str) -> None:
-    """Kill a run after the last operation whose record begins and ends so."""
+    """Kill a run after the last operation whose record begins so and ends with this pattern."""
     trial, log = tools.where / "trial", tools.where / "trial-log"
     if out.exists():
         shutil.copytree(out, trial)
     forks.run(*[trial if arg == out else arg for arg in args], folder=trial, log=log)
     lines = log.read_text().splitlines()
-    at = max(i for i, line in enumerate(lines, 1) if line.startswith(ending) and line.endswith(where))
+    at = max(i for i, line in enumerate(lines, 1) if re.search(f"^{ending} .*{where}$", line))
     shutil.rmtree(trial)
     log.unlink()
     assert forks.run(*args, folder=out, at=at, mode="after").code == -9
 
 
 MOMENTS = {
-    "its folder": ("mkdir", ".next"),
-    "a shard": ("rename", "part-00001.parquet"),
-    "the card": ("rename", ".next/README.md"),
-    "its manifest": ("rename", ".next/meta/manifest.json"),
-    "a receipt removed": ("unlink", ".receipt"),
-    "the receipts removed": ("rmdir", ".next/.run"),
+    "its folder": ("mkdir", r"\.next"),
+    "a shard": ("rename", r"part-00001-\w{8}\.parquet"),
+    "the card": ("rename", r"\.next/README\.md"),
+    "its manifest": ("rename", r"\.next/meta/manifest\.json"),
+    "a receipt removed": ("unlink", r"\.receipt"),
+    "the receipts removed": ("rmdir", r"\.next/\.run"),
 }
 
 
@@ -67,8 +71,10 @@ def test_a_replacement_killed_when_it_counts_is_settled_by_whoever_comes_next(
     new = [*size, "--seed", 1]
     assert forks.run(*generate(tools.tiny, out)).code == 0
     assert forks.run(*generate(tools.tiny, fresh, *new)).code == 0
-    killed_after(forks, tools, out, generate(tools.tiny, out, "--overwrite", *new), "rename", ".new")
-    assert tools.root(out) == tools.root(fresh)
+    killed_after(forks, tools, out, generate(tools.tiny, out, "--overwrite", *new), "rename", r"/\.new")
+    (problem,) = validate(out)
+    assert (problem.path, problem.rule) == (".new", "unsettled")
+    assert f"ibdata repair {out}" in problem.message
     if then == "--resume old":
         answer = forks.run(*generate(tools.tiny, out, "--resume"))
         assert answer.code == 2, answer
@@ -96,7 +102,7 @@ def test_receipts_of_another_run_are_not_believed(forks: Any, tools: Any) -> Non
         (folder / "meta" / "manifest.json").unlink()
     for name in ("part-00000.receipt", "part-00001.receipt"):
         shutil.copy(other / ".run" / name, out / ".run" / name)
-    shutil.copy(other / "data" / "part-00000.parquet", out / "data" / "part-00000.parquet")
+    shutil.copytree(other / "data", out / "data", dirs_exist_ok=True)
     assert forks.run(*generate(tools.tiny, out, "--resume")).code == 0
     assert forks.run(*generate(tools.tiny, fresh)).code == 0
     assert tools.hashes(out) == tools.hashes(fresh)
@@ -163,3 +169,43 @@ def test_a_reader_beside_replacements_always_finds_a_dataset(forks: Any, tools: 
     reader.join()
     tools.figure(f"F10, reading meanwhile: {opened} times opened, {len(failures)} times not")
     assert failures == []
+
+
+def test_what_is_read_beside_replacements_is_one_dataset_or_an_error_and_never_a_mixture(
+    forks: Any, tools: Any
+) -> None:
+    from ibdata.errors import IbdataError
+
+    out, known = tools.where / "out", []
+    for seed in (0, 1):
+        fresh = tools.where / f"fresh-{seed}"
+        assert forks.run(*generate(tools.tiny, fresh, *MORE, "--seed", seed)).code == 0
+        known.append(tools.rewards(fresh)["ibdata"])
+    assert forks.run(*generate(tools.tiny, out, *MORE)).code == 0
+    found: dict[str, Counter[str]] = {}
+    done = threading.Event()
+
+    def read() -> None:
+        while not done.is_set():
+            for name, rewards in tools.rewards(out).items():
+                what = "an error" if rewards is None else "one" if rewards in known else "a mixture"
+                found.setdefault(name, Counter())[what] += 1
+            try:
+                problems = validate(out)
+                what = "valid" if not problems else f"a false alarm: {problems[0]}"
+            except IbdataError as error:
+                what = "busy" if error.exit_code == 75 else f"an error: {error}"
+            found.setdefault("validate", Counter())[what] += 1
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    for i in range(tools.size(40, 400)):
+        args = generate(tools.tiny, out, "--overwrite", *MORE, "--seed", 1 - i % 2)
+        assert forks.run(*args).code == 0
+    done.set()
+    reader.join()
+    tools.figure(f"F10, read meanwhile: { {name: dict(counts) for name, counts in found.items()} }")
+    assert all(set(counts) <= {"one", "an error"} for name, counts in found.items() if name != "validate")
+    assert all(counts["one"] for name, counts in found.items() if name != "validate"), found
+    assert set(found["validate"]) <= {"valid", "busy"}, found
+    assert found["ibdata"]["one"] > found["ibdata"]["an error"]

@@ -1,6 +1,7 @@
 """F7: what must be on the disk before what, from the recorded operations of whole runs."""
 
 import os
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -63,14 +64,14 @@ def test_every_file_is_on_the_disk_before_its_name_and_all_names_before_the_mani
     assert files == 2 * shards + 7  # receipts; the run's experiment, card, four of metadata, the manifest
     for i, _, path in record.renames(out / ".run"):
         if path.endswith(".receipt"):
-            shard = f"{out}/data/{Path(path).stem}.parquet"
-            renamed = [k for k, _, name in record.renames(out / "data") if name == shard]
+            shard = f"{out}/data/{Path(path).stem}-"
+            renamed = [k for k, _, name in record.renames(out / "data") if name.startswith(shard)]
             assert any(renamed[0] < k < i for k in record.places("fsync", f"{out}/data")), path
     tools.figure(f"F7: {workers} workers: {files} files, {shards} of them shards: {len(bad)} out of order")
     assert not bad, "\n".join(bad)
 
 
-def test_a_replacement_is_on_the_disk_before_it_counts_and_its_manifest_moves_last(
+def test_a_replacement_is_on_the_disk_before_it_counts_and_the_old_files_go_last(
     forks: Any, tools: Any
 ) -> None:
     out, log = tools.where / "out", tools.where / "log"
@@ -81,12 +82,21 @@ def test_a_replacement_is_on_the_disk_before_it_counts_and_its_manifest_moves_la
     files, bad = out_of_order(record, out / ".next")
     assert not bad, "\n".join(bad)
     (counts,) = record.places("rename", f"{out}/.next", f"{out}/.new")
+    assert max(i for i, _, _ in record.renames(out / ".next")) < counts
+    for part in (".next", ".next/data", ".next/meta"):
+        assert any(i < counts for i in record.places("fsync", f"{out}/{part}")), part
     moves = [
         (i, line[1], line[2]) for i, line in enumerate(record.lines) if line[0] == "rename" and i > counts
     ]
-    assert max(i for i, _, _ in record.renames(out / ".next")) < counts
-    assert any(counts < i < moves[0][0] for i in record.places("fsync", str(out)))
-    assert moves[-1][2] == f"{out}/meta/manifest.json"
-    for i, source, path in moves[:-1]:
-        assert any(i < k < moves[-1][0] for k in record.places("fsync", str(Path(path).parent))), source
-    tools.figure(f"F7, replacing: {files} files written, {len(moves)} moved, 0 out of order")
+    expected = [
+        (f"{out}/.new/data", f"{out}/data"),
+        (f"{out}/.new/meta", f"{out}/meta"),
+        (f"{out}/.new/README.md", f"{out}/README.md"),
+        (f"{out}/.new", f"{out}/.next"),
+    ]
+    assert [(source, path) for _, source, path in moves] == expected
+    for before, after in pairwise([counts, *(i for i, _, _ in moves)]):
+        assert any(before < i < after for i in record.places("fsync", str(out)))
+    removed = [i for i, line in enumerate(record.lines) if line[0] == "unlink" and "part-" in line[1]]
+    assert min(removed) > moves[-1][0]
+    tools.figure(f"F7, replacing: {files} files written, {len(moves)} moves, 0 out of order")
