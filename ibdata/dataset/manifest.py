@@ -147,7 +147,7 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """UsageError where an output would lie within a dataset, finished or not, whose readers it would break."""
+    """UsageError where an output would lie within a dataset, finished or not: it could break its readers."""
     for folder in Path(os.path.realpath(out)).parents:
         if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")

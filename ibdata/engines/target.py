@@ -59,8 +59,8 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
 def _counts(path: Path) -> bool:
     """Whether it is more than what a run leaves that was killed before it had said whose it is."""
     if path.name == receipt.FOLDER and path.is_dir():
-        return any(not inner.name.startswith(TEMPORARY) for inner in path.iterdir())
-    return path.name != lock.NAME and not path.name.startswith(RANGE_LOCK)
+        return any(path.iterdir())
+    return path.name != lock.NAME and not path.name.startswith((RANGE_LOCK, TEMPORARY))
 
 
 def refuse_links(folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, seed in (("d", 0), ("other", 1)):
         ibdata.generate(Experiment.model_validate({**PLAIN, "seed": seed}), folder / name, workers=1)
     return folder
+
+
+@pytest.fixture(scope="session")
+def named(made: Path, shard_file: Callable[[Path, int], str]) -> Callable[[str], str]:
+    """A line of a case, in which data/part-00000.parquet stands for the file of that shard of the dataset d."""
+    names = {f"data/part-{i:05d}.parquet": shard_file(made / "d", i) for i in range(4)}
+
+    def line(text: str) -> str:
+        return re.sub(r"data/part-\d{5}\.parquet", lambda found: names.get(found[0], found[0]), text)
+
+    return line
 
 
 @pytest.fixture

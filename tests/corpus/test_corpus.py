@@ -4,8 +4,8 @@ A case begins with `== title`. `| …` are the lines of x.yaml, `|*` those of a 
 encoding. `! …` makes a file or damages the dataset d (see conftest.py). `$ 2: …` runs ibdata in this process
 and expects exit code 2, `% 2: …` runs a shell in which $IBDATA is the command; {a,b} stands for one after the
 other. `> …` is a line on stderr, `>> …` one on stdout; there are as many as are given, and a bare mark allows
-any. … stands for anything. \xff is a byte, \u2603 a character, ⟦a×3⟧ is aaa. A config without a run is
-validated and generated from.
+any. data/part-00000.parquet stands for the file of the first shard of d, … for anything. \xff is a byte,
+\u2603 a character, ⟦a×3⟧ is aaa. A config without a run is validated and generated from.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -112,6 +113,15 @@ CASES = {path.name: cases(path.name) for path in sorted(HERE.glob("*.txt"))}
 ALL = [pytest.param(case, id=f"{name[:-4]}: {case.title}") for name, found in CASES.items() for case in found]
 
 
+def with_names(case: Case, named: Callable[[str], str]) -> Case:
+    """The case in which every line names the files of shards as they are."""
+    runs = [
+        run._replace(line=named(run.line), err=[*map(named, run.err)], out=[*map(named, run.out)])
+        for run in case.runs
+    ]
+    return case._replace(damage=[*map(named, case.damage)], runs=runs)
+
+
 def fits(pattern: str, line: str) -> bool:
     parts = (re.escape(part) for part in pattern.split("…"))
     return re.fullmatch(".*".join(parts), line, re.DOTALL) is not None
@@ -173,7 +183,8 @@ def differences(run: Run, code: int, out: str, err: str) -> list[str]:
 
 
 @pytest.mark.parametrize("case", ALL)
-def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, capfd, command):
+def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, named, capfd, command):
+    case = with_names(case, named)
     prepared(case.config, case.damage)
     wrong = []
     for run in case.runs:

@@ -19,9 +19,9 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.validation import validate
-from ibdata.system.lock import NAME, locked
 from ibdata.engines.repair import repair
 from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
+from ibdata.system.lock import NAME, locked
 
 pytestmark = pytest.mark.corpus
 

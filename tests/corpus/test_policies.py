@@ -303,6 +303,6 @@ def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path)
         [sys.executable, "-W", "error", script], cwd=tmp_path, capture_output=True, text=True, timeout=120
     )
     line, left = done.stdout.splitlines()
-    assert line.startswith("out/data/part-00000.parquet: found 3 dead worker processes in a row")
+    assert line.startswith("out/data/part-00000: found 3 dead worker processes in a row")
     assert left == "['script.py']"
     assert done.stderr == ""
