@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
+
 
 class IbdataError(ValueError):
     """Something went wrong at run time."""
@@ -31,6 +33,14 @@ class MissingError(IbdataError, ImportError):
 def printable(line: str) -> str:
     """Keys come from files: escaped, none can forge a line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+class Problems(ValueError):
+    """Several things that are wrong, each with the path of its key from where this is raised."""
+
+    def __init__(self, found: list[tuple[Loc, str]]) -> None:
+        self.found = found
+        super().__init__("; ".join(f"{'.'.join(map(str, loc))}: {message}" for loc, message in found))
 
 
 class ConfigError(UsageError):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table
+from ibdata.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.evaluation import Evaluation
@@ -130,7 +131,7 @@ def _print(evaluation: Evaluation) -> None:
 
 
 def _setpoint(setpoint: float | None) -> str:
-    return "all" if setpoint is None else f"{setpoint:g}"
+    return "all" if setpoint is None else exact(setpoint)
 
 
 def _number(x: float | None, digits: int) -> str:

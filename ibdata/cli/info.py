@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,10 @@ from ibdata.cli._shared import (
     print_table,
     size,
 )
+from ibdata.naming import exact
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
 
 
 @click.command("info")
@@ -37,8 +41,8 @@ def command(folder: Path | str, as_json: bool) -> None:
         return
     pairs = [
         ("name", info["name"]),
-        ("dynamics", info["dynamics"]),
-        ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {counts['steps']} steps"),
+        ("dynamics", "several" if info["dynamics"] is None else info["dynamics"]),
+        ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {_steps(dataset)} steps"),
         ("files", f"{counts['shards']} Parquet, {size(counts['data_bytes'])}"),
         ("content root", dataset.content_root),
     ]
@@ -51,12 +55,18 @@ def command(folder: Path | str, as_json: bool) -> None:
     _print_returns(returns)
 
 
+def _steps(dataset: Dataset) -> str:
+    """The steps of an episode; all numbers of them where a merged dataset has several."""
+    steps = dataset.info["counts"]["steps"]
+    return " or ".join(map(str, dataset.episodes["length"].unique())) if steps is None else str(steps)
+
+
 def _print_returns(returns: dict[str, Any]) -> None:
     """Mean returns of the behaviour at each setpoint, the first so many."""
     rows = [
         (
             r["policy"],
-            f"{r['setpoint']:g}",
+            exact(r["setpoint"]),
             str(r["episodes"]),
             f"{r['mean_return']:.0f}",
             "-" if r["standard_error"] is None else f"{r['standard_error']:.0f}",

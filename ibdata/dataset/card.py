@@ -6,6 +6,7 @@ from ibdata.dataset.metadata import splits
 from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment
 from ibdata.experiment.recipe import Recipe
+from ibdata.naming import exact, yaml_name
 
 SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 SOURCES = {
@@ -26,7 +27,7 @@ def facts(recipe: Recipe) -> list[tuple[str, str]]:
     experiments = recipe.experiments
     dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
-    shown = ", ".join(f"{p:g}" for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
+    shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
     steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
     return [
         ("dynamics", "; ".join(dynamics)),
@@ -52,7 +53,7 @@ def _front_matter(recipe: Recipe, written: list[Written]) -> str:
     for name, split in splits(recipe, written).items():
         if split["files"] is None:
             continue  # Hugging Face knows splits that are whole files
-        lines += [f"  - config_name: {name}", "    data_files:"]
+        lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
         lines += [f"      - {file}" for file in split["files"]]
     return "\n".join([*lines, "---", ""])
 

@@ -13,17 +13,22 @@ from ibdata.estimates import estimate
 
 
 def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any]:
-    """The results of `Dataset.returns`, from the table of episodes and info.json."""
-    steps = info["counts"]["steps"]
-    scale = None if info["drifting"] else reference.scale(info["dynamics"], info.get("start"), steps, 1.0)
+    """The results of `Dataset.returns`, from the table of episodes and info.json.
+
+    Episodes of different lengths, which a merged dataset may have, are different results: each has its own
+    mean reward, and a score where there is a scale for its length.
+    """
     policies = episodes["policy"].to_pylist()
-    setpoints, returns = (episodes[name].to_numpy() for name in ("setpoint", "return"))
+    setpoints, returns, lengths = (episodes[name].to_numpy() for name in ("setpoint", "return", "length"))
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
-    starts = [0, *(np.flatnonzero(cells[1:] != cells[:-1]) + 1).tolist(), len(cells)]
+    scales = {steps: _scale(info, steps) for steps in np.unique(lengths).tolist()}
+    new = (cells[1:] != cells[:-1]) | (lengths[1:] != lengths[:-1])
+    starts = [0, *(np.flatnonzero(new) + 1).tolist(), len(cells)]
     results = []
     for start, stop in pairwise(starts):  # episodes are in the order of their cells
         found = estimate([returns[start:stop]])
-        setpoint = float(setpoints[start])
+        setpoint, steps = float(setpoints[start]), int(lengths[start])
+        scale = scales[steps]
         results.append(
             {
                 "policy": policies[start],
@@ -36,4 +41,9 @@ def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any
                 "score": scale.score(setpoint, found.mean) if scale else None,
             }
         )
-    return {"results": results, "scale": scale.text if scale else None}
+    return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
+
+
+def _scale(info: dict[str, Any], steps: int) -> reference.Scale | None:
+    """The scale for episodes of so many steps."""
+    return None if info["drifting"] else reference.scale(info["dynamics"], info.get("start"), steps, 1.0)

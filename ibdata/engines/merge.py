@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from itertools import combinations
 from pathlib import Path
 
 from ibdata.columns import columns
@@ -14,6 +13,7 @@ from ibdata.engines.rewrite import Source, sources, write_dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.naming import exact
 from ibdata.policies.base import NAME_PATTERN
 
 
@@ -33,12 +33,12 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     recipes = [recipe_in(d.path, d.manifest).all_declared() for d in datasets]
     of = [each for d, recipe in zip(datasets, recipes, strict=True) for each in sources(d, recipe)]
     experiments = tuple(experiment for recipe in recipes for experiment in recipe.experiments)
-    for (a, x), (b, y) in combinations(zip(experiments, of, strict=True), 2):
-        _refuse_other_columns(a, b, x, y)
-        _refuse_shared_episodes(a, b, x, y)
+    for b, y in zip(experiments[1:], of[1:], strict=True):
+        _refuse_other_columns(experiments[0], b, of[0], y)
+    _refuse_shared_episodes(experiments, of)
     _refuse_equal_digests(datasets)
     name = Path(out).name
-    return write_dataset(Recipe(name if re.match(NAME_PATTERN, name) else "merged", experiments), of, out)
+    return write_dataset(Recipe(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), of, out)
 
 
 def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
@@ -57,17 +57,18 @@ def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) ->
         )
 
 
-def _refuse_shared_episodes(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
+def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Source]) -> None:
     """Equal seed and cell: equal episodes, or one the beginning of the other where the steps differ."""
-    if a.seed != b.seed:
-        return
-    shared = {cell.digest for cell in a.cells} & {cell.digest for cell in b.cells}
-    if shared:
-        cell = next(cell for cell in b.cells if cell.digest in shared)
-        raise UsageError(
-            f"{y.dataset.path}: setpoint {cell.setpoint:g}, policy {cell.label}: found episodes that are "
-            f"also in {x.dataset.path}, expected others; make one of them with another --seed"
-        )
+    home: dict[tuple[int, bytes], Source] = {}
+    for experiment, source in zip(experiments, of, strict=True):
+        for cell in experiment.cells:
+            known = home.setdefault((experiment.seed, cell.digest), source)
+            if known is not source:
+                raise UsageError(
+                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: found "
+                    f"episodes that are also in {known.dataset.path}, expected others; make one of them "
+                    "with another --seed"
+                )
 
 
 def _refuse_equal_digests(datasets: list[Dataset]) -> None:

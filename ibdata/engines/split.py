@@ -89,13 +89,14 @@ def _by_setpoint(
 
 
 def _refuse_names(dataset: Dataset, recipe: Recipe, new: splitting.Splits) -> None:
+    declared, valid = set(recipe.declared), TypeAdapter(SplitName)
     for name in new:
-        if name in recipe.declared:
+        if name in declared:
             raise UsageError(
                 f"{dataset.path}: found a declared split {name}, which has files of its own; expected "
                 "another name"
             )
         try:
-            TypeAdapter(SplitName).validate_python(name)
+            valid.validate_python(name)
         except ValidationError:
             raise UsageError(f"split: found the name {name!r}, expected one that may name a file") from None

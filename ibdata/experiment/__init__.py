@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import ConfigError, Loc, Problems, UsageError
 from ibdata.experiment.messages import keys_at, rephrase
-from ibdata.experiment.models import Experiment, Problems
+from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, Loc, StrictYamlError
+from ibdata.experiment.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies import POLICIES
 
 __all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]
@@ -152,10 +152,10 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
 
 def _problems(error: Any, data: Any) -> list[tuple[Loc, str, bool]]:
     """One pydantic error as paths and messages, and whether it is the key; several for those between keys."""
+    loc = _resolved(error["loc"], data, keep_last=error["type"] in ("extra_forbidden", "missing"))
     inner = error.get("ctx", {}).get("error")
     if isinstance(inner, Problems):
-        return [(loc, message, False) for loc, message in inner.found]
-    loc = _resolved(error["loc"], data, keep_last=error["type"] in ("extra_forbidden", "missing"))
+        return [((*loc, *path), message, False) for path, message in inner.found]
     if error["type"] == "union_tag_invalid":
         loc = (*loc, "kind")
     message = rephrase(error, keys_at(Experiment, data, loc[:-1], POLICIES))

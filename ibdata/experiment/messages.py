@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ibdata.experiment.strict_yaml import Loc
+from ibdata.errors import Loc
 from ibdata.policies.custom import TARGET
 
 # error type → what was expected, with the error's context filled in

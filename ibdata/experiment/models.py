@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
+from ibdata.errors import Loc, Problems
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Output, Split, Start
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import WHOLE, FileName, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
-from ibdata.experiment.strict_yaml import Loc
+from ibdata.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import Plugin
 
 MAX_CELLS = 1_000_000
 MAX_SHARDS = 10_000_000
-
-
-class Problems(ValueError):
-    """Several things that do not fit together, each with the path of its key."""
-
-    def __init__(self, found: list[tuple[Loc, str]]) -> None:
-        self.found = found
-        super().__init__("; ".join(f"{'.'.join(map(str, loc))}: {message}" for loc, message in found))
 
 
 def _no_bool(value: Any) -> Any:
@@ -82,13 +75,13 @@ class Experiment(Plugin):
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """The policies' labels in the data; where several share one, the later ones get -2, -3, …"""
-        labels: list[str] = []
+        labels: dict[str, None] = {}
         for policy in self.policies:
             label, count = policy.label, 1
             while label in labels:
                 count += 1
                 label = f"{policy.label}-{count}"
-            labels.append(label)
+            labels[label] = None
         return tuple(labels)
 
     @cached_property
@@ -133,7 +126,7 @@ class Experiment(Plugin):
         setpoints, _ = setpoint_values(self.setpoints)
         if len(set(setpoints)) < len(setpoints):
             twice = next(p for i, p in enumerate(setpoints) if p in setpoints[:i])
-            yield ("setpoints",), f"found {twice:g} twice, expected each setpoint once"
+            yield ("setpoints",), f"found {exact(twice)} twice, expected each setpoint once"
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:
@@ -143,13 +136,12 @@ class Experiment(Plugin):
                 )
 
     def _unknown_in_splits(self) -> Iterator[tuple[Loc, str]]:
-        known_setpoints = set(setpoint_values(self.setpoints)[0])
         for name, split in self.splits.items():
             for p in split.setpoints() or []:
-                if p not in known_setpoints:
+                if p not in self._known_setpoints:
                     yield (
                         ("splits", name, "setpoint"),
-                        f"found {p:g}, expected one of the setpoints of the experiment",
+                        f"found {exact(p)}, expected one of the setpoints of the experiment",
                     )
             for label in split.policies() or []:
                 if label not in self.labels:
@@ -173,29 +165,21 @@ class Experiment(Plugin):
         for i, b in enumerate(names):
             for a in names[:i]:
                 (p, policies, indices), (q, others, more) = axes[a], axes[b]
-                if p & q and policies & others and _meet(indices, more):
+                if _meet(indices, more) and not policies.isdisjoint(others) and not p.isdisjoint(q):
                     yield ("splits", b), f"shares episodes with {a}; expected none, or overlap: true"
 
-    def _axes(self, split: Split) -> tuple[set[float], set[str], range]:
-        setpoints = split.setpoints()
-        policies = split.policies()
+    def _axes(self, split: Split) -> tuple[frozenset[float], frozenset[str], range]:
+        setpoints, policies = split.setpoints(), split.policies()
         return (
-            set(setpoint_values(self.setpoints)[0] if setpoints is None else setpoints),
-            set(self.labels if policies is None else policies),
+            self._known_setpoints if setpoints is None else frozenset(setpoints),
+            frozenset(self.labels if policies is None else policies),
             split.indices(self.episodes),
         )
+
+    @cached_property
+    def _known_setpoints(self) -> frozenset[float]:
+        return frozenset(setpoint_values(self.setpoints)[0])
 
 
 def _meet(a: range, b: range) -> bool:
     return max(a.start, b.start) < min(a.stop, b.stop)
-
-
-def splits_of(splits: Mapping[str, Split], cell: Cell, index: int, episodes: int) -> tuple[str, ...]:
-    """The names of the splits that hold episode `index` of a cell."""
-    return tuple(
-        name
-        for name, split in splits.items()
-        if cell.setpoint in (split.setpoints() or [cell.setpoint])
-        and cell.label in (split.policies() or [cell.label])
-        and index in split.indices(episodes)
-    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ibdata.experiment.fields import Split
-from ibdata.experiment.models import Experiment, splits_of
+from ibdata.experiment.models import Experiment
 
 
 class Shard(NamedTuple):
@@ -51,12 +52,27 @@ def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[
         indices = split.indices(n)
         cuts |= {min(n, indices.start), min(n, indices.stop)}
     bounds = sorted(cuts)
+    order = list(splits)
+    anywhere = {k for k, split in enumerate(splits.values()) if split.setpoint is None}
+    by_setpoint = _wanting(split.setpoints() or () for split in splits.values())
+    by_label = _wanting(split.policies() or experiment.labels for split in splits.values())
+    by_index = _wanting([low for low in bounds if low in split.indices(n)] for split in splits.values())
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
+        of_cell = (by_setpoint[cell.setpoint] | anywhere) & by_label[cell.label]
         for low, high in pairwise(bounds):
-            names = splits_of(splits, cell, low, n)
+            names = tuple(order[k] for k in sorted(of_cell & by_index[low]))
             if runs and runs[-1][2] == names:
                 runs[-1] = (runs[-1][0], i * n + high, names)
             else:
                 runs.append((i * n + low, i * n + high, names))
     return runs
+
+
+def _wanting(wanted: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
+    """For each value the numbers of the splits that want it."""
+    found = defaultdict[Any, set[int]](set)
+    for k, values in enumerate(wanted):
+        for value in values:
+            found[value].add(k)
+    return found

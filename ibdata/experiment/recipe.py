@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,11 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
 
 
-def fitting(split: Split, experiment: Experiment) -> Split | None:
-    """The part of a split that names only what an experiment has; None where that is nothing."""
-    known = {cell.setpoint for cell in experiment.cells}
+def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | None:
+    """The part of a split that names only what an experiment has; None where that is nothing.
+
+    known: the setpoints of the experiment.
+    """
     setpoints, labels = split.setpoints(), split.policies()
     indices = split.indices(experiment.episodes)
     stop = min(indices.stop, experiment.episodes)
@@ -108,18 +112,21 @@ class Recipe:
 
     def runs(self, shard: Shard) -> Iterator[tuple[int, int, tuple[str, ...]]]:
         """Runs first … stop - 1 of a shard's episodes, as its experiment counts, with all of their splits."""
-        for first, stop, names in self._later_segments[shard.experiment] if self.later else ():
-            first, stop = max(first, shard.first), min(stop, shard.stop)
-            if first < stop:
-                yield first, stop, (*shard.splits, *names)
         if not self.later:
             yield shard.first, shard.stop, shard.splits
+            return
+        runs = self._later_segments[shard.experiment]
+        low = bisect_right(runs, shard.first, key=itemgetter(1))
+        high = bisect_left(runs, shard.stop, key=itemgetter(0))
+        for first, stop, names in runs[low:high]:
+            yield max(first, shard.first), min(stop, shard.stop), (*shard.splits, *names)
 
     def all_declared(self) -> Recipe:
         """The same with the later splits declared, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
-            own = {name: fitting(split, experiment) for name, split in self.later.items()}
+            known = {cell.setpoint for cell in experiment.cells}
+            own = {name: fitting(split, experiment, known) for name, split in self.later.items()}
             later = {name: split for name, split in own.items() if split is not None}
             plain = {**experiment.plain(), "splits": {**experiment.splits, **later}}
             experiments.append(Experiment.model_validate(plain))

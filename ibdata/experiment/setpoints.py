@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
+from ibdata.naming import exact
 from ibdata.policies.base import Plugin
 
 
@@ -29,7 +30,9 @@ class SetpointRange(Plugin):
     @model_validator(mode="after")
     def _check(self) -> SetpointRange:
         if self.stop < self.start:
-            raise ValueError(f"found stop {self.stop:g} below start {self.start:g}, expected at least start")
+            raise ValueError(
+                f"found stop {exact(self.stop)} below start {exact(self.start)}, expected at least start"
+            )
         if (self.stop - self.start) / self.step >= MAX_SETPOINTS:
             raise ValueError(f"found more than {MAX_SETPOINTS} setpoints, expected fewer")
         return self

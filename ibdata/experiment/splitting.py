@@ -10,6 +10,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.messages import suggestion
 from ibdata.experiment.recipe import Recipe
+from ibdata.naming import exact
 
 Splits = dict[str, Split]
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
@@ -33,7 +34,7 @@ def transfer(
         _refuse_unknown(p, known)
     both = set(source) & set(target)
     if both or not source or not target:
-        found = ", ".join(f"{p:g}" for p in sorted(both)) or "none"
+        found = ", ".join(exact(p) for p in sorted(both)) or "none"
         raise UsageError(f"split: found {found} as source and target, expected different setpoints for both")
     here, there = sorted(set(source)), sorted(set(target))
     fewest = min(experiment.episodes for experiment in recipe.experiments)
@@ -85,10 +86,10 @@ def held_out(recipe: Recipe, extrapolate: bool) -> Splits:
     known = setpoints(recipe)
     if len(known) < 3:
         raise UsageError(f"split: found {len(known)} setpoints, expected at least 3 to hold some out")
-    test = [known[0], known[-1]] if extrapolate else known[1:-1:2]
+    test = {known[0], known[-1]} if extrapolate else {*known[1:-1:2]}
     return {
         "train": Split(setpoint=[p for p in known if p not in test]),
-        "test": Split(setpoint=test),
+        "test": Split(setpoint=sorted(test)),
     }
 
 
@@ -99,10 +100,10 @@ def by_distance(recipe: Recipe, source: Sequence[float], within: float) -> Split
         _refuse_unknown(p, known)
     others = [p for p in known if p not in source]
     near = [p for p in others if min(abs(p - q) for q in source) <= within]
-    far = [p for p in others if p not in near]
+    far = sorted({*others} - {*near})
     if not near or not far:
         raise UsageError(
-            f"split: found {len(near)} setpoints within {within:g} of the source and {len(far)} beyond, "
+            f"split: found {len(near)} setpoints within {exact(within)} of the source and {len(far)} beyond, "
             "expected some of both"
         )
     return {
@@ -148,12 +149,12 @@ def setpoints(recipe: Recipe) -> list[float]:
 
 
 def _named(p: float) -> str:
-    return f"{p:g}".replace(".", "_")
+    return exact(p).replace(".", "_")
 
 
 def _refuse_unknown(p: float, known: Sequence[float]) -> None:
     if p not in known:
-        names = [f"{q:g}" for q in known]
+        name, names = exact(p), [exact(q) for q in known]
         raise UsageError(
-            f"split: found setpoint {p:g}, expected one of {', '.join(names)}{suggestion(f'{p:g}', names)}"
+            f"split: found setpoint {name}, expected one of {', '.join(names)}{suggestion(name, names)}"
         )

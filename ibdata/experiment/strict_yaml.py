@@ -23,7 +23,7 @@ from ruamel.yaml.events import (
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-Loc = tuple[str | int, ...]
+from ibdata.errors import Loc
 
 MAX_BYTES = 2**20
 MAX_DEPTH = 20

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.scalars import FileName
+from ibdata.naming import yaml_name
 
 TEXT = """\
 # An experiment of ibdata: everything that decides what is in a dataset.
@@ -49,7 +50,7 @@ splits:
 
 def template(name: str) -> str:
     """The text of the experiment under a name."""
-    return TEXT.format(name=name)
+    return TEXT.format(name=yaml_name(name))
 
 
 def write_template(file: str | os.PathLike[str]) -> None:

@@ -15,6 +15,7 @@ from ibdata.errors import UsageError
 from ibdata.exporters._arrays import check_npz, same, write_npz
 from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Arrays, Block, View
+from ibdata.naming import exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # above it, float32 has no whole numbers one apart
@@ -58,7 +59,7 @@ def _index(view: View) -> Array:
     for table in view.tables([name, "reward", "terminated", "truncated"], "setpoint"):
         setpoints.update(np.unique(table[name].to_numpy()).tolist())
         if len(setpoints) > 1:
-            found = ", ".join(f"{p:g}" for p in sorted(setpoints)[:5])
+            found = ", ".join(exact(p) for p in sorted(setpoints)[:5])
             raise UsageError(
                 f"neorl: found the setpoints {found}, expected one only; use --split, see ibdata split"
             )

@@ -14,6 +14,7 @@ from pydantic import Field
 
 from ibdata.errors import IbdataError
 from ibdata.policies.base import Floats, History, Policy
+from ibdata.policies.parameters import Parameters
 
 TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
 
@@ -33,7 +34,7 @@ class Custom(Policy):
 
     kind: Literal["custom"] = "custom"
     target: Annotated[str, Field(pattern=TARGET)] = Field(description="package.module:name")
-    params: dict[str, Any] = Field(default={}, description="keywords for a class or function")
+    params: Parameters = Field(default={}, description="keywords for a class or function")
     history: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         default=1, description="frames of history it sees"
     )

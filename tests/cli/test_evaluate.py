@@ -79,3 +79,9 @@ def test_a_call_that_cannot_be_meant_exits_2_with_a_line(ibdata, args, message):
     assert done.returncode == 2
     assert message in done.stderr
     assert done.stdout == ""
+
+
+def test_close_setpoints_are_told_apart(ibdata):
+    close = ("--setpoint", "50.0000001", "--setpoint", "50.0000002")
+    lines = ibdata("evaluate", "--policy", "safe", *close, *FEW).stdout.splitlines()
+    assert [line.split()[1] for line in lines[1:4]] == ["50.0000001", "50.0000002", "all"]

@@ -57,6 +57,56 @@ def test_other_episodes_have_none(describe, tmp_path, changes):
     assert found["scale"] is None
 
 
+@pytest.fixture(scope="module")
+def mixed(describe, whole, tmp_path_factory):
+    """Episodes of 1000 steps at 69 and 70, then of 40 at 70 and 70.5, the first one's cell among them."""
+    changes = {"setpoints": [70, 70.5], "seed": 3, "policies": [{"kind": "optimized"}]}
+    folder = tmp_path_factory.mktemp("mixed")
+    short = library.generate(describe(**changes), folder / "short", workers=1)
+    return library.merge([whole.path, short.path], folder / "mixed")
+
+
+def test_of_a_merged_dataset_each_result_has_the_steps_of_its_own_episodes(mixed, whole):
+    found = mixed.returns()
+    assert found["results"][:2] == whole.returns()["results"]
+    assert found["scale"] == whole.returns()["scale"]
+    frame = mixed.episodes
+    assert [(r["setpoint"], r["episodes"]) for r in found["results"]] == [
+        (69.0, 3), (70.0, 3), (70.0, 3), (70.5, 3)
+    ]  # fmt: skip
+    for i, r in enumerate(found["results"]):
+        rows = frame[3 * i : 3 * i + 3]
+        assert r["mean_return"] == pytest.approx(rows["return"].mean())
+        assert r["mean_reward"] == pytest.approx((rows["return"] / rows["length"]).mean())
+    assert [r["score"] is None for r in found["results"]] == [True, False, True, True]
+    assert found["results"][2]["mean_reward"] > found["results"][1]["mean_reward"]  # fatigue is to come
+
+
+def test_a_cell_with_episodes_of_two_lengths_has_a_result_for_each(describe, tmp_path):
+    changes = {"setpoints": [70], "policies": [{"kind": "safe"}]}
+    made = [
+        library.generate(describe(**changes, steps=steps, seed=steps), tmp_path / str(steps), workers=1)
+        for steps in (5, 7)
+    ]
+    merged = library.merge([one.path for one in made], tmp_path / "merged")
+    assert merged.returns()["results"] == [one.returns()["results"][0] for one in made]
+
+
+def test_info_of_a_merged_dataset_names_all_lengths(mixed, ibdata):
+    done = ibdata("info", str(mixed.path))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "in 12 episodes of 1000 or 40 steps\n" in done.stdout
+    said = json.loads(ibdata("info", str(mixed.path), "--json").stdout)
+    assert said["returns"] == json.loads(json.dumps(mixed.returns()))
+
+
+def test_info_tells_close_setpoints_apart(describe, tmp_path, ibdata):
+    made = library.generate(describe(setpoints=[50.0000001, 50.0000002]), tmp_path / "close", workers=1)
+    rows = [line.split()[1] for line in ibdata("info", str(made.path)).stdout.splitlines()[-4:]]
+    assert rows == ["50.0000001", "50.0000002"] * 2
+    assert "| setpoints | 50.0000001, 50.0000002 |" in (made.path / "README.md").read_text()
+
+
 def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdata):
     text = ibdata("info", str(whole.path)).stdout
     assert "score: 0 = random, 100 = optimized" in text

@@ -8,7 +8,9 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
+from ibdata.columns import columns
 from ibdata.dataset import manifest
+from ibdata.engines import merge as merging
 from ibdata.engines.repair import repair
 from ibdata.errors import DatasetError, UsageError
 
@@ -139,6 +141,32 @@ def test_datasets_that_share_episodes_or_differ_in_columns_are_refused(make, tmp
         ibdata.merge([a.path, b.path], tmp_path / "both")
     assert line in str(error.value)
     assert not (tmp_path / "both").exists()
+
+
+def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_exactly(make, tmp_path):
+    first = make("a", setpoints=[20.0000001, 20.0000002], splits={})
+    third = make("c", setpoints=[20.0000002, 70.0], splits={})
+    with pytest.raises(UsageError) as error:
+        ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
+    assert str(error.value).startswith(f"{third.path}: setpoint 20.0000002, policy random: found episodes")
+    assert f"also in {first.path}, expected others" in str(error.value)
+
+
+def test_a_dataset_more_is_one_comparison_more(make, tmp_path, monkeypatch):
+    made = [make(f"d{i}", seed=i).path for i in range(5)]
+    asked = []
+    monkeypatch.setattr(merging, "columns", lambda e: asked.append(e) or columns(e))
+    ibdata.merge(made, tmp_path / "all")
+    assert len(asked) <= 2 * len(made)
+
+
+@pytest.mark.parametrize("name", ["both\n", "Both", "a b", "x" * 65])
+def test_a_folder_name_that_names_no_dataset_gives_another_name(make, tmp_path, name):
+    merged = ibdata.merge([make("a").path, make("b", seed=1).path], tmp_path / name)
+    assert merged.info["name"] == "merged"
+    assert ibdata.validate(merged.path) == []
+    again = ibdata.merge([merged.path, make("c", seed=2).path], tmp_path / "again")
+    assert again.info["name"] == "again"
 
 
 def test_moving_and_constant_setpoints_do_not_mix(make, tmp_path):

@@ -110,6 +110,19 @@ def test_leave_one_out_makes_a_fold_for_every_setpoint(made):
         assert (test, train) == ({p}, set(SETPOINTS) - {p})
 
 
+def test_close_setpoints_have_folds_of_their_own_and_are_told_apart(experiment, tmp_path):
+    close = {**experiment.plain(), "setpoints": [50.0000001, 50.0000002, 60.0], "splits": {}}
+    made = ibdata.generate(Experiment.model_validate(close), tmp_path / "close", workers=1)
+    split = ibdata.split(made.path, scheme="leave-one-out")
+    names = [f"{part}-{p}" for p in ("50_0000001", "50_0000002", "60") for part in ("train", "test")]
+    assert list(split.info["splits"]) == names
+    assert conditions(split, "test-50_0000002")[0] == {50.0000002}
+    assert ibdata.validate(made.path) == []
+    with pytest.raises(UsageError) as error:
+        ibdata.split(made.path, source=[50.0], target=[60.0])
+    assert "found setpoint 50, expected one of 50.0000001, 50.0000002, 60" in str(error.value)
+
+
 def test_labels_change_no_row_and_no_root(made):
     before = {path.name: path.read_bytes() for path in (made.path / "data").iterdir()}
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import pairwise
 
 import pytest
@@ -9,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ibdata.experiment import Experiment
-from ibdata.experiment.plan import plan
+from ibdata.experiment.fields import Split
+from ibdata.experiment.plan import plan, segments
+from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.splitting import leave_one_out
 
 examples = settings(derandomize=True, deadline=None, max_examples=300)
 
@@ -160,6 +164,35 @@ def test_splits_are_filled_anew_after_a_cut():
     splits = {"late": {"episodes": {"start": 5, "stop": 9}}}
     cut = ranges(steps=1, output={"shard_rows": 3}, splits=splits)
     assert cut == [(0, 3, ()), (3, 5, ()), (5, 8, ("late",)), (8, 10, ("late",))]
+
+
+def test_a_split_is_read_some_times_however_many_cells_there_are(monkeypatch):
+    """Leave-one-out has a split, and a list of setpoints, for every cell: nothing may be for each of both."""
+    made = experiment(setpoints=[float(p) for p in range(60)], episodes=2)
+    folds = leave_one_out(Recipe.of(made))
+    read = Counter()
+    for name in ("setpoints", "policies", "indices"):
+        original = getattr(Split, name)
+        monkeypatch.setattr(Split, name, lambda *a, n=name, f=original: read.update([n]) or f(*a))
+    runs = segments(made, folds)
+    assert max(read.values()) <= 4 * len(folds)
+    assert [stop - first for first, stop, _ in runs] == [2] * 60
+    for p, (_, _, names) in enumerate(runs):
+        assert set(names) == {f"test-{p}", *(f"train-{q}" for q in range(60) if q != p)}
+
+
+@examples
+@given(experiments())
+def test_the_later_splits_of_a_shard_are_those_of_each_of_its_episodes(made):
+    """Whatever later segments and shards there are, each shard gets those that are in it."""
+    declared = Experiment.model_validate({**made.plain(), "splits": {}})
+    recipe = Recipe("x", (declared,), made.splits)
+    for shard in recipe.shards:
+        runs = list(recipe.runs(shard))
+        assert [runs[0][0], runs[-1][1]] == [shard.first, shard.stop]
+        assert all(a[1] == b[0] for a, b in pairwise(runs))
+        for first, stop, names in runs:
+            assert {splits_of(made, episode) for episode in range(first, stop)} == {names}
 
 
 @pytest.mark.parametrize(("number", "file"), [(0, "part-00000"), (12, "part-00012"), (99_999, "part-99999")])

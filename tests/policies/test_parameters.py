@@ -1,0 +1,136 @@
+"""Parameters of custom policies are what JSON and YAML hold, and the same wherever the policy runs."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ibdata as library
+from ibdata.errors import ConfigError
+from ibdata.experiment import Experiment, as_yaml, validated
+from ibdata.experiment.strict_yaml import Document
+
+NUMBER = "expected a finite number"
+LOST = "which YAML does not keep; expected other text"
+endless: list = []
+endless.append(endless)
+
+
+def plain(params):
+    policy = {"kind": "custom", "target": "typed:Actor", "params": params}
+    return {"name": "own", "setpoints": 50.0, "policies": [policy], "steps": 4, "output": {"shard_rows": 4}}
+
+
+@pytest.mark.parametrize(
+    ("params", "problem"),
+    [
+        ({"limit": float("inf")}, f"limit: found Infinity, {NUMBER}"),
+        ({"limit": float("-inf")}, f"limit: found -Infinity, {NUMBER}"),
+        ({"limit": float("nan")}, f"limit: found NaN, {NUMBER}"),
+        ({"limit": np.float64("nan")}, f"limit: found NaN, {NUMBER}"),
+        ({"a": {"b": [1, (2, float("nan"))]}}, f"a.b.1.1: found NaN, {NUMBER}"),
+        ({"custom": {"base": {"params": float("inf")}}}, f"custom.base.params: found Infinity, {NUMBER}"),
+        ({"limit": ".inf"}, f"limit: found .inf, {NUMBER}"),
+        ({"limit": 10**400}, "limit: found a whole number of more than 400 digits, expected fewer"),
+        ({"limit": 1j}, "limit: found an object of type complex, expected only what JSON holds"),
+        ({"x": np.ones(2)}, "x: found an object of type ndarray, expected only what JSON holds"),
+        ({"x": {1, 2}}, "x: found an object of type set, expected only what JSON holds"),
+        ({"x": {1: 2}}, "x: found a key of type int, expected text"),
+        ({"x": "\ud800"}, f"x: found '\\\\ud800', {LOST}"),
+        ({"x": ["a\x85b"]}, f"x.0: found 'a\\\\x85b', {LOST}"),
+        ({"x": {"\x85": 1}}, f"x: found the key '\\\\x85', {LOST}"),
+        ({"x": endless}, f"x{'.0' * 16}: found more than 16 levels, expected fewer"),
+    ],
+)
+def test_what_would_not_come_back_as_it_was_is_refused_at_its_place(params, problem):
+    with pytest.raises(ConfigError) as error:
+        validated(plain(params))
+    assert error.value.problems == (f"policies.0.params.{problem}".replace("\\\\", "\\"),)
+
+
+def test_all_of_them_are_told_at_once_and_before_anything_runs(ibdata, tmp_path):
+    lines = [
+        "name: own", "setpoints: 50", "policies:", "  - kind: custom", "    target: typed:Actor",
+        "    params: {limit: 1e400, fine: 1e300, layers: [8, -1e400, .nan]}",
+    ]  # fmt: skip
+    (tmp_path / "own.yaml").write_text("\n".join(lines))
+    done = ibdata("generate", "--config", "own.yaml", "--out", "out", "--allow-code")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        f"own.yaml:6:21: policies.0.params.limit: found Infinity, {NUMBER}",
+        f"own.yaml:6:53: policies.0.params.layers.1: found -Infinity, {NUMBER}",
+        f"own.yaml:6:61: policies.0.params.layers.2: found .nan, {NUMBER}",
+    ]
+    assert not (tmp_path / "out").exists()
+
+
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\x85"), max_size=8).filter(
+    lambda text: not text.lower().lstrip("+-").startswith((".inf", ".nan"))
+)
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
+LEAVES = st.none() | st.booleans() | st.integers() | NUMBERS | TEXTS
+PARAMS = st.dictionaries(
+    TEXTS,
+    st.recursive(LEAVES, lambda inner: st.lists(inner) | st.dictionaries(TEXTS, inner), max_leaves=8),
+    max_size=3,
+)
+
+
+@given(PARAMS)
+@settings(derandomize=True, deadline=None)
+def test_all_others_come_back_from_the_manifest_and_from_yaml(params):
+    made = Experiment.model_validate(plain(params))
+    assert made.policies[0].params == params
+    for again in (json.loads(json.dumps(made.plain())), Document(as_yaml(made)).data):
+        other = Experiment.model_validate(again)
+        assert other == made
+        assert repr(other.policies[0].params) == repr(made.policies[0].params)
+        assert [cell.digest for cell in other.cells] == [cell.digest for cell in made.cells]
+
+
+class Half(float):
+    """A number of one's own type, as numpy has them."""
+
+
+def test_what_json_would_turn_into_something_else_is_that_from_the_start():
+    params = {"pair": (1, 2), "half": Half(0.5), "numpy": np.float64(0.25)}
+    made = Experiment.model_validate(plain(params)).policies[0].params
+    assert made == {"pair": [1, 2], "half": 0.5, "numpy": 0.25}
+    assert [type(value) for value in made.values()] == [list, float, float]
+
+
+def test_parameters_that_are_changed_afterwards_leave_the_experiment():
+    layers = [1, 2]
+    made = Experiment.model_validate(plain({"layers": layers}))
+    layers.append(3)
+    assert made.policies[0].params == {"layers": [1, 2]}
+
+
+CODE = """
+import numpy as np
+
+class Actor:
+    def __init__(self, value):
+        self.value = 0.25 if isinstance(value, list) else 0.5
+
+    def act(self, history, u):
+        return np.full((len(history), 3), self.value)
+"""
+
+
+def test_a_policy_sees_the_same_with_one_worker_and_with_two(tmp_path, monkeypatch):
+    (tmp_path / "typed.py").write_text(CODE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    experiment = Experiment.model_validate({**plain({"value": (1, 2)}), "setpoints": [20.0, 70.0]})
+    try:
+        made = [library.generate(experiment, f"out-{n}", workers=n, allow_code=True) for n in (1, 2)]
+        assert made[0].content_root == made[1].content_root
+        assert library.reproduce("out-2", allow_code=True) == (2, [])
+    finally:
+        sys.modules.pop("typed", None)
