@@ -12,7 +12,7 @@ import numpy as np
 from ibdata.columns import Table, layout
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.schema import digest_runs
-from ibdata.dataset.statistics import Floats, Moments, merged, moments, sample_stride, sums
+from ibdata.dataset.statistics import SAMPLE_ROWS, Floats, Moments, merged, moments, sample_stride, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -27,7 +27,7 @@ class Content(NamedTuple):
     moments: Moments  # of the float columns
     sample: Table  # of the float columns, for quantiles
     clipped: int
-    labelled: dict[str, tuple[Moments, Table]]  # moments and sample of each split that is not whole files
+    labelled: dict[str, tuple[Moments, list[Table]]]  # of splits that are not whole files; samples in parts
 
 
 # The content of a shard that nobody has read.
@@ -79,28 +79,32 @@ class Account:
         self._returns.append(sums(table[floats.names.index("reward")], steps))
         own = self._all.add(table)
         for name, tables in self._of_splits(part, table).items():
-            self._labelled[name].add(np.concatenate(tables, axis=1))
+            self._labelled[name].add(*tables)
         self._clipped += floats.clipped
         return own
 
     def _of_splits(self, part: Shard, table: Table) -> dict[str, list[Table]]:
         """The rows of a part that have a label, run by run; runs that have ended are forgotten."""
-        steps, found = self.experiment.steps, dict[str, list[Table]]()
+        steps, found = self.experiment.steps, dict[str, list[slice]]()
         while self._runs and self._runs[0][0] < part.stop:
             first, stop, names = self._runs[0]
             rows = slice(
                 (max(first, part.first) - part.first) * steps, (min(stop, part.stop) - part.first) * steps
             )
             for name in self._labelled.keys() & set(names):
-                found.setdefault(name, []).append(table[:, rows])
+                own = found.setdefault(name, [])
+                if own and own[-1].stop == rows.start:
+                    own[-1] = slice(own[-1].start, rows.stop)
+                else:
+                    own.append(rows)
             if stop > part.stop:
                 break
             self._runs.popleft()
-        return found
+        return {name: [table[:, rows] for rows in own] for name, own in found.items()}
 
     def content(self) -> Content:
         """What all parts together hold. Raises IbdataError where a value is not finite."""
-        whole, sample = self._all.found()
+        whole, samples = self._all.found()
         names = layout(self.experiment).names
         finite = np.isfinite(whole.squares)
         finite[names.index("action_log_prob")] = True  # a custom policy may not know its density
@@ -111,6 +115,7 @@ class Account:
             )
         returns = np.concatenate(self._returns)
         labelled = {name: rows.found() for name, rows in self._labelled.items()}
+        sample = np.concatenate(samples, axis=1)
         return Content(self._digests, returns, whole, sample, self._clipped, labelled)
 
 
@@ -119,16 +124,22 @@ class _Rows:
 
     def __init__(self, rows: int, total: int) -> None:
         self._stride, self._seen = sample_stride(rows, total), 0
+        self._whole = self._stride == 1 and total <= SAMPLE_ROWS
         self._moments: Moments | None = None
         self._samples: list[Table] = []
 
-    def add(self, table: Table) -> Moments:
-        own = moments(table)
+    def add(self, *tables: Table) -> Moments:
+        """Add rows; their moments. Of a small dataset, all of whose rows are sampled, views are kept."""
+        table = tables[0] if len(tables) == 1 else np.concatenate(tables, axis=1)
+        own = moments(np.ascontiguousarray(table))
         self._moments = own if self._moments is None else merged(self._moments, own)
-        self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
+        if self._whole:
+            self._samples += tables
+        else:
+            self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
         self._seen += table.shape[1]
         return own
 
-    def found(self) -> tuple[Moments, Table]:
+    def found(self) -> tuple[Moments, list[Table]]:
         assert self._moments is not None
-        return self._moments, np.concatenate(self._samples, axis=1)
+        return self._moments, self._samples

@@ -148,14 +148,17 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
     """Each list of texts, as often as its count says."""
     lengths = np.repeat([len(texts) for texts in lists], counts)
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-    texts = [text for texts, n in zip(lists, counts, strict=True) for _ in range(n) for text in texts]
-    return pa.ListArray.from_arrays(arrow_array(offsets), arrow_strings(texts))
+    known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
+    numbers = [np.array([known[text] for text in texts], dtype=np.int64) for texts in lists]
+    of = [np.tile(own, n) for own, n in zip(numbers, counts, strict=True)]
+    texts = arrow_strings(list(known)).take(arrow_array(np.concatenate(of)))
+    return pa.ListArray.from_arrays(arrow_array(offsets), texts)
 
 
 def stats(recipe: Recipe, written: list[Written]) -> dict[str, Any]:
     """stats.json: statistics of every float column, over all rows and over each split."""
     names = layout(recipe.experiments[0]).names
-    parts = [(w.content.moments, w.content.sample) for w in written]
+    parts = [(w.content.moments, [w.content.sample]) for w in written]
     declared = {
         name: [part for part, w in zip(parts, written, strict=True) if name in w.shard.splits]
         for name in recipe.declared
@@ -172,6 +175,7 @@ def stats(recipe: Recipe, written: list[Written]) -> dict[str, Any]:
     }
 
 
-def _described(names: tuple[str, ...], parts: list[tuple[Moments, Table]]) -> dict[str, Any]:
+def _described(names: tuple[str, ...], parts: list[tuple[Moments, list[Table]]]) -> dict[str, Any]:
     total = reduce(merged, (part for part, _ in parts))
-    return described(names, total, [sample for _, sample in parts], [part.rows for part, _ in parts])
+    samples = [np.concatenate(own, axis=1) for _, own in parts]
+    return described(names, total, samples, [part.rows for part, _ in parts])

@@ -147,10 +147,11 @@ def test_what_it_says_of_loading_is_true(carded):
     assert done.stdout == "240 240\n"
 
 
-def test_texts_of_a_dataset_cannot_become_elements(copied):
+def test_texts_of_a_dataset_cannot_become_elements(copied, sign):
     info = json.loads((copied / "meta/info.json").read_text())
     info["columns"][0]["description"] = "<script>alert('\"')</script> & more"
     (copied / "meta/info.json").write_text(json.dumps(info))
+    sign(copied, "meta/info.json")
     page = Page((card(copied).path / manifest.REPORT).read_text())
     assert info["columns"][0]["description"] in "".join(page.texts["td"])
     assert "script" not in page.texts
@@ -223,7 +224,7 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("full")
 
-    monkeypatch.setattr("ibdata.report.renew", fail)
+    monkeypatch.setattr("ibdata.report.renewed", fail)
     with pytest.raises(RuntimeError):
         card(copied)
     assert contents(copied) == before
@@ -246,6 +247,6 @@ def test_a_dataset_that_changes_meanwhile_is_left_alone(copied, monkeypatch):
         return pictures
 
     monkeypatch.setattr("ibdata.report.drawn", draw)
-    with pytest.raises(DatasetError, match="changed while it was read; run ibdata card"):
+    with pytest.raises(manifest.ReplacedError, match="replaced while it was read; open it again"):
         card(copied)
     assert ibdata.validate(copied) == []
