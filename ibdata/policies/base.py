@@ -23,7 +23,7 @@ SETPOINT, VELOCITY, GAIN, SHIFT, FATIGUE, CONSUMPTION = range(6)
 
 
 def _no_denormal(least: float) -> AfterValidator:
-    """Refuses what is nearer to 0 than the least normal number; a library may tell the processor to make it 0.
+    """Refuses what is nearer to 0 than the least normal number; a library may make processors take it for 0.
 
     It stands last in an annotation: the JSON schema shows no bounds that stand behind it.
     """
