@@ -23,20 +23,20 @@ from ibdata.private_files import verified
 
 
 class _Locator(_CacheLocator):
-    """Which function it is; of folders it knows nothing."""
+    """Which function it is; of folders it knows nothing. numba itself names `_py_file` in a warning."""
 
     def __init__(self, function: Any, file: str) -> None:
-        self._file, self._line = file, function.__code__.co_firstlineno
+        self._py_file, self._line = file, function.__code__.co_firstlineno
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
         return cls(py_func, py_file)
 
     def get_cache_path(self) -> str:
-        return os.path.dirname(os.path.abspath(self._file))
+        return os.path.dirname(os.path.abspath(self._py_file))
 
     def get_source_stamp(self) -> str:
-        return _sha256_of(self._file)
+        return _sha256_of(self._py_file)
 
     def get_disambiguator(self) -> str:
         return str(self._line)
