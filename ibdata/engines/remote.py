@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ibdata.compiling import cache_base
+from ibdata.cache_places import cache_base
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.storage import Remote, first_line, readable

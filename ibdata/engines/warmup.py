@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ibdata.compiling import is_compiled
+from ibdata.compiling import is_compiled, is_kept
 from ibdata.dataset.statistics import moments, sums
 from ibdata.engines import known_answer
 from ibdata.engines.signals import check
@@ -19,11 +19,7 @@ def warm_up(experiment: Experiment) -> bool:
     """
     small = experiment.model_copy(update={"steps": 2, "episodes": 1})
     if not is_compiled():
-        print(
-            "ibdata: compiling the simulator; this happens once and takes up to a minute",
-            file=sys.stderr,
-            flush=True,
-        )
+        print(f"ibdata: compiling the simulator; {_how_often()}", file=sys.stderr, flush=True)
     floats = rollout(small, 0, 1)
     moments(floats.table)
     sums(floats.table[0], 2)
@@ -35,3 +31,12 @@ def warm_up(experiment: Experiment) -> bool:
             file=sys.stderr,
         )
     return right
+
+
+def _how_often() -> str:
+    if is_kept():
+        return "this happens once and takes up to a minute"
+    return (
+        "this takes up to a minute, each time: no cache folder can be written by this user alone; "
+        "set IBDATA_CACHE_DIR to one of your own"
+    )

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.experiment.scalars import WHOLE, Real
-from ibdata.policies.base import Plugin
+from ibdata.policies.base import NormalDouble, Plugin
 
 
 class Overrides(Plugin):
@@ -41,7 +41,7 @@ def _strict(hint: Any) -> Any:
     """The type with its numbers strict, as everywhere else."""
     if get_origin(hint) is tuple:
         return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
-    return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
+    return {float: Annotated[Real, NormalDouble], int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
 
 
 CustomDynamics = create_model(

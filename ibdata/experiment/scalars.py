@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from ibdata.policies.base import NormalSingle
+
 MAX_SETPOINTS = 10_000
 
 
@@ -30,7 +32,7 @@ def _not_default(name: str) -> str:
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0: one setpoint, one digest.
-Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), NormalSingle, AfterValidator(lambda value: value + 0.0)]
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]
 SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
 from ibdata.naming import exact
-from ibdata.policies.base import Plugin
+from ibdata.policies.base import NormalSingle, Plugin
 
 
 class SetpointRange(Plugin):
@@ -19,7 +19,7 @@ class SetpointRange(Plugin):
 
     start: Setpoint
     stop: Setpoint
-    step: Annotated[Real, Field(gt=0.0)]
+    step: Annotated[Real, Field(gt=0.0), NormalSingle]
 
     def values(self) -> list[float]:
         """The setpoints of the range."""

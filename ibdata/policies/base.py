@@ -22,6 +22,25 @@ OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption"
 SETPOINT, VELOCITY, GAIN, SHIFT, FATIGUE, CONSUMPTION = range(6)
 
 
+def _no_denormal(least: float) -> AfterValidator:
+    """Refuses what is nearer to 0 than the least normal number; a library may make processors take it for 0.
+
+    It stands last in an annotation: the JSON schema shows no bounds that stand behind it.
+    """
+
+    def check(value: float) -> float:
+        if 0.0 < abs(value) < least:
+            bound = f"at least {least!r}" if value > 0.0 else f"at most {-least!r}"
+            raise ValueError(f"found {value!r}, which some machines take for 0; expected {bound}")
+        return value
+
+    return AfterValidator(check)
+
+
+NormalSingle = _no_denormal(float(np.finfo(np.float32).tiny))  # for what becomes float32
+NormalDouble = _no_denormal(float(np.finfo(np.float64).tiny))
+
+
 class Plugin(BaseModel):
     """A YAML block that is the thing itself: unknown keys are errors, values never change."""
 

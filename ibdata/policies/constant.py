@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field
 
-from ibdata.policies.base import Deterministic, Floats, History
+from ibdata.policies.base import Deterministic, Floats, History, NormalSingle
 
-Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True), AfterValidator(lambda value: value + 0.0)]
+Component = Annotated[
+    float, Field(ge=-1.0, le=1.0, strict=True), NormalSingle, AfterValidator(lambda value: value + 0.0)
+]
 
 
 class Constant(Deterministic):

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ibdata.compiling import compiled
 from ibdata.noise import exp, log
-from ibdata.policies.base import Deterministic, Floats, History, Unnamed, Wrapper
+from ibdata.policies.base import Deterministic, Floats, History, NormalDouble, Unnamed, Wrapper
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
 
 if TYPE_CHECKING:
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 THIRD = LOG_DENSITY / 3.0  # log(1/2), the density of one dimension
 
 Probability = Annotated[
-    float, Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False), AfterValidator(lambda value: value + 0.0)
+    float,
+    Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),
+    NormalDouble,
+    AfterValidator(lambda value: value + 0.0),
 ]
 
 

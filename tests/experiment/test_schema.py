@@ -24,7 +24,7 @@ SPECIAL = {
     "drifting": ["name: 'on'", "setpoints: drifting", "start: uniform"],
     "drifting from several": ["setpoints: {drifting: [10, 0.1]}", "start: {burn_in: [0, 64]}"],
     "numbers at their ends": [
-        "setpoints: [1e-300, 100, 0.30000000000000004, 0]",
+        "setpoints: [1.1754943508222875e-38, 100, 0.30000000000000004, 0]",
         "seed: 18446744073709551615",
         "steps: 2147483647",
         "output: {latent: next, dtype: float64, shard_rows: 100000000}",

@@ -3,18 +3,41 @@
 from __future__ import annotations
 
 import os
+import platform
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+import ibdata
+from ibdata.engines import known_answer
+
 pytestmark = pytest.mark.same_bits
 
+# Where the floating-point environment of glibc holds the bits that switch denormal numbers off: the word, and
+# the bits for results (FTZ) and for operands (DAZ); one bit does both on ARM.
+SWITCHES = {"x86_64": (7, {"results": 1 << 15, "operands": 1 << 6}), "aarch64": (0, {"both": 1 << 24})}
+WORD, BITS = SWITCHES.get(platform.machine(), (0, {}))
+FLUSHING = """
+import ctypes, ctypes.util, sys
+from ibdata.engines import known_answer
+assert known_answer.matches()
+libm = ctypes.CDLL(ctypes.util.find_library("m"))
+environment = (ctypes.c_uint32 * 8)()
+libm.fegetenv(environment)
+environment[int(sys.argv[1])] |= int(sys.argv[2])
+libm.fesetenv(environment)
+print(known_answer.matches(), known_answer.keeps_denormals(), known_answer.digest() == known_answer.SHA256)
+"""
+
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
-COMPILE = 'numba.njit(cache=True, nogil=True, error_model="numpy")'
+COMPILE = 'numba.njit(nogil=True, error_model="numpy")'
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
-    "fused multiply-add": ("compiling.py", COMPILE, "numba.njit(cache=True, fastmath={'contract'})"),
-    "fastmath": ("compiling.py", COMPILE, "numba.njit(cache=True, fastmath=True)"),
+    "fused multiply-add": ("compiling.py", COMPILE, "numba.njit(fastmath={'contract'})"),
+    "fastmath": ("compiling.py", COMPILE, "numba.njit(fastmath=True)"),
     "exp of the C library": (
         "dynamics/exact.py",
         "    k = np.rint(x",
@@ -68,3 +91,31 @@ def test_the_golden_roots_would_show(name, changed, golden):
 def test_the_known_answer_would_show(name, changed):
     """Else a machine with other bits writes `reproducible: true`."""
     assert {made["reproducible"] for made in changed[name]["results"].values()} == {False}
+
+
+@pytest.mark.parametrize("bits", BITS.values(), ids=BITS)
+def test_denormal_numbers_that_are_switched_off_show(bits):
+    """They change no bit of the known runs, but might of another."""
+    child = subprocess.run(
+        [sys.executable, "-c", FLUSHING, str(WORD), str(bits)],
+        env={**os.environ, "PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert child.stdout.split() == ["False", "False", "True"]
+
+
+def test_both_known_runs_count(monkeypatch):
+    assert known_answer.matches()
+    for name in ("SHA256", "OTHERS_SHA256"):
+        with monkeypatch.context() as changed:
+            changed.setattr(known_answer, name, "0" * 64)
+            assert not known_answer.matches()
+
+
+def test_the_known_runs_have_every_variant_and_policies_with_noise():
+    runs = (known_answer.EXPERIMENT, known_answer.OTHERS)
+    kinds = {policy["kind"] for run in runs for policy in run["policies"]}
+    assert {run["dynamics"] for run in runs} == {"siemens", "paper"}
+    assert kinds >= {"random", "gaussian", "epsilon_greedy"}
