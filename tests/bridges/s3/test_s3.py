@@ -90,7 +90,8 @@ def test_the_first_rows_need_the_first_file_only(bucket, tiny):
     ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
     dataset = ibdata.open(f"s3://{bucket}/x")
     assert next(dataset.iter_batches(batch_rows=5)).num_rows == 5
-    assert [path.name for path in (dataset.path / "data").iterdir()] == ["part-00000.parquet"]
+    found = [f"data/{path.name}" for path in (dataset.path / "data").iterdir()]
+    assert found == [dataset.manifest["shards"][0]["path"]]
 
 
 def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, objects, monkeypatch, tmp_path):
@@ -134,12 +135,13 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
 
 def test_a_server_that_breaks_off_is_an_error_of_one_line(bucket, tiny):
     ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
-    boto3.client("s3").delete_object(Bucket=bucket, Key="x/data/part-00002.parquet")
     dataset = ibdata.open(f"s3://{bucket}/x")
-    with pytest.raises(DatasetError, match=r"part-00002\.parquet: cannot be read"):
+    shard = dataset.manifest["shards"][2]["path"]
+    boto3.client("s3").delete_object(Bucket=bucket, Key=f"x/{shard}")
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: cannot be read"):
         dataset.table()
     (problem,) = ibdata.validate(f"s3://{bucket}/x")
-    assert (problem.path, problem.rule) == ("data/part-00002.parquet", "file")
+    assert (problem.path, problem.rule) == (shard, "file")
 
 
 def test_what_is_there_is_not_written_over(bucket, tiny, objects):
