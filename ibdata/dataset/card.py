@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ibdata.dataset.metadata import splits
 from ibdata.dataset.shard import Written
 from ibdata.experiment import Experiment
@@ -14,7 +16,16 @@ SOURCES = {
     "paper": "the equations as the paper prints them",
 }
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
+BEGINNING = "---\npretty_name: Industrial Benchmark, "
 LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether a file in the place of the card is somebody's own text; a link there is none."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(BEGINNING)) != BEGINNING.encode()
 
 
 def card(recipe: Recipe, written: list[Written], root: str) -> bytes:

@@ -14,11 +14,12 @@ import pyarrow as pa
 
 from ibdata.columns import columns
 from ibdata.dataset import manifest, metadata
-from ibdata.dataset.card import card
+from ibdata.dataset.card import card, is_foreign
 from ibdata.dataset.content import content_of
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.shard import Written
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -33,7 +34,12 @@ def finish(
     code: Sequence[Mapping[str, str | None]] = (),
     clipped: int | None = None,
 ) -> dict[str, Any]:
-    """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from."""
+    """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from.
+
+    Raises UsageError where somebody has put a text of their own in the place of the card.
+    """
+    if is_foreign(folder / manifest.CARD):
+        raise UsageError(f"{folder / manifest.CARD}: found a text that ibdata did not write; move it away")
     written = sorted(written, key=lambda w: w.shard.number)
     root = root_of(recipe, written)
     entries = [w.entry for w in written]

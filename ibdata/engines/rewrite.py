@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
@@ -13,7 +13,7 @@ from ibdata.columns import layout
 from ibdata.dataset import manifest
 from ibdata.dataset.consistency import refuse_other_plan
 from ibdata.dataset.content import describe
-from ibdata.dataset.files import FileEntry, write
+from ibdata.dataset.files import FileEntry, file_sha256, write
 from ibdata.dataset.finish import documents, finish, renewed
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Begun, Written
@@ -134,6 +134,7 @@ def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
         listed = dataset.manifest
         manifest.refuse_replaced(folder, listed)
         refuse_other_plan(recipe, listed)
+        _refuse_edits(folder, listed)
         entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
         of = sources(dataset, recipe)
         paths = [shard["path"] for shard in listed["shards"]]
@@ -147,6 +148,15 @@ def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
             entries.pop(manifest.REPORT, None)  # it tells of the old splits
             write(staged, manifest.PATH, renewed(listed, entries, splits=recipe.plain()["splits"]))
     return Dataset(folder)
+
+
+def _refuse_edits(folder: Path, listed: dict[str, Any]) -> None:
+    """UsageError where somebody has edited the card, which the new splits would change."""
+    card = next(file for file in listed["files"] if file["path"] == manifest.CARD)
+    if file_sha256(folder / manifest.CARD) not in (None, card["sha256"]):
+        raise UsageError(
+            f"{folder / manifest.CARD}: was edited, and the new splits would replace it; move it away first"
+        )
 
 
 def _read(recipe: Recipe, shard: Shard, source: Source, entry: FileEntry) -> Written:

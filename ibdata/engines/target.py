@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
+from ibdata.dataset.card import is_foreign
 from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
+from ibdata.dataset.validation import check_files
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
@@ -100,10 +102,14 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         return folder / manifest.NEXT
     if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
-    for file in listed["files"]:
-        path = manifest.locate(folder, file["path"])
-        if not path.is_file() or path.stat().st_size != file["bytes"]:
-            raise DatasetError(f"{path}: missing or of another size than listed; ibdata repair {folder}")
+    if listed["data_version"] != manifest.DATA_VERSION:
+        raise UsageError(
+            f"{folder}: holds a dataset of data version {listed['data_version']}, and this ibdata makes "
+            f"{manifest.DATA_VERSION}; --overwrite to replace it"
+        )
+    for problem in check_files(folder, listed):
+        if problem.path in {file["path"] for file in listed["files"]}:
+            raise DatasetError(f"{folder / problem.path}: damaged or missing; ibdata repair {folder}")
     return folder
 
 
@@ -189,7 +195,8 @@ def discard(root: Path) -> None:
             if not any(folder.iterdir()):
                 folder.rmdir()
     for name in (manifest.CARD, manifest.REPORT):
-        (root / name).unlink(missing_ok=True)
+        if name != manifest.CARD or not is_foreign(root / name):
+            (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:
         left = next((path for path in sorted(root.rglob("*")) if not path.is_dir()), None)

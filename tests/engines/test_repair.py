@@ -186,5 +186,5 @@ def test_a_difference_is_named(made, tmp_path, change, line):
 def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
     shard = file("shard 1")
     (copied / shard).unlink()
-    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: missing or of another size than listed"):
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; ibdata repair"):
         ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)
