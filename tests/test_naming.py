@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 
 from ibdata.dataset.card import card
 from ibdata.dataset.content import UNREAD
-from ibdata.dataset.files import FileEntry
-from ibdata.dataset.shard import Written
+from ibdata.dataset.files import FileEntry, named
+from ibdata.dataset.shard import Written, file_of
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.recipe import Recipe
 from ibdata.experiment.scalars import SplitName
@@ -71,7 +71,10 @@ def test_names_that_are_text_to_all_stay_as_they_are():
 def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     splits = {name: {"overlap": True} for name in WORDS}
     recipe = Recipe.of(described(name="1", splits=splits))
-    written = [Written(shard, FileEntry(shard.file, 1, "0" * 64), UNREAD) for shard in recipe.shards]
+    written = [
+        Written(shard, FileEntry(named(file_of(shard), "0" * 64), 1, "0" * 64), UNREAD)
+        for shard in recipe.shards
+    ]
     _, front, text = card(recipe, written, "0" * 64).decode().split("---\n", 2)
     matter = reader.load(front)
     assert matter["pretty_name"] == "Industrial Benchmark, 1"

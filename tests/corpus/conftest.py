@@ -42,7 +42,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def named(made: Path, shard_file: Callable[[Path, int], str]) -> Callable[[str], str]:
-    """A line of a case, in which data/part-00000.parquet stands for the file of that shard of the dataset d."""
+    """A line of a case; data/part-00000.parquet in it stands for the file of that shard of the dataset d."""
     names = {f"data/part-{i:05d}.parquet": shard_file(made / "d", i) for i in range(4)}
 
     def line(text: str) -> str:

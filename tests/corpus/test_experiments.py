@@ -24,10 +24,15 @@ def examples(count: int) -> settings:
     return settings(derandomize=True, deadline=None, max_examples=count, suppress_health_check=fixture)
 
 
+def normal(x: float) -> bool:
+    """Whether a value stays what it is where processors take denormal numbers of float32 for 0."""
+    return x == 0.0 or abs(x) >= float(np.finfo(np.float32).tiny)
+
+
 NAMES = st.from_regex(r"[a-z][a-z0-9_-]{0,12}", fullmatch=True).filter(
     lambda name: name[:3] not in ("con", "prn", "aux", "nul", "com", "lpt") and name != "default"
 )
-PLACES = st.floats(0, 100) | st.integers(0, 100)
+PLACES = st.floats(0, 100).filter(normal) | st.integers(0, 100)
 PLACE_LISTS = st.lists(PLACES, min_size=1, max_size=4, unique_by=float)
 SETPOINTS = st.one_of(
     PLACES,
@@ -39,7 +44,7 @@ SETPOINTS = st.one_of(
         *(st.integers(0, 100), st.integers(0, 100), st.sampled_from([0.5, 1, 7, 30.25])),
     ),
 )
-ACTION = st.tuples(*[st.floats(-1, 1)] * 3).map(list)
+ACTION = st.tuples(*[st.floats(-1, 1).filter(normal)] * 3).map(list)
 POLICIES = st.lists(
     st.sampled_from([{"kind": "random"}, {"kind": "safe"}])
     | st.builds(lambda a, n: {"kind": "constant", "action": a, "name": n}, ACTION, NAMES),
