@@ -98,7 +98,9 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
         hashes = list(threads.map(file_sha256, paths))
     for entry, found in zip(entries, hashes, strict=True):
         if found is None:
-            yield Problem(entry["path"], None, "file", "found no file that can be read; ibdata repair makes it")
+            yield Problem(
+                entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
+            )
         elif found != entry["sha256"]:
             message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
             yield Problem(entry["path"], None, "hash", message)

@@ -73,7 +73,11 @@ def _refuse(folder: Path) -> None:
         raise UsageError(f"{folder}: found no folder, expected one or nothing; choose another --out")
     left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
     if folder.exists() and any(path.name not in left for path in folder.iterdir()):
-        raise UsageError(f"{folder}: exists already; choose another --out")
+        unsettled = os.path.lexists(folder / manifest.NEW)
+        todo = (
+            f"ibdata repair {folder} finishes what was begun there" if unsettled else "choose another --out"
+        )
+        raise UsageError(f"{folder}: exists already; {todo}")
     if folder.exists():
         target.refuse_links(folder)
 

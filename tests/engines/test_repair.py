@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 import ibdata
@@ -188,3 +190,39 @@ def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
     (copied / shard).unlink()
     with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; ibdata repair"):
         ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)
+
+
+def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copied, monkeypatch):
+    """As on a machine with other bits, or with a custom policy that was changed since."""
+
+    def simulate(*_, **__):
+        raise AssertionError("simulated")
+
+    before = contents(copied)
+    for module in ("ibdata.rollout", "ibdata.dataset.content", "ibdata.engines.warmup"):
+        monkeypatch.setattr(f"{module}.rollout", simulate)
+    for path in ("meta/episodes.parquet", "meta/stats.json"):
+        damage(copied / path, "cut")
+        assert repair(copied, workers=1) == [path]
+        assert contents(copied) == before
+
+
+def test_metadata_are_not_made_again_from_rows_that_are_not_those_listed(copied, shard_file):
+    table = pq.read_table(copied / shard_file(copied, 1))
+    name = "latent_mu_v"
+    changed = table.set_column(table.column_names.index(name), table.schema.field(name), table["latent_mu_g"])
+    pq.write_table(changed, copied / shard_file(copied, 1))
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    data = (copied / shard_file(copied, 1)).read_bytes()
+    for file in listed["files"]:
+        if file["path"] == shard_file(copied, 1):
+            file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_bytes(as_json(listed))
+    (copied / "meta/episodes.parquet").write_bytes(b"x")
+    before = contents(copied)
+    with pytest.raises(
+        DatasetError, match=r"found other content .*expected what the manifest lists; nothing"
+    ):
+        repair(copied, workers=1)
+    assert contents(copied) == before

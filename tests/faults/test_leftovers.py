@@ -209,3 +209,42 @@ def test_what_is_read_beside_replacements_is_one_dataset_or_an_error_and_never_a
     assert all(counts["one"] for name, counts in found.items() if name != "validate"), found
     assert set(found["validate"]) <= {"valid", "busy"}, found
     assert found["ibdata"]["one"] > found["ibdata"]["an error"]
+
+
+def test_a_merge_that_is_killed_is_nothing_or_whole_and_can_be_merged_again_or_settled(
+    forks: Any, tools: Any
+) -> None:
+    base = tools.where / "merging"
+    base.mkdir()
+    parts, out, log = [tools.where / "a", tools.where / "b"], base / "both", tools.where / "log"
+    for seed, part in enumerate(parts):
+        assert forks.run(*generate(tools.tiny, part, "--seed", seed)).code == 0
+    args = ["merge", *parts, "--out", out]
+    assert forks.run(*args, folder=base, log=log).code == 0
+    root, rows = tools.root(out), tools.rewards(out)
+    lines = log.read_text().splitlines()
+    counts = next(i for i, line in enumerate(lines, 1) if line.endswith(".next " + str(out / ".new")))
+    wrong, cases = [], 0
+    for k in range(counts - 6, len(lines) + 1):
+        for mode in ("before", "after") if tools.full else ("after",):
+            shutil.rmtree(out, ignore_errors=True)
+            assert forks.run(*args, folder=base, at=k, mode=mode).code == -9
+            case, cases = f"{mode} {k}: {lines[k - 1]}: ".replace(f"{base}/", ""), cases + 1
+            problems = {problem.rule for problem in validate(out)}
+            if problems - {"unsettled", "manifest"}:
+                wrong.append(f"{case}{problems}")
+            for name, found in tools.rewards(out).items():
+                if found not in (None, rows[name]) or (found is None and not problems):
+                    wrong.append(f"{case}{name} finds other rows")
+            placed = (out / "meta" / "manifest.json").exists()
+            answer = forks.run("repair", out) if k % 2 and "manifest" not in problems else forks.run(*args)
+            if placed and not k % 2:  # then it is there, and merging again would replace it
+                done = "finishes" if problems else "choose another"
+                wrong += [] if answer.code == 2 and done in answer.output else [f"{case}{answer}"]
+                answer = forks.run("repair", out)
+            if answer.code != 0:
+                wrong.append(f"{case}{answer}")
+            elif tools.root(out) != root or (problems and tools.leftovers(out)):
+                wrong.append(f"{case}another root, or {tools.leftovers(out)}")
+    tools.figure(f"F10, merging: {cases} kills, {len(wrong)} violations")
+    assert not wrong, "\n".join(wrong)
