@@ -1,7 +1,12 @@
-"""One writer a folder, or several that write different parts of it: locks that end with their process."""
+"""One writer a folder, or several that write different parts of it: locks that end with their process.
+
+All are those of flock: they belong to the open file, so that they hold between threads too, and end with a
+process however it ends; where NFS keeps locks, it keeps these.
+"""
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import time
@@ -9,17 +14,25 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from ibdata.errors import BusyError
+from ibdata.errors import BusyError, IbdataError
 
 NAME = ".lock"
 PATIENCE = 1.0  # seconds; whoever leaves holds the folder for a moment alone
+NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
+
+
+class _NoLocksError(IbdataError):
+    """The file system keeps no locks."""
 
 
 @contextmanager
-def locked(folder: Path, name: str = NAME) -> Iterator[None]:
-    """Hold the folder's lock; BusyError at once where another process holds it."""
+def locked(folder: Path, name: str = NAME, patience: float = 0.0) -> Iterator[None]:
+    """Hold the folder's lock; BusyError where another process holds it, at once or after some seconds.
+
+    Raises IbdataError where the file system keeps no locks; nothing is left behind.
+    """
     path = folder / name
-    descriptor = _acquire(path, fcntl.LOCK_EX)
+    descriptor = _acquire(path, fcntl.LOCK_EX, patience)
     try:
         yield
     finally:
@@ -39,21 +52,26 @@ def shared(folder: Path) -> Iterator[ExitStack]:
     try:
         yield leaving
     finally:
-        if _try(descriptor):  # this gives up the shared lock, also where others have theirs still
+        if _try(folder, descriptor):  # this gives up the shared lock, also where others have theirs still
             leaving.close()
             path.unlink(missing_ok=True)
         os.close(descriptor)
 
 
-def refuse_busy(folder: Path, name: str = NAME) -> None:
+def refuse_busy(folder: Path) -> None:
     """BusyError where another process holds the folder's lock; nothing is written."""
+    if held(folder / NAME, fcntl.LOCK_EX):
+        raise _busy(folder)
+
+
+def held(path: Path, kind: int = fcntl.LOCK_SH) -> bool:
+    """Whether another holds a lock, so that one of this kind cannot be had; nothing is written."""
     try:
-        descriptor = os.open(folder / name, os.O_RDWR | os.O_NOFOLLOW)
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError):
-        return
+        return False
     try:
-        if not _try(descriptor):
-            raise _busy(folder)
+        return not _try(path.parent, descriptor, kind)
     finally:
         os.close(descriptor)
 
@@ -61,8 +79,15 @@ def refuse_busy(folder: Path, name: str = NAME) -> None:
 def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
     until = time.monotonic() + patience
     while True:
+        new = not os.path.lexists(path)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        got = _try(descriptor, kind)
+        try:
+            got = _try(path.parent, descriptor, kind)
+        except _NoLocksError:
+            os.close(descriptor)
+            if new:
+                path.unlink(missing_ok=True)
+            raise
         if got and _is(path, descriptor):
             return descriptor
         os.close(descriptor)  # where it was got, its holder removed the file in between; take the new one
@@ -72,11 +97,18 @@ def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
             time.sleep(0.02)
 
 
-def _try(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
+def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        raise _NoLocksError(
+            f"{folder}: found a file system that keeps no locks ({error.strerror}), expected one that does; "
+            "choose a folder elsewhere, or have it mounted with locks (Lustre: -o flock)"
+        ) from None
     return True
 
 
