@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -68,7 +69,8 @@ def read_json(folder: Path, path: str, form: type[shape.Shape]) -> dict[str, Any
 def _loaded(folder: Path, path: str, what: str) -> Any:
     place = locate(folder, path)
     try:
-        return json.loads(content(folder, path), parse_constant=_no_constant)
+        data = json.loads(content(folder, path), parse_constant=_no_constant, parse_float=_finite)
+        return _encodable(data)
     except (FileNotFoundError, NotADirectoryError):
         raise
     except OSError as error:
@@ -79,6 +81,22 @@ def _loaded(folder: Path, path: str, what: str) -> Any:
 
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _encodable(data: Any) -> Any:
+    """JSON data whose texts have no half of a character; no other text can be written again."""
+    try:
+        json.dumps(data, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{error.object[error.start]!r} is half a character") from None
+    return data
+
+
+def _finite(digits: str) -> float:
+    number = float(digits)
+    if math.isinf(number):
+        raise ValueError(f"{digits[:40]} is too large a number")
+    return number
 
 
 def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:

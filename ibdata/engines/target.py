@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
-from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
+from ibdata.dataset.files import TEMPORARY, plain_bytes, sweep, write, write_once
 from ibdata.engines import lock
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
@@ -94,13 +94,21 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
     if overwrite:
         _refuse_strangers(folder, listed)
         return folder / manifest.NEXT
-    if manifest.locate(folder, "meta/experiment.yaml").read_bytes() != as_yaml(experiment):
+    if not _holds(manifest.locate(folder, manifest.EXPERIMENT), as_yaml(experiment)):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
     for file in listed["files"]:
         path = manifest.locate(folder, file["path"])
         if not path.is_file() or path.stat().st_size != file["bytes"]:
             raise DatasetError(f"{path}: missing or of another size than listed; ibdata repair {folder}")
     return folder
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    """Whether it is a regular file with these bytes; a pipe would be read for ever."""
+    try:
+        return plain_bytes(path, len(data)) == data
+    except OSError:
+        return False
 
 
 def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
