@@ -2,15 +2,48 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
+URL = re.compile(
+    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # one slash: of a URL that was taken for a path
+    r"(?P<place>[^\s?#'\"]*)"
+    r"(?P<query>\?[^\s'\"]*[^\s'\":,;])?",
+    re.IGNORECASE,
+)
+USER = re.compile(r"^(?:[^/]*@|[^/]*:(?![0-9]*(?:/|$)).*@)")  # a secret may hold a / that is not escaped
+VALUE = re.compile(r"([^?&;=]+)=([^&;]*)")
+HIDDEN = "…"
+OPEN_VALUES = ("region", "scheme", "endpoint_override")  # of the query; any other may be a secret
+
+
+def hidden(text: str) -> str:
+    """Texts with URLs, without the credentials in them.
+
+    >>> hidden("s3://KEY:SECRET@bucket/name?region=eu&session_token=abc: missing")
+    's3://…@bucket/name?region=eu&session_token=…: missing'
+    """
+    return URL.sub(_without_credentials, text)
+
+
+def _without_credentials(url: re.Match[str]) -> str:
+    place, query = USER.sub(f"{HIDDEN}@", url["place"], count=1), url["query"] or ""
+    return url["scheme"] + place + VALUE.sub(_without_value, query)
+
+
+def _without_value(pair: re.Match[str]) -> str:
+    return f"{pair[1]}={pair[2] if pair[1].lower() in OPEN_VALUES else HIDDEN}"
+
 
 class IbdataError(ValueError):
-    """Something went wrong at run time."""
+    """Something went wrong at run time; credentials in URLs are not told."""
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(hidden(message))
 
 
 class UsageError(IbdataError):
@@ -31,7 +64,7 @@ class MissingError(IbdataError, ImportError):
 
 
 def printable(line: str) -> str:
-    """Keys come from files: escaped, none can forge a line or a colour."""
+    """Texts come from files and datasets: escaped, none can forge a line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pkgutil
 import re
@@ -13,12 +12,13 @@ import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
+from io import TextIOWrapper
 from types import FrameType
 from typing import TextIO
 
 import click
 
-from ibdata.cli._shared import MAX_LINES
+from ibdata.cli._shared import MAX_LINES, print_json, say
 from ibdata.errors import ConfigError, IbdataError, printable
 from ibdata.version import __version__
 
@@ -45,8 +45,8 @@ def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 
     \b
-    ibdata generate --config random.yaml      the paper's random-exploration batch in data/random
-    ibdata info data/random                   what it holds
+    ibdata generate --config random.yaml   the paper's random batch in data/random
+    ibdata info data/random                what it holds
     """
 
 
@@ -55,6 +55,9 @@ def main(args: Sequence[str] | None = None) -> None:
     given = list(sys.argv[1:] if args is None else args)
     debug, as_json = "--debug" in given, "--json" in given
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # for help and tracebacks, which others print
     _end_at_signals()
     try:
         code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
@@ -81,7 +84,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def _nowhere() -> TextIO:
     """What takes the place of a stream that was closed before the command began."""
-    return open(os.devnull, "w")  # it lives as long as the process
+    return open(os.devnull, "w", encoding="utf-8")  # it lives as long as the process
 
 
 def _end(code: int) -> None:
@@ -116,19 +119,21 @@ def _lines(error: Exception) -> list[str]:
         return [printable(str(error))]
     if isinstance(error, OSError) and error.strerror:
         return [f"{printable(os.fsdecode(error.filename or 'stdout'))}: {error.strerror}"]
+    if isinstance(error, MemoryError):
+        return ["memory is too short for this; ask for less at once"]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 
 def _report(lines: list[str], code: int, as_json: bool, context: click.Context | None = None) -> None:
     with suppress(OSError):  # stderr or stdout may be what cannot be written
-        _say(lines, code, as_json, context)
+        _tell(lines, code, as_json, context)
 
 
-def _say(lines: list[str], code: int, as_json: bool, context: click.Context | None) -> None:
+def _tell(lines: list[str], code: int, as_json: bool, context: click.Context | None) -> None:
     for line in lines:
-        click.echo(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+        say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
     if context is not None:
-        click.echo(f"Try '{context.command_path} --help'.", err=True)
+        say(f"Try '{context.command_path} --help'.", err=True)
     if as_json:
         place = PLACE.match(lines[0])
         error = {
@@ -137,4 +142,4 @@ def _say(lines: list[str], code: int, as_json: bool, context: click.Context | No
             "file": place["file"] if place else None,
             "line": int(place["line"]) if place else None,
         }
-        click.echo(json.dumps({"version": 1, "error": error}))
+        print_json({"error": error})

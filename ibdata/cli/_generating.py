@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from ibdata.cli._shared import print_json, print_pairs, size
+from ibdata.cli._shared import print_json, print_pairs, say, say_all, shown, size
 from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
@@ -16,16 +15,25 @@ if TYPE_CHECKING:
     from ibdata.experiment import Experiment
 
 
+def say_yaml(experiment: Experiment) -> None:
+    """Print an experiment as YAML, with escapes of YAML where `say` would put others."""
+    from ibdata.experiment import as_yaml
+
+    text = as_yaml(experiment).decode()
+    plain = all(shown(line, sys.stdout) == line for line in text.split("\n"))
+    say_all(text if plain else as_yaml(experiment, ascii=True).decode())
+
+
 def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """What one experiment would make."""
     from ibdata.engines.estimate import estimate
-    from ibdata.experiment import as_yaml
 
     made = estimate(experiment, folder, **options)
     if as_json:
         print_json({"experiment": experiment.plain(), **made})
         return
-    click.echo(as_yaml(experiment).decode())
+    say_yaml(experiment)
+    say()
     _print_estimate(made)
 
 
@@ -40,8 +48,8 @@ def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options
         print_json({"experiments": made, **total})
         return
     for m in made:
-        click.echo(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
-    click.echo()
+        say(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
+    say()
     _print_estimate(total)
 
 
@@ -104,13 +112,11 @@ def generate_part(config: str, shards: str, out: Path | str | None, as_json: boo
             }
         )
         return
-    click.echo(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
+    say(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
     if made.missing:
-        click.echo(
-            f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}"
-        )
+        say(f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}")
     else:
-        click.echo(f"all shards are there: ibdata finalize {made.folder}")
+        say(f"all shards are there: ibdata finalize {made.folder}")
 
 
 def generate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
@@ -127,8 +133,8 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
         print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
         return
     for dataset in made.values():
-        click.echo(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
-    click.echo()
+        say(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
+    say()
     print_pairs(
         [
             ("datasets", f"{len(made)} in {folder}"),

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import codecs
 import json
+import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
-from ibdata.errors import printable
+from ibdata.errors import hidden, printable
 
 MAX_LINES = 12  # of messages
+NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
+UNIT = re.compile("....")  # of UTF-16, in hex
 
 allow_code_option = click.option(
     "--allow-code", is_flag=True, help="Let custom policies run: they are code; know whose it is."
@@ -47,26 +52,68 @@ seed_option = click.option("--seed", type=int, metavar="N", help="Override the s
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 
 
+def say(line: object = "", err: bool = False) -> None:
+    """Print a line; all that commands print comes here or to `print_json`.
+
+    Texts of datasets, experiments and policies are in it: what could forge another line or a colour, and
+    what the stream cannot show, is escaped; credentials in URLs are hidden.
+    """
+    click.echo(shown(hidden(str(line)), sys.stderr if err else sys.stdout), err=err)
+
+
+def say_all(text: str) -> None:
+    """Print a text of ours, line by line."""
+    for line in text.removesuffix("\n").split("\n"):
+        say(line)
+
+
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON document with the version of its form."""
-    click.echo(json.dumps({"version": 1, **data}, ensure_ascii=False, allow_nan=False))
+    say_json({"version": 1, **data})
+
+
+def say_json(data: Mapping[str, Any], indent: int | None = None) -> None:
+    """Print data as JSON: in UTF-8, or for a stream of another encoding in ASCII."""
+    text = json.dumps(_without_credentials(data), ensure_ascii=False, allow_nan=False, indent=indent)
+    unicode = codecs.lookup(sys.stdout.encoding or "utf-8").name == "utf-8"
+    click.echo(NOT_ASCII.sub(lambda c: c[0] if unicode and c[0].isprintable() else _in_json(c[0]), text))
+
+
+def shown(line: str, stream: TextIO) -> str:
+    """A line as a stream shows it: printable, in the characters that it has."""
+    encoding = stream.encoding or "utf-8"
+    return printable(line).encode(encoding, "backslashreplace").decode(encoding)
+
+
+def _in_json(character: str) -> str:
+    return UNIT.sub(r"\\u\g<0>", character.encode("utf-16-be", "surrogatepass").hex())
+
+
+def _without_credentials(data: Any) -> Any:
+    if isinstance(data, str):
+        return hidden(data)
+    if isinstance(data, Mapping):
+        return {key: _without_credentials(value) for key, value in data.items()}
+    return [_without_credentials(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
     """Names and values, a line each."""
-    width = max(len(name) for name, _ in pairs)
-    for name, value in pairs:
-        click.echo(f"{name.ljust(width)}  {value}")
+    names = [printable(name) for name, _ in pairs]
+    width = max(map(len, names))
+    for name, (_, value) in zip(names, pairs, strict=True):
+        say(f"{name.ljust(width)}  {value}")
 
 
 def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Columns of text under their names, the first to the left and the others to the right."""
-    widths = [max(map(len, column)) for column in zip(names, *rows, strict=True)]
-    for row in (names, *rows):
+    lines = [[printable(cell) for cell in row] for row in (names, *rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
         cells = [
-            x.ljust(w) if i == 0 else x.rjust(w) for i, (x, w) in enumerate(zip(row, widths, strict=True))
+            x.ljust(w) if i == 0 else x.rjust(w) for i, (x, w) in enumerate(zip(line, widths, strict=True))
         ]
-        click.echo("  ".join(cells))
+        say("  ".join(cells))
 
 
 def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:
@@ -78,12 +125,12 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
     """Say that all is fine, or what is not, on stderr, and end with exit code 3."""
     if not problems:
         if not quiet:
-            click.echo(fine)
+            say(fine)
         return
     for problem in problems[:MAX_LINES]:
-        click.echo(printable(str(problem)), err=True)
+        say(problem, err=True)
     if len(problems) > MAX_LINES:
-        click.echo(f"and {len(problems) - MAX_LINES} more", err=True)
+        say(f"and {len(problems) - MAX_LINES} more", err=True)
     raise SystemExit(3)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import folder_argument, json_option, print_json, say
 
 
 @click.command("card")
@@ -29,4 +29,4 @@ def command(folder: Path, as_json: bool) -> None:
         print_json({"path": str(folder), "files": files, "content_root": dataset.content_root})
         return
     for name in files:
-        click.echo(folder / name)
+        say(folder / name)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
-from ibdata.cli._shared import json_option, print_json, seed_option, set_option
+from ibdata.cli._generating import say_yaml
+from ibdata.cli._shared import json_option, print_json, say, say_json, seed_option, set_option
 
 
 @click.group("config")
@@ -36,7 +35,7 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
     if as_json:
         print_json({"config": str(find(config)), "valid": True, "rows": rows})
         return
-    click.echo(f"{find(config)}: valid, {rows} rows")
+    say(f"{find(config)}: valid, {rows} rows")
 
 
 @command.command("show")
@@ -46,13 +45,13 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
 @json_option
 def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
     """Print the resolved experiment, defaults included."""
-    from ibdata.experiment import as_yaml, load
+    from ibdata.experiment import load
 
     experiment = load(config, overrides, seed)
     if as_json:
         print_json({"experiment": experiment.plain()})
         return
-    click.echo(as_yaml(experiment).decode(), nl=False)
+    say_yaml(experiment)
 
 
 @command.command("schema")
@@ -60,4 +59,4 @@ def schema() -> None:
     """Print the JSON Schema of experiments, for editors."""
     from ibdata.experiment import Experiment
 
-    click.echo(json.dumps(Experiment.model_json_schema(), indent=1, ensure_ascii=False))
+    say_json(Experiment.model_json_schema(), indent=1)

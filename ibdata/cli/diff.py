@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json
+from ibdata.cli._shared import json_option, print_json, say
 
 
 @click.command("diff")
@@ -28,6 +28,7 @@ def command(first: Path, second: Path, as_json: bool) -> None:
     if as_json:
         print_json({"same": not lines, "differences": lines})
     else:
-        click.echo("\n".join(lines) if lines else "the same content")
+        for line in lines or ["the same content"]:
+            say(line)
     if lines:
         raise SystemExit(3)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table
+from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
 from ibdata.naming import exact
 
 if TYPE_CHECKING:
@@ -53,8 +53,9 @@ def command(
 
     \b
     ibdata evaluate --policy optimized --setpoint 70
-    ibdata evaluate --policy safe --policy random --setpoint 10 --setpoint 100 --steps 1000 --discount 1
-    ibdata evaluate --policy '{kind: epsilon_greedy, base: {kind: bad}, epsilon: 0.2}' --json
+    ibdata evaluate --policy safe --policy random --steps 1000 --discount 1
+    ibdata evaluate --policy safe --setpoint 10 --setpoint 100
+    ibdata evaluate --policy '{kind: gaussian, base: {kind: bad}, scale: 0.1}'
     """
     from ibdata.evaluation import evaluate
 
@@ -112,7 +113,7 @@ def _print(evaluation: Evaluation) -> None:
         ],
     )
     if evaluation.differences:
-        click.echo()
+        say()
         print_table(
             ("difference", "setpoint", "return", "± s.e.", "95 % interval"),
             [
@@ -127,7 +128,8 @@ def _print(evaluation: Evaluation) -> None:
             ],
         )
     if evaluation.scale:
-        click.echo(f"\nscore: {evaluation.scale}")
+        say()
+        say(f"score: {evaluation.scale}")
 
 
 def _setpoint(setpoint: float | None) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs
+from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs, say, say_all
 from ibdata.exporters import FORMATS
 
 
@@ -24,7 +24,7 @@ def _docstring(name: str) -> str:
     spec = importlib.util.find_spec(f"ibdata.exporters.{name}")
     assert spec is not None
     assert spec.origin is not None
-    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_text())) or "").split())
+    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_bytes())) or "").split())
 
 
 @click.command("export", cls=_WithFormats)
@@ -63,7 +63,7 @@ def command(
 
     \b
     ibdata export data/random --to minari --out minari-datasets
-    ibdata export data/transfer --to npz --out target.npz --split target --history 10
+    ibdata export data/transfer --to npz --out t.npz --split target --history 10
     """
     from ibdata.exporters import export
 
@@ -83,4 +83,5 @@ def command(
     print_pairs(
         [("export", made.path), ("rows", f"{made.rows} in {made.episodes} episodes"), ("format", made.format)]
     )
-    click.echo(f"\n{made.snippet}", nl=False)
+    say()
+    say_all(made.snippet)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json
+from ibdata.cli._shared import json_option, print_json, say
 from ibdata.plots import DYNAMICS, figure, names
 
 
@@ -41,4 +41,4 @@ def command(
     if as_json:
         print_json({"files": [str(path)]})
         return
-    click.echo(path)
+    say(path)

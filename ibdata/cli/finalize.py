@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import folder_argument, json_option, print_json, say
 
 
 @click.command("finalize")
@@ -29,5 +29,5 @@ def command(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json({"out": str(folder), **counts, "content_root": dataset.content_root})
         return
-    click.echo(f"{folder}: {counts['rows']} rows in {counts['shards']} files")
-    click.echo(f"content root {dataset.content_root}")
+    say(f"{folder}: {counts['rows']} rows in {counts['shards']} files")
+    say(f"content root {dataset.content_root}")

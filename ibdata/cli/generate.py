@@ -76,9 +76,9 @@ def command(
 
     \b
     ibdata generate --config random.yaml
-    ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set episodes=100
+    ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set steps=50
     ibdata generate --config siemens-offline --dry-run
-    ibdata generate --config random.yaml --out data/random --shards $SLURM_ARRAY_TASK_ID/3
+    ibdata generate --config random.yaml --shards $SLURM_ARRAY_TASK_ID/3
     """
     from ibdata.experiment import find
     from ibdata.experiment.shipped import is_suite

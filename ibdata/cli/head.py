@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._shared import json_option, place_argument, print_json
+from ibdata.cli._shared import json_option, place_argument, print_json, say
 from ibdata.errors import DatasetError
 
 MAX_ROWS = 1_000_000
@@ -41,7 +41,7 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
     width = max(map(len, values))
     for name, column in values.items():
         shown = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in column)
-        click.echo(f"{name.ljust(width)} {''.join(x.rjust(12) for x in shown)}")
+        say(f"{name.ljust(width)} {''.join(x.rjust(12) for x in shown)}")
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from ibdata.cli._shared import (
     print_json,
     print_pairs,
     print_table,
+    say,
     size,
 )
 from ibdata.naming import exact
@@ -51,7 +52,7 @@ def command(folder: Path | str, as_json: bool) -> None:
     for role, names in info["groups"].items():
         pairs.append((role, ", ".join(names)))
     print_pairs(pairs)
-    click.echo()
+    say()
     _print_returns(returns)
 
 
@@ -78,6 +79,6 @@ def _print_returns(returns: dict[str, Any]) -> None:
     names = ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score")
     print_table(names, rows[:MAX_LINES])
     if len(rows) > MAX_LINES:
-        click.echo(f"and {len(rows) - MAX_LINES} more; --json has all")
+        say(f"and {len(rows) - MAX_LINES} more; --json has all")
     if returns["scale"]:
-        click.echo(f"score: {returns['scale']}")
+        say(f"score: {returns['scale']}")

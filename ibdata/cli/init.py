@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json
+from ibdata.cli._shared import json_option, print_json, say
 
 
 @click.command("init")
@@ -27,4 +27,4 @@ def command(file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file)})
         return
-    click.echo(f"{file}: change it, then: ibdata generate --config {file} --dry-run")
+    say(f"{file}: change it, then: ibdata generate --config {file} --dry-run")

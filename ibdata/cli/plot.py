@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import folder_argument, json_option, print_json, say
 from ibdata.plots import FOLDER, FORMS, plot
 
 
@@ -31,7 +31,7 @@ def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) 
     coverage   how often each pair of velocity, gain and shift was visited
     returns    of episodes, by setpoint and policy
     rewards    of steps, by setpoint
-    splits     which of them hold which setpoints and policies, and what they share
+    splits     which of them hold which setpoints and policies, what they share
     traces     of the episode with the median return
     tradeoff   fatigue against consumption
 
@@ -44,4 +44,4 @@ def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) 
         print_json({"files": [str(path) for path in paths]})
         return
     for path in paths:
-        click.echo(path)
+        say(path)

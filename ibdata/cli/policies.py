@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._shared import json_option, print_json
+from ibdata.cli._shared import json_option, print_json, say
 
 
 @click.command("policies")
@@ -26,9 +26,9 @@ def command(as_json: bool) -> None:
         print_json({"policies": found})
         return
     for policy in found:
-        click.echo(f"{policy['kind']}: {policy['summary']}")
+        say(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
-            click.echo(f"    {option['name']} ({_default(option)}): {option['description']}")
+            say(f"    {option['name']} ({_default(option)}): {option['description']}")
 
 
 def _default(option: dict[str, Any]) -> str:

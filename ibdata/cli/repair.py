@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import allow_code_option, folder_argument, json_option, print_json
+from ibdata.cli._shared import allow_code_option, folder_argument, json_option, print_json, say
 
 
 @click.command("repair")
@@ -33,5 +33,5 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
         return
     for path in repaired:
         removed = path == manifest.REPORT
-        click.echo(f"removed {path}; ibdata card {folder} makes it again" if removed else f"repaired {path}")
-    click.echo(f"{folder}: {len(repaired)} files repaired, content root {root}")
+        say(f"removed {path}; ibdata card {folder} makes it again" if removed else f"repaired {path}")
+    say(f"{folder}: {len(repaired)} files repaired, content root {root}")

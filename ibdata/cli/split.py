@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json
+from ibdata.cli._shared import folder_argument, json_option, print_json, say
 
 SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")
 
@@ -89,4 +89,4 @@ def command(
     width = max(map(len, splits), default=0)
     for name, made in splits.items():
         kind = "labels" if made["files"] is None else "whole files"
-        click.echo(f"{name.ljust(width)}  {made['rows']} rows in {made['episodes']} episodes ({kind})")
+        say(f"{name.ljust(width)}  {made['rows']} rows in {made['episodes']} episodes ({kind})")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, place_argument, print_json
+from ibdata.cli._shared import json_option, place_argument, print_json, say
 
 SHOWN = ("mean", "std", "min", "max")
 
@@ -29,8 +29,8 @@ def command(folder: Path | str, split: str | None, as_json: bool) -> None:
         print_json({"columns": columns})
         return
     width = max(map(len, columns))
-    click.echo(" " * width + "".join(name.rjust(14) for name in (*SHOWN, "median")))
+    say(" " * width + "".join(name.rjust(14) for name in (*SHOWN, "median")))
     for name, stat in columns.items():
         numbers = [*(stat[key] for key in SHOWN), stat["quantiles"]["0.5"]]
         shown = ("-" if x is None else f"{x:.6g}" for x in numbers)
-        click.echo(name.ljust(width) + "".join(x.rjust(14) for x in shown))
+        say(name.ljust(width) + "".join(x.rjust(14) for x in shown))

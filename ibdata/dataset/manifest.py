@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -110,13 +111,29 @@ def refuse_replaced(folder: Path, listed: Mapping[str, Any]) -> None:
 
 def _json(path: Path, data: bytes, what: str) -> Any:
     try:
-        return json.loads(data, parse_constant=_no_constant)
+        return _encodable(json.loads(data, parse_constant=_no_constant, parse_float=_finite))
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: found no valid JSON ({error}), expected {what}") from None
 
 
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _encodable(data: Any) -> Any:
+    """JSON data whose texts have no half of a character; no other text can be written again."""
+    try:
+        json.dumps(data, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{error.object[error.start]!r} is half a character") from None
+    return data
+
+
+def _finite(digits: str) -> float:
+    number = float(digits)
+    if math.isinf(number):
+        raise ValueError(f"{digits[:40]} is too large a number")
+    return number
 
 
 def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:

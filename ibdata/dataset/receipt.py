@@ -8,18 +8,21 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ibdata.dataset.content import Content
-from ibdata.dataset.files import FileEntry, file_sha256, write
-from ibdata.dataset.shard import Written
+from ibdata.dataset.files import FileEntry, file_sha256, named, plain_bytes, write
+from ibdata.dataset.shard import Written, file_of
 from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
 
 FOLDER = ".run"
+MAX_BYTES = 2**32
+NO_RECEIPT = (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.BadZipFile, EOFError)
 
 
 def path_of(shard: Shard) -> str:
@@ -53,18 +56,22 @@ def put(folder: Path, identity: str, written: Written) -> None:
 def get(folder: Path, identity: str, shard: Shard) -> Written | None:
     """The shard as its receipt has it, if receipt and file are whole and of this experiment; else None."""
     try:
-        data = (folder / path_of(shard)).read_bytes()
-    except OSError:
+        data = plain_bytes(folder / path_of(shard), MAX_BYTES)
+        if hashlib.sha256(data[32:]).digest() != data[:32]:
+            return None
+        written = _parsed(data[32:], identity, shard)
+    except NO_RECEIPT:
         return None
-    if hashlib.sha256(data[32:]).digest() != data[:32]:
+    if written is None or file_sha256(folder / written.entry.path) != written.entry.sha256:
         return None
-    with np.load(io.BytesIO(data[32:]), allow_pickle=False) as arrays:
+    return written
+
+
+def _parsed(body: bytes, identity: str, shard: Shard) -> Written | None:
+    """What a receipt says, if it is of this shard."""
+    with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
         entry = FileEntry(*header["entry"])
-        if header["identity"] != identity or header["shard"] != json.loads(json.dumps(shard)):
-            return None
-        if file_sha256(folder / entry.path) != entry.sha256:
-            return None
         content = Content(
             [bytes(digest) for digest in arrays["digests"]],
             arrays["returns"],
@@ -73,4 +80,9 @@ def get(folder: Path, identity: str, shard: Shard) -> Written | None:
             header["clipped"],
             {},
         )
-    return Written(shard, entry, content)
+    same = header["identity"] == identity and header["shard"] == json.loads(json.dumps(shard))
+    count = shard.stop - shard.first
+    fits = len(content.digests) == len(content.returns) == count and entry.path == named(
+        file_of(shard), entry.sha256
+    )
+    return Written(shard, entry, content) if same and fits else None

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from ibdata.errors import printable
 
@@ -16,6 +25,10 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 Sha256 = Annotated[str, Field(pattern=SHA256)]
 Path = Annotated[str, Field(pattern=SAFE_PATH)]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
+ROLES = {"observation", "action", "reward", "next_observation"}  # which every dataset has
+FLOAT_ROLES = ROLES | {"latent", "next_latent", "log_prob"}
+Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
 
 
 class Shape(BaseModel):
@@ -81,7 +94,7 @@ class SplitCounts(Shape):
 
 
 class Column(Shape):
-    name: Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
+    name: ColumnName
     role: Annotated[str, Field(pattern="^[a-z_]{1,63}$")]
     dtype: Literal["int64", "int32", "float32", "float64", "bool", "string"]
     unit: str
@@ -101,8 +114,30 @@ class Info(Shape):
     start: str | dict[str, Any] | None
     counts: Counts
     splits: dict[Name, SplitCounts]
-    groups: dict[str, list[str]]
     columns: Annotated[list[Column], Field(min_length=1)]
+    groups: dict[str, list[str]]
+
+    @field_validator("columns")
+    @classmethod
+    def _complete(cls, columns: list[Column]) -> list[Column]:
+        if ROLES - {column.role for column in columns}:
+            raise PydanticCustomError("columns", "columns of the roles " + ", ".join(sorted(ROLES)))
+        for column in columns:
+            if column.role in FLOAT_ROLES and not column.dtype.startswith("float"):
+                raise PydanticCustomError(
+                    "columns", "columns of floats for all but indices, flags and labels"
+                )
+        return columns
+
+    @field_validator("groups")
+    @classmethod
+    def _of_columns(cls, groups: dict[str, list[str]], known: ValidationInfo) -> dict[str, list[str]]:
+        expected: dict[str, list[str]] = {}
+        for column in known.data.get("columns", ()):
+            expected.setdefault(column.role, []).append(column.name)
+        if groups != expected and "columns" in known.data:
+            raise PydanticCustomError("groups", "the columns of each role")
+        return groups
 
 
 class Statistic(Shape):
@@ -111,7 +146,7 @@ class Statistic(Shape):
     std: float | None
     min: float | None
     max: float | None
-    quantiles: dict[str, float | None]
+    quantiles: Annotated[dict[Quantile, float | None], Field(min_length=7)]
 
 
 class Stats(Shape):
@@ -119,8 +154,8 @@ class Stats(Shape):
 
     format: Literal["ibdata-stats"]
     version: Literal[1]
-    all: dict[str, Statistic]
-    splits: dict[Name, dict[str, Statistic]]
+    all: dict[ColumnName, Statistic]
+    splits: dict[Name, dict[ColumnName, Statistic]]
 
 
 def misfit(shape: type[Shape], data: Any) -> str | None:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ibdata.errors import DatasetError, MissingError, UsageError, printable
+from ibdata.errors import DatasetError, MissingError, UsageError, hidden, printable
 
 URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 BLOCK = 2**23
@@ -28,10 +28,14 @@ def is_url(place: str | os.PathLike[str] | None) -> bool:
 
 
 class Remote:
-    """The files of a dataset at a URL. OSError where the storage refuses."""
+    """The files of a dataset at a URL. OSError where the storage refuses.
+
+    `name` is the URL without the credentials in it, for people; `url` may hold some.
+    """
 
     def __init__(self, url: str) -> None:
         self.url = url.rstrip("/")
+        self.name = hidden(self.url)
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
         if not self._base:
@@ -87,29 +91,35 @@ class Remote:
 
 def _file_system(url: str) -> tuple[Any, str]:
     """pyarrow's file system for a URL and the path in it; fsspec's where pyarrow knows none."""
-    from pyarrow import ArrowInvalid
+    from pyarrow import ArrowException, ArrowNotImplementedError
     from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
+    scheme = f"{url.partition('://')[0]}://"
     try:
         found: tuple[Any, str] = FileSystem.from_uri(url)
         return found
-    except (ArrowInvalid, OSError) as error:
-        if "Unrecognized filesystem type" not in str(error):
+    except ImportError:  # pyarrow leaves some schemes, as hf://, to fsspec itself
+        pass
+    except (ArrowException, OSError) as error:
+        if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
             raise UsageError(f"{printable(url)}: {first_line(error)}") from None
     try:
         import fsspec
     except ImportError:
-        raise MissingError(f"{url.partition('://')[0]}://", "fsspec", "remote") from None
+        raise MissingError(scheme, "fsspec", "remote") from None
     try:
         files, path = fsspec.core.url_to_fs(url)
-    except (ValueError, ImportError) as error:
+    except ImportError as error:
+        raise UsageError(f"{scheme} needs a plug-in of fsspec: {first_line(error)}") from None
+    except (ValueError, TypeError, OSError) as error:
         raise UsageError(f"{printable(url)}: {first_line(error)}") from None
     return PyFileSystem(FSSpecHandler(files)), path
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, in one line."""
-    return (printable((str(error).splitlines() or [""])[0]) or type(error).__name__)[:300]
+    """What an error says, in one line, without credentials."""
+    line = hidden((str(error).splitlines() or [""])[0])  # before it is cut
+    return (printable(line) or type(error).__name__)[:300]
 
 
 _mirrors: dict[Path, Remote] = {}
@@ -128,8 +138,8 @@ def folder_of(place: str | os.PathLike[str]) -> Path:
 
 
 def name_of(folder: Path) -> str:
-    """The URL that a folder stands for, or its own path."""
-    return _mirrors[folder].url if folder in _mirrors else str(folder)
+    """The URL that a folder stands for, without credentials, or its own path."""
+    return _mirrors[folder].name if folder in _mirrors else str(folder)
 
 
 def ensure(folder: Path, path: str) -> None:
@@ -145,4 +155,4 @@ def readable(remote: Remote, path: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DatasetError(f"{remote.url}/{path}: cannot be read: {first_line(error)}") from None
+        raise DatasetError(f"{remote.name}/{path}: cannot be read: {first_line(error)}") from None

@@ -1,7 +1,7 @@
 """A dataset made by several hosts: each makes a range of the shards in one folder, then one finishes it.
 
-Ranges share the folder's lock and hold one of their own, so that they run at the same time, and a run that
-wants the whole folder is refused meanwhile. A range touches no files but its own.
+Ranges share the folder's lock and hold one of their own, so that those without a common shard run at the same
+time, and a run that wants the whole folder is refused meanwhile. A range touches no files but its own.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.dataset.storage import is_url
-from ibdata.engines import record, target
+from ibdata.engines import ranges, record, target
 from ibdata.engines.choice import chosen
 from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
@@ -55,7 +55,7 @@ def generate_shards(
     """Make one range of a dataset's shards, for `finalize` to finish when all are there.
 
     shards is "i/n" with i from 1 to n. Any number of hosts may make different ranges in one folder at the
-    same time; where their file system keeps locks between hosts, of two with the same range one is refused.
+    same time; where their file system keeps locks between hosts, of two that share a shard one is refused.
     What is there is not made again: the same call goes on with a range that was stopped. The other
     arguments are those of `generate`, and so are the errors raised.
     """
@@ -67,12 +67,16 @@ def generate_shards(
     folder = target.meant(out) if out is not None else default_folder(experiment)
     recipe = Recipe.of(experiment)
     refuse_code(recipe, experiment.name, allow_code)
-    name = f"{target.RANGE_LOCK}{own.part}-{own.parts}"
-    refuse_busy(folder, name)
+    ranges.refuse_shared(folder, own, recipe.shards)
     target.check(folder, experiment, resume=True, overwrite=False)
     with refusals(folder):
         reproducible = warm_up(experiment)
-        with stoppable(), made_folder(folder), shared(folder) as leaving, locked(folder, name):
+        with (
+            stoppable(),
+            made_folder(folder),
+            shared(folder) as leaving,
+            ranges.locked(folder, own, recipe.shards),
+        ):
             target.check(folder, experiment, resume=True, overwrite=False)
             mine = own.of(recipe.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)

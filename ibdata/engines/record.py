@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.dataset import receipt
-from ibdata.dataset.files import write
+from ibdata.dataset.files import plain_bytes, write
 from ibdata.dataset.metadata import as_json
-from ibdata.errors import UsageError
+from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.plan import Shard
 
 MAX_PARTS = 100_000
+MAX_BYTES = 2**24  # of a note
 
 
 class Range(NamedTuple):
@@ -56,8 +57,23 @@ def put(root: Path, own: Range, reproducible: bool, code: list[dict[str, str | N
 
 def get(root: Path) -> dict[Range, dict[str, Any]]:
     """The notes of a folder's ranges; none where it was not made by an array job."""
-    notes = [json.loads(path.read_bytes()) for path in (root / receipt.FOLDER).glob("range-*.json")]
-    return {Range(*note["range"]): note for note in notes}
+    return dict(map(_note, (root / receipt.FOLDER).glob("range-*.json")))
+
+
+def _note(path: Path) -> tuple[Range, dict[str, Any]]:
+    """A range and what it noted; IbdataError where a file is no such note."""
+    try:
+        note = json.loads(plain_bytes(path, MAX_BYTES))
+        own = Range.parse("/".join(map(str, note["range"])))
+        whole = isinstance(note["reproducible"], bool) and isinstance(note["code"], list)
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        whole = False
+    if not whole:
+        raise IbdataError(
+            f"{path}: found no note of a range, expected one; choose another --out, or start again with "
+            "ibdata generate --overwrite"
+        )
+    return own, note
 
 
 def same_bits(root: Path) -> bool:

@@ -24,20 +24,20 @@ def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool
     """Whether the experiment's dataset is there already; UsageError where something else is."""
     if overwrite:
         raise UsageError(
-            f"{remote.url}: --overwrite is for folders; remove what is there, or choose another --out"
+            f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
         )
     with readable(remote, manifest.PATH):
         if remote.size(manifest.PATH) is None or remote.size(PENDING) is not None:
             if not resume and not remote.empty():
                 raise UsageError(
-                    f"{remote.url}: holds files, but no finished dataset; --resume to go on with an upload, "
+                    f"{remote.name}: holds files, but no finished dataset; --resume to go on with an upload, "
                     "or choose another --out"
                 )
             return False
         if not resume:
-            raise UsageError(f"{remote.url}: exists already; choose another --out")
+            raise UsageError(f"{remote.name}: exists already; choose another --out")
         if remote.read(manifest.EXPERIMENT) != as_yaml(experiment):
-            raise UsageError(f"{remote.url}: holds the dataset of another experiment; choose another --out")
+            raise UsageError(f"{remote.name}: holds the dataset of another experiment; choose another --out")
     return True
 
 
@@ -74,5 +74,5 @@ def _refusals(remote: Remote) -> Iterator[None]:
         yield
     except OSError as error:
         raise IbdataError(
-            f"{remote.url}: cannot be written: {first_line(error)}; --resume uploads what is missing"
+            f"{remote.name}: cannot be written: {first_line(error)}; --resume uploads what is missing"
         ) from None

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata import reference
+from ibdata.engines.memory import refuse_too_much
 from ibdata.errors import UsageError
 from ibdata.estimates import estimate
 from ibdata.evaluation.play import returns
@@ -18,6 +19,7 @@ from ibdata.evaluation.policies import policy_of
 from ibdata.experiment import validated
 
 Floats = npt.NDArray[np.float64]
+RETURN_BYTES = 16  # of an episode at least: two sums
 
 
 class Result(NamedTuple):
@@ -100,6 +102,8 @@ def evaluate(
     policies = [policy_of(p, history, allow_code) for p in given]
     if not policies:
         raise UsageError("policy: found none, expected at least one")
+    if isinstance(episodes, int):
+        refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {
         "name": "evaluate",
         "setpoints": list(setpoint) if isinstance(setpoint, tuple) else setpoint,

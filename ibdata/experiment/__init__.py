@@ -99,10 +99,11 @@ def _where(problem: str, files: list[str], of: int) -> list[str]:
     return [problem] if named else [f"{file}: {problem}" for file in files]
 
 
-def as_yaml(experiment: Experiment) -> bytes:
-    """The resolved experiment, from which the dataset can be made again."""
+def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
+    """The resolved experiment, from which the dataset can be made again; in ASCII, to be printed anywhere."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
+    yaml.allow_unicode = not ascii
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     out = io.BytesIO()
     yaml.dump(experiment.plain(), out)

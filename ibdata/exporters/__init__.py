@@ -57,6 +57,7 @@ def export(
     system refuses.
     """
     from ibdata.dataset.reader import Dataset
+    from ibdata.engines.memory import refuse_too_much
     from ibdata.errors import UsageError
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
@@ -70,6 +71,7 @@ def export(
         raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     view = View(source, split, history, reward_scale, progress)
+    refuse_too_much("history", view.history_bytes)
     if view.rows == 0:
         raise UsageError(f"split: {split!r} has no rows, expected some")
     options: dict[str, Any] = {}

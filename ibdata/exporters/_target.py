@@ -59,6 +59,8 @@ def stoppable(target: Path) -> Iterator[None]:
         raise Interrupted(error.signal_number, "nothing of the export is left behind") from None
     except OSError as error:
         raise IbdataError(f"{target}: cannot be written: {error.strerror or error}") from error
+    except MemoryError:
+        raise IbdataError(f"{target}: memory is too short; use a smaller --history") from None
 
 
 def reserve(path: Path, size: int) -> None:

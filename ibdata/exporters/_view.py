@@ -79,6 +79,12 @@ class View:
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
 
     @property
+    def history_bytes(self) -> int:
+        """What the histories of the longest episode take, which are in memory at once."""
+        longest = int(self.dataset.episodes["length"].max())
+        return 2 * 4 * len(self.group("observation")) * self.history * longest
+
+    @property
     def _counts(self) -> dict[str, Any]:
         info = self.dataset.info
         counts: dict[str, Any] = info["counts"] if self.split is None else info["splits"][self.split]

@@ -7,11 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from pyarrow.fs import FileSystem
 
 import ibdata
 from ibdata import Experiment
+from ibdata.cli import main
+from ibdata.dataset import storage
 from ibdata.dataset.storage import is_url
-from ibdata.errors import MissingError, UsageError
+from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
 
 PLAIN = {
     "name": "tiny",
@@ -83,6 +86,70 @@ def test_what_is_copied_to_read_it_goes_with_the_process(url):
     code = f"import ibdata; d = ibdata.open({url!r}); d.table(); print(d.path)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not Path(done.stdout.strip()).parent.exists()
+
+
+SECRETS = ("KEY", "SECRET", "TOKEN")
+URLS = {  # and how errors begin that name them
+    "s3://KEY:SECRET@/": "s3://…@/: found no name",
+    "s3://KEY:SECRET@bucket/a/b?secret_key=TOKEN": "s3://…@bucket/a/b?secret_key=…: Unexpected",
+    "s3://KEY:SEC/RET@bucket/a": "s3://…@bucket/a: Cannot parse URI: 's3://…@bucket/a'",
+    "odd://KEY:SECRET@host/a?sig=TOKEN&region=eu": "odd:// needs fsspec",
+    "hf://KEY:SECRET@host/a": "hf:// needs ",
+    "hdfs://KEY:SECRET@host/a": "hdfs://…@host/a: ",
+}
+
+
+@pytest.mark.parametrize("url", URLS)
+def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    if url.startswith("odd"):
+        monkeypatch.setitem(sys.modules, "fsspec", None)
+    calls = [ibdata.open, ibdata.validate, made, lambda url: ibdata.generate_shards("random", "1/1", url)]
+    calls += [ibdata.repair, ibdata.split, lambda url: ibdata.merge([url, url], out="x")]
+    calls += [lambda url: ibdata.generate_all("siemens-offline", out=url)]
+    for i, call in enumerate(calls):
+        with pytest.raises(IbdataError) as error:
+            call(url)
+        assert not any(secret in str(error.value) for secret in (*SECRETS, "RET", "SEC"))
+        assert str(error.value).startswith(URLS[url]) or i > 2
+    assert not Path("x").exists()
+
+
+def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    made("there")
+    files = FileSystem.from_uri(tmp_path.as_uri())[0]
+    monkeypatch.setattr(storage, "_file_system", lambda url: (files, str(tmp_path / "there")))
+    url = "s3://KEY:SECRET@bucket/there?secret_key=TOKEN"
+    dataset = ibdata.open(url)
+    assert dataset.place == "s3://…@bucket/there?secret_key=…"
+    assert repr(dataset).startswith("<ibdata.Dataset s3://…@bucket/there?secret_key=…: 20 rows")
+    assert len(dataset.table()) == 20
+    for command in ("info", "head", "stats", "validate"):
+        for more in ([], ["--json"]):
+            with pytest.raises(SystemExit) as end:
+                main([command, url, *more])
+            assert not end.value.code
+            assert not any(secret in "".join(capsys.readouterr()) for secret in SECRETS)
+    Path("there/meta/info.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(DatasetError) as error:
+        _ = ibdata.open(url).info
+    assert not any(secret in str(error.value) for secret in SECRETS)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("s3://bucket/a@b: x", "s3://bucket/a@b: x"),
+        ("s3://KEY@bucket/a@b", "s3://…@bucket/a@b"),
+        ("http://host:80/a@b", "http://host:80/a@b"),
+        ("s3:/KEY:SECRET@bucket/a", "s3:/…@bucket/a"),
+        ("https://x/?sig=KEY&region=eu, http://u:KEY@y", "https://x/?sig=…&region=eu, http://…@y"),
+        ("a/b: c@d:e", "a/b: c@d:e"),
+    ],
+)
+def test_what_is_hidden(text, shown):
+    assert hidden(text) == shown
 
 
 def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):

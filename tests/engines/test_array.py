@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
+import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ibdata
@@ -159,6 +164,66 @@ def test_other_bits_of_one_machine_are_said_of_the_whole(tiny, monkeypatch):
         make(tiny, "1/2")
     make(tiny, "1/2", "2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"range": [1, 2]}', b'{"range": [3, 2], "reproducible": true, "code": []}', None],
+)
+def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content):
+    make(tiny, "1/2")
+    note = Path("out/.run/range-1-2.json")
+    note.unlink()
+    note.write_bytes(content) if content is not None else os.mkfifo(note)
+    whole = files("out")
+    for run in (
+        lambda: make(tiny, "2/2"),
+        lambda: ibdata.finalize("out"),
+        lambda: ibdata.generate(tiny, "out", workers=1, resume=True),
+    ):
+        with pytest.raises(IbdataError, match=rf"^{note}: found no note of a range, expected one; choose"):
+            run()
+    assert {path: data for path, data in files("out").items() if path in whole} == whole
+    made = ibdata.generate(tiny, "out", workers=1, overwrite=True)
+    assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
+    assert files("out") == files("plain")
+
+
+def forged(written, shard):
+    """A receipt of other content whose own hash is right."""
+    data = io.BytesIO()
+    np.savez(data, **written)
+    body = data.getvalue()
+    Path("out", receipt.path_of(shard)).write_bytes(hashlib.sha256(body).digest() + body)
+
+
+@pytest.mark.parametrize("damage", ["pipe", "empty", "no header", "no arrays", "fewer digests", "other path"])
+def test_a_shard_whose_receipt_is_none_is_made_again(tiny, damage):
+    make(tiny, "1/1")
+    shard = plan(tiny)[0]
+    path = Path("out", receipt.path_of(shard))
+    body = dict(np.load(io.BytesIO(path.read_bytes()[32:])))
+    header = json.loads(body["header"].tobytes())
+    path.unlink()
+    if damage == "pipe":
+        os.mkfifo(path)
+    elif damage == "empty":
+        path.write_bytes(hashlib.sha256(b"").digest())
+    elif damage == "no header":
+        forged({}, shard)
+    elif damage == "no arrays":
+        forged({"header": body["header"]}, shard)
+    elif damage == "fewer digests":
+        forged({**body, "digests": body["digests"][:0]}, shard)
+    else:
+        shutil.copy("out/data/part-00000.parquet", "elsewhere")
+        header["entry"][0] = "../elsewhere"
+        forged({**body, "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}, shard)
+    with pytest.raises(IbdataError, match="found 9 of 10 shards, expected all; missing 0"):
+        ibdata.finalize("out")
+    made = ibdata.generate(tiny, "out", workers=1, resume=True)
+    assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
+    assert files("out") == files("plain")
 
 
 # --- custom policies and what cannot be

@@ -167,6 +167,14 @@ def test_an_answer_that_is_no_action_names_the_policy_and_the_step():
         returns(Predicting(lambda observation: observation))
 
 
+@pytest.mark.parametrize("episodes", [10**11, 2**47, 10**400])
+def test_more_episodes_than_memory_holds_are_refused(episodes):
+    with pytest.raises(
+        UsageError, match=r"^episodes: found a number that takes .* GB of memory, expected one"
+    ):
+        evaluate("safe", episodes=episodes)
+
+
 def test_the_statistics_are_those_of_the_returns():
     found = evaluate("random", [10.0, 70.0], steps=30, episodes=50)
     low, high, overall = found.results

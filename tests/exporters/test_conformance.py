@@ -173,6 +173,8 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
     [
         ({"to": "mnari"}, "format: found 'mnari', expected one of csv, .*did you mean 'minari'"),
         ({"history": 0}, "history: found 0, expected at least 1"),
+        ({"history": 10**9}, "^history: found a number that takes .* GB of memory, expected one for the"),
+        ({"history": 10**30}, "^history: found a number that takes .* GB of memory, expected one for the"),
         ({"reward_scale": 0.0}, "reward scale: found 0.0, expected a finite number above 0"),
         ({"reward_scale": float("nan")}, "reward scale: found nan"),
         ({"reward_scale": 1e300}, "reward scale: found 1e.300, which makes rewards infinite"),

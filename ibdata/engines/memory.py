@@ -1,0 +1,17 @@
+"""What this machine's memory can hold: where more is asked for, it is refused before it is tried."""
+
+from __future__ import annotations
+
+import os
+
+from ibdata.errors import UsageError
+
+
+def refuse_too_much(what: str, size: int) -> None:
+    """UsageError where so many bytes are more than the machine has."""
+    most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if size > most:
+        raise UsageError(
+            f"{what}: found a number that takes {size // 10**9} GB of memory, expected one for the "
+            f"{most // 10**9} GB of this machine; choose a smaller one"
+        )

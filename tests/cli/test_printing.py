@@ -1,0 +1,205 @@
+"""What commands print: nothing of a dataset, an experiment or a URL reaches the terminal as it is."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.cli import main
+from ibdata.dataset import manifest
+from ibdata.dataset.files import file_sha256
+from ibdata.dataset.metadata import as_json
+from ibdata.engines.signals import STOPPING
+
+EVIL = "\x1b]0;x\x07\x1b[2Jvalid\r\x9b31m\u202edilav\u2066\x7f\nforged: line"
+RAW = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 2,
+    "steps": 3,
+    "output": {"shard_rows": 6},
+    "splits": {"low": {"setpoint": 20}},
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("printing") / "whole"
+    ibdata.generate(Experiment.model_validate(PLAIN), folder, workers=1)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """What `ibdata …` prints to streams of an encoding, and its exit code."""
+    handlers = {number: signal.getsignal(number) for number in STOPPING}
+
+    def call(*args, encoding="utf-8"):
+        streams = [io.TextIOWrapper(io.BytesIO(), encoding=encoding) for _ in range(2)]
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stdout", streams[0])
+            patch.setattr(sys, "stderr", streams[1])
+            with pytest.raises(SystemExit) as end:
+                main(args)
+        for stream in streams:
+            stream.flush()
+        out, err = (stream.buffer.getvalue().decode("utf-8") for stream in streams)
+        return end.value.code or 0, out, err
+
+    yield call
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def changed(path, **changes):
+    data = json.loads(Path(path).read_bytes())
+    Path(path).write_bytes(as_json({**data, **changes}))
+
+
+def relabelled(path):
+    """Put the text in the place of every policy's label."""
+    table = pq.read_table(path)
+    texts = pa.array([EVIL] * len(table)).dictionary_encode()
+    place = table.column_names.index("policy")
+    pq.write_table(table.set_column(place, table.schema.field(place), texts), path)
+
+
+def sealed(folder, **changes):
+    """Change the manifest, and give it the right hashes."""
+    path = Path(folder, manifest.PATH)
+    data = {**json.loads(path.read_bytes()), **changes}
+    for entry in data["files"]:
+        file = Path(folder, entry["path"])
+        entry |= {"bytes": file.stat().st_size, "sha256": file_sha256(file)}
+    path.write_bytes(as_json({**data, "checksum": manifest.checksum(data)}))
+
+
+@pytest.fixture
+def crafted(made):
+    """A dataset with texts for the terminal wherever it holds any, and every hash right."""
+    shutil.copytree(made, "d")
+    shutil.copytree(made, "whole")
+    changed("d/meta/info.json", dynamics={"base": EVIL, EVIL: 1}, start=EVIL)
+    relabelled("d/meta/episodes.parquet")
+    for path in Path("d/data").iterdir():
+        relabelled(path)
+    code = [{"target": EVIL, "version": EVIL, "sha256": None}]
+    experiments = [{**PLAIN, "name": EVIL, "extra": {EVIL: EVIL}, "steps": EVIL}]
+    sealed("d", versions={EVIL: EVIL}, code=code, experiments=experiments, content_root="0" * 64)
+    return "d"
+
+
+READING = ["info d", "head d", "stats d", "validate d", "validate d --quick", "diff d whole", "diff whole d"]
+READING += ["reproduce d", "repair d", "split d --by policy", "merge d whole --out m", "card d"]
+
+
+@pytest.mark.parametrize("line", READING)
+def test_no_text_of_a_dataset_reaches_the_terminal_as_it_is(crafted, run, line):
+    for more in ([], ["--json"]):
+        code, out, err = run(*line.split(), *more)
+        assert code in (0, 2, 3), err
+        assert "a bug of ibdata" not in err
+        assert not RAW.search(out + err)
+        assert "\nforged" not in out + err
+        if more and out:
+            json.loads(out)
+
+
+def test_what_is_escaped_is_shown(crafted, run):
+    assert r"\u202edilav" in run("info", "d")[1]
+    assert json.loads(run("info", "d", "--json")[1])["info"]["start"] == EVIL
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "ascii"])
+def test_an_experiment_is_shown_with_escapes_of_yaml(run, encoding):
+    params = {"limit é": "a\u202eb", "\u2066x": 1}
+    Path("x.yaml").write_bytes(
+        as_json({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", "params": params}], "splits": {}})
+    )
+    for args in (["config", "show", "x.yaml"], ["generate", "--config", "x.yaml", "--dry-run"]):
+        code, out, err = run(*args, encoding=encoding)
+        assert not RAW.search(out + err)
+    code, out, err = run("config", "show", "x.yaml", encoding=encoding)
+    assert (code, err, "�" in out) == (0, "", False)
+    Path("y.yaml").write_text(out, encoding="utf-8")
+    assert ibdata.load("y.yaml") == ibdata.load("x.yaml")
+
+
+# --- encodings of streams
+
+ENCODINGS = [
+    {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    {"PYTHONIOENCODING": "latin-1"},
+    {"PYTHONIOENCODING": "ascii:strict"},
+]
+RUNS = {
+    "export -h": 0,
+    "policies": 0,
+    "policies --json": 0,
+    "config schema": 0,
+    "info whole": 0,
+    "info whole --json": 0,
+    "diff whole other": 3,
+    "diff whole other --json": 3,
+    "evaluate --policy safe --policy bad": 0,
+    "info é☃": 3,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env", ENCODINGS, ids=lambda env: next(iter(env.values())))
+def test_a_stream_of_any_encoding_is_written(made, command, env):
+    shutil.copytree(made, "whole")
+    ibdata.generate(Experiment.model_validate({**PLAIN, "seed": 1}), "other", workers=1)
+    for line, code in RUNS.items():
+        done = subprocess.run([command, *line.split()], env={**os.environ, **env}, capture_output=True)
+        said = done.stderr.decode("latin-1")
+        assert (done.returncode, "Error" in said, "a bug" in said) == (code, False, False), (line, said)
+        if "--json" in line or line == "config schema":
+            json.loads(done.stdout.decode("ascii"))
+
+
+def test_files_of_text_name_their_encoding():
+    ruff = Path(sys.executable).with_name("ruff")
+    options = [
+        "check",
+        "--isolated",
+        "--preview",
+        "--select=PLW1514",
+        "--no-cache",
+        "--output-format=concise",
+    ]
+    found = subprocess.run([ruff, *options, Path(ibdata.__file__).parent], capture_output=True, text=True)
+    assert found.returncode == 0, found.stdout
+
+
+def test_no_line_of_help_is_wider_than_a_terminal(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    from ibdata.cli import cli
+
+    names = [[name] for name in cli.list_commands(None)] + [["config", "show"], ["config", "validate"], []]
+    for name in names:
+        code, out, err = run(*name, "-h")
+        assert (code, err) == (0, "")
+        wide = [line for line in out.splitlines() if len(line) > 80]
+        assert not wide
