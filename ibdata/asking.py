@@ -61,7 +61,7 @@ class Asked(NamedTuple):
             given = ask()
         except IbdataError:  # a signal, say
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # it is not the policy's to end the run
             raise PolicyError(
                 f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
             ) from error

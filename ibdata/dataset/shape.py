@@ -56,6 +56,8 @@ class Code(Shape):
     target: str
     version: str | None
     sha256: Sha256 | None
+    files: dict[str, Sha256 | None] = {}
+    distributions: dict[str, str] = {}
 
 
 class Manifest(Shape):

@@ -16,13 +16,12 @@ from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.dataset.storage import is_url
-from ibdata.engines import ranges, record, target
+from ibdata.engines import origin, ranges, record, target
 from ibdata.engines.choice import chosen
-from ibdata.engines.code import provenance, refuse_code
+from ibdata.engines.code import in_one_folder, refuse_code
 from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
 from ibdata.engines.record import Range
 from ibdata.engines.signals import stoppable
-from ibdata.engines.warmup import warm_up
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import Shard
@@ -69,38 +68,41 @@ def generate_shards(
     refuse_code(recipe, experiment.name, allow_code)
     ranges.refuse_shared(folder, own, recipe.shards)
     target.check(folder, experiment, resume=True, overwrite=False)
-    with refusals(folder):
-        reproducible = warm_up(experiment)
+    with refusals(folder), in_one_folder(recipe):
+        place = folder.absolute()  # code of policies may go to another folder
+        begun = origin.observe(recipe, folder)
         with (
             stoppable(),
-            made_folder(folder),
-            shared(folder) as leaving,
-            ranges.locked(folder, own, recipe.shards),
+            made_folder(place),
+            shared(place) as leaving,
+            ranges.locked(place, own, recipe.shards),
         ):
-            target.check(folder, experiment, resume=True, overwrite=False)
+            target.check(place, experiment, resume=True, overwrite=False)
             mine = own.of(recipe.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
-            if manifest.locate(folder, manifest.PATH).is_file():
+            if manifest.locate(place, manifest.PATH).is_file():
                 return Made(folder, len(mine), rows, 0)
-            leaving.callback(target.abandon, folder)  # which keeps what has receipts
+            leaving.callback(target.abandon, place)  # which keeps what has receipts
             try:
-                target.begin_range(folder, experiment, mine)
-                record.put(folder, own, reproducible, provenance(recipe))
-                make(recipe, mine, folder, target.identity(experiment), run, progress)
+                target.begin_range(place, experiment, mine)
+                origin.begin_range(place, begun, folder)
+                record.put(place, own)
+                make(recipe, mine, place, target.identity(experiment), run, progress)
             except BaseException:
-                target.sweep_shards(folder, mine)
+                target.sweep_shards(place, mine)
                 raise
-            missing = sum(not (folder / receipt.path_of(shard)).is_file() for shard in recipe.shards)
+            missing = sum(not (place / receipt.path_of(shard)).is_file() for shard in recipe.shards)
     return Made(folder, len(mine), rows, missing)
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """Finish a dataset of which `generate_shards` made all ranges: prove every shard, write the manifest.
 
-    Where the dataset is finished already, it is opened.
+    No code of a policy is imported: what made the shards was noted when they were begun. Where the dataset is
+    finished already, it is opened.
 
     Raises IbdataError where shards are missing or are not what their receipts say, UsageError where no run
-    was begun here, BusyError where ranges are still being made.
+    was begun here or its note is missing, BusyError where ranges are still being made.
     """
     path = Path(folder)
     refuse_busy(path)
@@ -120,7 +122,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 def _finish(folder: Path) -> None:
     experiment = load(folder / target.EXPERIMENT)
     recipe, identity = Recipe.of(experiment), target.identity(experiment)
-    notes = record.get(folder)
+    begun = origin.get(folder, folder)
     written: list[Written] = []
     missing: list[Shard] = []
     for shard in recipe.shards:
@@ -128,10 +130,9 @@ def _finish(folder: Path) -> None:
         missing += [shard] if w is None else []
         written += [] if w is None else [w]
     if missing:
-        raise IbdataError(_lacking(folder, recipe, missing, list(notes)))
-    code = next(iter(notes.values()))["code"] if notes else provenance(recipe)
+        raise IbdataError(_lacking(folder, recipe, missing, record.get(folder)))
     try:
-        finish(recipe, written, folder, record.same_bits(folder), code)
+        finish(recipe, written, folder, begun.reproducible, begun.code)
     except BaseException:
         target.abandon(folder)
         raise

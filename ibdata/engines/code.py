@@ -2,41 +2,54 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
-import importlib.util
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any
 
+from ibdata.dataset.files import file_sha256
+from ibdata.engines.modules import Source, imported
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.policies import Policy
+from ibdata.policies.custom import Custom, find_modules_here, started_in
 
 
-def targets(recipe: Recipe) -> list[str]:
-    """The `package.module:name` of every custom policy, also of those inside others."""
-    found = (t for e in recipe.experiments for policy in e.plain()["policies"] for t in block_targets(policy))
-    return list(dict.fromkeys(found))
+def customs(recipe: Recipe) -> list[Custom]:
+    """Every custom policy, also those inside others."""
+    return [found for e in recipe.experiments for policy in e.policies for found in customs_in(policy)]
 
 
-def block_targets(block: dict[str, Any]) -> Iterator[str]:
-    """The targets in a policy's block."""
-    if block["kind"] == "custom":
-        yield block["target"]
-    if isinstance(block.get("base"), dict):
-        yield from block_targets(block["base"])
+def customs_in(policy: Policy) -> Iterator[Custom]:
+    """A policy if it is a custom one, or the one that it is around."""
+    if isinstance(policy, Custom):
+        yield policy
+    base = getattr(policy, "base", None)
+    if isinstance(base, Policy):
+        yield from customs_in(base)
 
 
 def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
-    """Raises UsageError where a policy is code and that is not allowed; else says on stderr what will run."""
-    found = targets(recipe)
-    if found and not allow_code:
+    """Raises UsageError where a policy is code and that is not allowed; else says on stderr what will run.
+
+    Also where the code is the script that was started: nobody can import that to make the dataset again.
+    """
+    targets = list(dict.fromkeys(policy.target for policy in customs(recipe)))
+    if targets and not allow_code:
         raise UsageError(
-            f"{where}: found a custom policy, {printable(', '.join(found))}, which is code that would run; "
+            f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code (allow_code=True) if you trust it"
         )
-    for target in found:
+    for target in targets:
+        if target.startswith("__main__:"):
+            raise UsageError(
+                f"{where}: found the target {target}, which is in the script itself, expected one in a "
+                "module that worker processes can import; move it to a file of its own"
+            )
         print(f"ibdata: running the code of {printable(target)}", file=sys.stderr, flush=True)
 
 
@@ -47,18 +60,83 @@ def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
     return recipe
 
 
-def provenance(recipe: Recipe) -> list[dict[str, str | None]]:
-    """Target, version of its distribution and SHA-256 of its source file, for each custom policy."""
-    return [_provenance(target) for target in targets(recipe)]
+@contextmanager
+def in_one_folder(recipe: Recipe) -> Iterator[None]:
+    """Policies are found in the current folder, which is the same afterwards, wherever their code goes."""
+    here = os.getcwd() if customs(recipe) else None
+    before = started_in.set(here)
+    try:
+        yield
+    finally:
+        started_in.reset(before)
+        if here is not None:
+            with suppress(OSError):  # it was removed
+                os.chdir(here)
 
 
-def _provenance(target: str) -> dict[str, str | None]:
-    module = target.partition(":")[0]
-    spec = importlib.util.find_spec(module)
-    source = Path(spec.origin) if spec and spec.origin else None
-    owners = importlib.metadata.packages_distributions().get(module.split(".")[0], [])
+def provenance(recipe: Recipe, folder: Path | None = None) -> list[dict[str, Any]]:
+    """What the custom policies are, without importing them; folder is that of the experiment's YAML file.
+
+    Of each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
+    declared and of each module that it imports and is not installed; of installed ones the versions.
+
+    Raises UsageError where a declared file is missing, or a module was changed after it was imported here.
+    """
+    policies = {(policy.target, *(policy.files or ())): policy for policy in customs(recipe)}
+    if not policies:
+        return []
+    find_modules_here()
+    owners = importlib.metadata.packages_distributions()
+    return [_provenance(policy, folder, owners) for policy in policies.values()]
+
+
+def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[str]]) -> dict[str, Any]:
+    module = policy.target.partition(":")[0]
+    sources, others = imported(module)
+    files = {name: _sha256(source) for name, source in sources.items()}
+    own = next((name for name, source in sources.items() if source.module == module), "")
+    version = _versions({module.partition(".")[0]}, owners)
     return {
-        "target": target,
-        "version": importlib.metadata.version(owners[0]) if owners else None,
-        "sha256": hashlib.sha256(source.read_bytes()).hexdigest() if source and source.is_file() else None,
+        "target": policy.target,
+        "version": next(iter(version.values()), None),
+        "sha256": files.pop(own, None),
+        "files": files | {name: _declared(name, policy.target, folder) for name in policy.files or ()},
+        "distributions": _versions(others, owners),
     }
+
+
+def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str]:
+    """The distributions of installed modules, with their versions."""
+    found = sorted({owner for name in names for owner in owners.get(name, ())})
+    return {owner: importlib.metadata.version(owner) for owner in found}
+
+
+def _declared(name: str, target: str, folder: Path | None) -> str:
+    for place in (folder, Path(started_in.get() or "")):
+        found = file_sha256(place / name) if place is not None else None
+        if found is not None:
+            return found
+    raise UsageError(
+        f"{target}: files: found no file {printable(name)!r}, expected it beside the experiment's YAML file "
+        "or in the current folder"
+    )
+
+
+_imported: dict[str, tuple[ModuleSpec, str | None]] = {}  # what modules were when they were first seen here
+
+
+def _sha256(source: Source) -> str | None:
+    """The hash of a module's file, which is that of the code in this process if it is imported already."""
+    found = file_sha256(source.path)
+    spec = getattr(sys.modules.get(source.module), "__spec__", None)
+    if spec is None:
+        return found
+    known, was = _imported.get(source.module, (None, None))
+    if known is not spec:  # another one since: it was imported, or reloaded
+        _imported[source.module] = spec, found
+    elif was != found:
+        raise UsageError(
+            f"{source.path}: was changed after this process had imported it, so other code would run than is "
+            "recorded; start Python again"
+        )
+    return found

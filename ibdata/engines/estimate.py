@@ -13,7 +13,7 @@ from ibdata.dataset.files import HashingFile
 from ibdata.dataset.shard import encode
 from ibdata.engines import target
 from ibdata.engines.choice import worker_count
-from ibdata.engines.code import refuse_code
+from ibdata.engines.code import in_one_folder, refuse_code
 from ibdata.engines.warmup import warm_up
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard, plan
@@ -35,13 +35,15 @@ def estimate(
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
     processes, out = worker_count(workers), Path(folder)
-    refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+    recipe = Recipe.of(experiment)
+    refuse_code(recipe, experiment.name, allow_code)
     refuse_busy(out)
     target.check(out, experiment, resume, overwrite)
-    warm_up(experiment)
+    with in_one_folder(recipe):
+        warm_up(experiment)
+        size, seconds = _sample(experiment)
     shards = plan(experiment)
     busy = min(processes, len(shards))
-    size, seconds = _sample(experiment)
     return {
         "out": str(folder),
         "episodes": len(experiment.cells) * experiment.episodes,

@@ -15,12 +15,12 @@ from ibdata.dataset.finish import finish
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.shard import Written
 from ibdata.dataset.storage import Remote, is_url
-from ibdata.engines import record, replacement, target
+from ibdata.engines import origin, replacement, target
 from ibdata.engines import remote as uploading
 from ibdata.engines.choice import Run, chosen
-from ibdata.engines.code import provenance, refuse_code
+from ibdata.engines.code import in_one_folder, refuse_code
+from ibdata.engines.origin import Origin
 from ibdata.engines.signals import stoppable
-from ibdata.engines.warmup import warm_up
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.plan import Shard
@@ -47,9 +47,9 @@ def generate(
     config is a YAML file, the name of a shipped one, or an Experiment; out defaults to data/<name>,
     workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
-    stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. A script
-    that uses several workers needs multiprocessing's `if __name__ == "__main__":`. allow_code lets custom
-    policies run: they are code, and their bits are promised in the same environment only. engine "ray" runs
+    stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. allow_code
+    lets custom policies run: they are code, and their bits are promised in the same environment only; a run
+    is resumed with the code that it began with. engine "ray" runs
     the shards on Ray, at address, or on one started here. Where out is a URL, as
     s3://bucket/name, the dataset is made on this machine, then uploaded; resume uploads what is missing. A
     folder of experiments is for `generate_all`.
@@ -79,17 +79,19 @@ def _generate(
     """Make the dataset in a folder."""
     refuse_busy(folder)
     target.check(folder, experiment, resume, overwrite)
-    with refusals(folder):
-        reproducible = warm_up(experiment)  # nothing is to be tidied yet: a signal may end the process
-        with stoppable(), made_folder(folder), locked(folder):
-            replacement.settle(folder)
-            root = target.check(folder, experiment, resume, overwrite)
-            if folder == root and (folder / manifest.PATH).is_file():
-                target.end(folder)  # a run that was killed when it had finished
+    recipe = Recipe.of(experiment)
+    with refusals(folder), in_one_folder(recipe):
+        place = folder.absolute()  # code of policies may go to another folder
+        begun = origin.observe(recipe, folder)  # nothing is to be tidied yet: a signal may end the process
+        with stoppable(), made_folder(place), locked(place):
+            replacement.settle(place)
+            root = target.check(place, experiment, resume, overwrite)
+            if place == root and (place / manifest.PATH).is_file():
+                target.end(place)  # a run that was killed when it had finished
             else:
-                _run(experiment, root, run, overwrite, progress, reproducible)
-                if root != folder:
-                    replacement.commit(folder)
+                _run(recipe, root, run, overwrite, progress, begun, folder)
+                if root != place:
+                    replacement.commit(place)
 
 
 def resolve(
@@ -113,20 +115,23 @@ def default_folder(experiment: Experiment) -> Path:
 
 
 def _run(
-    experiment: Experiment,
+    recipe: Recipe,
     root: Path,
     run: Run,
     overwrite: bool,
     progress: bool | None,
-    reproducible: bool,
+    begun: Origin,
+    folder: Path,
 ) -> None:
-    """Write the shards that have no receipt into root, then finish it."""
+    """Write the shards that have no receipt into root, then finish it; folder is what the caller calls it."""
+    experiment = recipe.experiments[0]
     try:
+        if overwrite and origin.begun(root) != begun.note():
+            target.discard(root)
         target.begin(root, experiment, overwrite)
-        identity = target.identity(experiment)
-        recipe = Recipe.of(experiment)
-        written = make(recipe, recipe.shards, root, identity, run, progress)
-        finish(recipe, written, root, reproducible and record.same_bits(root), provenance(recipe))
+        origin.begin(root, begun, folder)
+        written = make(recipe, recipe.shards, root, target.identity(experiment), run, progress)
+        finish(recipe, written, root, begun.reproducible, begun.code)
     except BaseException:
         target.abandon(root)
         raise

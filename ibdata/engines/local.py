@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from functools import partial
 from multiprocessing import connection
 from pathlib import Path
@@ -17,11 +18,14 @@ from typing import Any
 from ibdata.dataset import receipt
 from ibdata.dataset.shard import Begun, Written
 from ibdata.dataset.threads import Threads
+from ibdata.engines.origin import agree
+from ibdata.engines.processes import Spawning
 from ibdata.engines.signals import check, held
 from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
+from ibdata.policies.custom import started_in
 
 MAX_DEATHS = 3  # of workers, without a shard finished in between
 
@@ -32,7 +36,8 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
     A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
     row.
     """
-    if workers == 1 or len(shards) <= 1:
+    alone = multiprocessing.current_process().daemon  # which may not have children
+    if workers == 1 or len(shards) <= 1 or alone:
         yield from _one_after_the_other(recipe, shards, root, identity)
         return
     missing = {shard.number: shard for shard in shards}
@@ -47,10 +52,9 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
             sweep_shards(root, missing.values())
             deaths += 1
             if deaths == MAX_DEATHS:
-                first = next(iter(missing.values()))
                 raise IbdataError(
-                    f"{root / first.stem}: found {deaths} dead worker processes in a row, expected none; "
-                    "use fewer --workers if memory is short, then --resume"
+                    "three worker processes died in a row, probably out of memory; run again with --resume "
+                    "and fewer --workers"
                 ) from None
 
 
@@ -77,13 +81,13 @@ def _one_after_the_other(recipe: Recipe, shards: list[Shard], root: Path, identi
 
 def _pool(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
     before = set(multiprocessing.active_children())
-    # spawn: a forked child would inherit threads, open files and the lock of whoever calls the library
+    folders = (started_in.get() or os.getcwd(), recipe.experiments[0].folder)
     with held():
         pool = ProcessPoolExecutor(
             min(workers, len(shards)),
-            multiprocessing.get_context("spawn"),
+            Spawning(),
             initializer=_start,
-            initargs=(recipe.plain(), root, identity),
+            initargs=(recipe.plain(), root, identity, *folders),
         )
     waiting = iter(shards)
     running: set[Future[Written]] = set()
@@ -112,15 +116,18 @@ def _one(shards: Iterator[Shard]) -> list[Shard]:
     return [shard for _, shard in zip(range(1), shards, strict=False)]
 
 
-_job: list[Any] = []  # a worker's recipe, folder and identity, set once when it starts
+_job: list[Any] = []  # a worker's recipe, folder, identity and the YAML's folder, set once when it starts
 
 
-def _start(plain: dict[str, Any], root: Path, identity: str) -> None:
+def _start(plain: dict[str, Any], root: Path, identity: str, here: str, folder: Path | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _job[:] = [Recipe.from_plain(plain), root, identity]
+    with suppress(OSError):  # it was removed
+        os.chdir(here)  # a policy may have led the parent elsewhere
+    started_in.set(here)
+    _job[:] = [Recipe.from_plain(plain), root, identity, folder]
 
 
 def _end_with_parent() -> None:
@@ -132,7 +139,8 @@ def _end_with_parent() -> None:
 
 
 def _work(shard: Shard) -> Written:
-    recipe, root, identity = _job
+    recipe, root, identity, folder = _job
+    agree(root, recipe, folder)
     return written(recipe, shard, root, identity)
 
 

@@ -8,13 +8,12 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.shard import Written
-from ibdata.engines import known_answer, local, record
-from ibdata.engines.code import provenance
+from ibdata.engines import local
+from ibdata.engines.origin import agree
 from ibdata.engines.signals import STOPPING, check
 from ibdata.engines.target import sweep_shards
 from ibdata.errors import IbdataError, MissingError
@@ -53,7 +52,7 @@ def run(
     ray = library()
     with _connected(ray, workers, address) as own:
         task = ray.remote(max_retries=MAX_DEATHS)(_work)
-        job = ray.put((recipe.plain(), Path(os.path.abspath(root)), identity))
+        job = ray.put((recipe.plain(), root.absolute(), identity, recipe.experiments[0].folder))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -66,7 +65,7 @@ def run(
                 done, _ = ray.wait(list(running), timeout=POLL)
                 check()
                 for future in done:
-                    yield _result(ray, future, running.pop(future), root)
+                    yield _result(ray, future, running.pop(future))
         except SystemError:  # a signal's exception was raised inside compiled code of Ray
             check()
             raise
@@ -77,7 +76,7 @@ def run(
                 ray.wait(list(running), num_returns=len(running), timeout=30)
 
 
-def _result(ray: Any, future: Any, shard: Shard, root: Path) -> Written:
+def _result(ray: Any, future: Any, shard: Shard) -> Written:
     try:
         written: Written = ray.get(future)
     except ray.exceptions.RayTaskError as error:
@@ -85,24 +84,20 @@ def _result(ray: Any, future: Any, shard: Shard, root: Path) -> Written:
     except ray.exceptions.RayError as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise IbdataError(
-            f"{root / shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
+            f"{shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
         ) from None
     return written
 
 
-def _work(job: tuple[dict[str, Any], Path, str], shard: Shard) -> Written:
+def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> Written:
     """A shard, in a worker."""
-    plain, root, identity = job
+    plain, root, identity, folder = job
     recipe = Recipe.from_plain(plain)
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     sweep_shards(root, [shard])  # of a worker that died at it
-    if not _same_bits():
-        record.put(root, record.Range(1, 1), False, provenance(recipe))
+    agree(root, recipe, folder)
     return local.written(recipe, shard, root, identity)
-
-
-_same_bits = cache(known_answer.matches)
 
 
 @contextmanager

@@ -1,15 +1,15 @@
-"""What each range of an array job notes of its machine and its code, for whoever finishes the dataset."""
+"""Which ranges of an array job were begun in a folder: what they are called, and whose shards are whose."""
 
 from __future__ import annotations
 
-import json
+import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ibdata.dataset import receipt
-from ibdata.dataset.files import plain_bytes, write
+from ibdata.dataset.files import write
 from ibdata.dataset.metadata import as_json
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment.plan import Shard
 
 MAX_PARTS = 100_000
@@ -42,40 +42,13 @@ class Range(NamedTuple):
         return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
-def put(root: Path, own: Range, reproducible: bool, code: list[dict[str, str | None]]) -> None:
-    """Note who makes a range; UsageError where others of the dataset were made by other code.
-
-    That a machine had other bits is kept when another goes on.
-    """
-    found = get(root)
-    if any(other["code"] != code for other in found.values()):
-        raise UsageError(f"{root}: ranges were made by other code of the policies; choose another --out")
-    right = reproducible and found.get(own, {"reproducible": True})["reproducible"]
-    content = {"range": own, "reproducible": right, "code": code}
-    write(root, f"{receipt.FOLDER}/range-{own.part}-{own.parts}.json", as_json(content))
+def put(root: Path, own: Range) -> None:
+    """Note that a range was begun."""
+    write(root, f"{receipt.FOLDER}/range-{own.part}-{own.parts}.json", as_json({"range": own}))
 
 
-def get(root: Path) -> dict[Range, dict[str, Any]]:
-    """The notes of a folder's ranges; none where it was not made by an array job."""
-    return dict(map(_note, (root / receipt.FOLDER).glob("range-*.json")))
-
-
-def _note(path: Path) -> tuple[Range, dict[str, Any]]:
-    """A range and what it noted; IbdataError where a file is no such note."""
-    try:
-        note = json.loads(plain_bytes(path, MAX_BYTES))
-        own = Range.parse("/".join(map(str, note["range"])))
-        whole = isinstance(note["reproducible"], bool) and isinstance(note["code"], list)
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        whole = False
-    if not whole:
-        raise IbdataError(
-            f"{path}: found no note of a range, expected one; choose another --out, or start again with "
-            "ibdata generate --overwrite"
-        )
-    return own, note
-
-
-def same_bits(root: Path) -> bool:
-    """Whether no machine that made a range computes other bits."""
-    return all(note["reproducible"] for note in get(root).values())
+def get(root: Path) -> list[Range]:
+    """The ranges that were begun in a folder, as the names of their notes say; none without an array job."""
+    names = (path.name for path in (root / receipt.FOLDER).glob("range-*.json"))
+    found = (re.fullmatch(r"range-([0-9]{1,6})-([0-9]{1,6})\.json", name) for name in names)
+    return [Range(int(match[1]), int(match[2])) for match in found if match]

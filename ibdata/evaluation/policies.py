@@ -10,7 +10,7 @@ from typing import Any
 import numpy.typing as npt
 from pydantic import ConfigDict
 
-from ibdata.engines.code import block_targets
+from ibdata.engines.code import customs_in
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import validated
 from ibdata.experiment.messages import shown, suggestion
@@ -97,7 +97,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     if not isinstance(block, dict):
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
     policy = _block(block, place)
-    if place != "policy" and not allow_code and any(block_targets(policy.model_dump(mode="json"))):
+    if place != "policy" and not allow_code and any(customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code "
             "(allow_code=True) if you trust it"

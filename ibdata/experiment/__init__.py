@@ -44,7 +44,7 @@ def load(
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
     places = _override_all(document, [*overrides, *([] if seed is None else [f"seed={seed}"])])
     try:
-        return Experiment.model_validate(document.data)
+        experiment = Experiment.model_validate(document.data)
     except ValidationError as error:
         found = [
             _line(*problem, document, str(path), places)
@@ -52,6 +52,8 @@ def load(
             for problem in _problems(e, document.data)
         ]
         raise ConfigError(list(dict.fromkeys(found))) from None
+    vars(experiment)["folder"] = path.absolute().parent
+    return experiment
 
 
 def validated(data: dict[str, Any]) -> Experiment:

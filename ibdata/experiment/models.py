@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -61,6 +62,11 @@ class Experiment(Plugin):
     splits: dict[SplitName, Split] = Field(
         default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
     )
+
+    @cached_property
+    def folder(self) -> Path | None:
+        """Where the YAML file lies from which it was loaded; it is no part of what the experiment is."""
+        return None
 
     @cached_property
     def variant(self) -> Variant:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import redirect_stdout
+from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
 from typing import Annotated, Any, Literal
@@ -19,8 +21,18 @@ from ibdata.policies.parameters import Parameters
 TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
 
 
+started_in: ContextVar[str | None] = ContextVar("started_in", default=None)  # where a run began
+
+
 class CustomError(IbdataError):
     """The code of a custom policy cannot be loaded."""
+
+
+def find_modules_here() -> None:
+    """Let modules of the current folder be found, as `python -m` does; of that in which a run began."""
+    here = started_in.get() or os.getcwd()
+    if here not in sys.path:
+        sys.path.insert(0, here)
 
 
 class Custom(Policy):
@@ -29,7 +41,7 @@ class Custom(Policy):
     It has `act(history, u)` as the policies here do, or `predict(observations)` as those of SB3 and d3rlpy:
     there observations (n, 6 · history) are float32, newest frame first, and what comes back are actions
     (n, 3), or a tuple that begins with them. `log_prob` is used where there is one. Modules of the current
-    folder are found. Nothing is imported before the first action.
+    folder are found. Nothing is imported before a run begins. What it prints goes to stderr.
     """
 
     kind: Literal["custom"] = "custom"
@@ -40,6 +52,11 @@ class Custom(Policy):
     )
     uniforms: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
         default=0, description="uniform draws per step that act gets"
+    )
+    files: list[str] | None = Field(
+        default=None,
+        description="paths of what else it reads, such as weights.pt, beside the YAML file or in the current "
+        "folder; they are hashed as its code is",
     )
 
     @property
@@ -57,15 +74,23 @@ class Custom(Policy):
         """Uniform draws per step."""
         return self.uniforms
 
+    def form(self) -> dict[str, Any]:
+        """As every policy's: the files are recorded with the run, as the code is."""
+        return {key: value for key, value in super().form().items() if key != "files"}
+
+    def load(self) -> None:
+        """Import and make it, if that was not done. Raises CustomError where that fails."""
+        _ = self._own
+
     @cached_property
     def _own(self) -> Any:
         module, _, name = self.target.partition(":")
-        if os.getcwd() not in sys.path:
-            sys.path.insert(0, os.getcwd())  # as python -m does
+        find_modules_here()
         try:
-            found = getattr(import_module(module), name)
-            own = found(**self.params) if callable(found) else found
-        except Exception as error:
+            with redirect_stdout(sys.stderr):  # stdout is for what a command answers
+                found = getattr(import_module(module), name)
+                own = found(**self.params) if callable(found) else found
+        except (Exception, SystemExit) as error:
             raise CustomError(f"{self.target}: cannot be loaded: {type(error).__name__}: {error}") from error
         if not (hasattr(own, "act") or hasattr(own, "predict")):
             raise CustomError(
@@ -74,15 +99,18 @@ class Custom(Policy):
         return own
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        if hasattr(self._own, "act"):
-            actions: npt.ArrayLike = self._own.act(history, u)
-            return actions
-        answer = self._own.predict(np.ascontiguousarray(history).reshape(len(history), -1))
+        own = self._own
+        with redirect_stdout(sys.stderr):
+            if hasattr(own, "act"):
+                actions: npt.ArrayLike = own.act(history, u)
+                return actions
+            answer = own.predict(np.ascontiguousarray(history).reshape(len(history), -1))
         taken: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer
         return taken
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        if hasattr(self._own, "log_prob"):
+        if not hasattr(self._own, "log_prob"):
+            return super().log_prob(history, action)
+        with redirect_stdout(sys.stderr):
             density: Floats = self._own.log_prob(history, action)
             return density
-        return super().log_prob(history, action)

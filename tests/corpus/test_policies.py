@@ -277,33 +277,40 @@ def test_a_dataset_without_densities_is_shown_by_every_command(generated, monkey
 
 
 SCRIPT = """
-    import multiprocessing, os
+    import os
     import ibdata
-    from ibdata.policies.random import Random
 
-    def act(self, history, u):
-        if multiprocessing.parent_process() is not None:
-            os._exit(0)
-        return 2.0 * u - 1.0
+    experiment = ibdata.Experiment.model_validate({plain})
+    try:
+        ibdata.generate(experiment, "out", workers=2, allow_code=True)
+    except ibdata.IbdataError as error:
+        print(error)
+    print(sorted(os.listdir()))
+"""
+ENDING = """
+    import multiprocessing, os
 
-    Random.act = act
-    if __name__ == "__main__":
-        experiment = ibdata.Experiment.model_validate({plain})
-        try:
-            ibdata.generate(experiment, "out", workers=2)
-        except ibdata.IbdataError as error:
-            print(error)
-        print(os.listdir())
+    class Ending:
+        def act(self, history, u):
+            if multiprocessing.parent_process() is not None:
+                os._exit(0)
+            return 2.0 * u - 1.0
 """
 
 
 def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text(textwrap.dedent(SCRIPT).format(plain=PLAIN))
+    policy = {"kind": "custom", "target": "ending:Ending", "uniforms": 3}
+    script.write_text(textwrap.dedent(SCRIPT).format(plain={**PLAIN, "policies": [policy]}))
+    (tmp_path / "ending.py").write_text(textwrap.dedent(ENDING))
     done = subprocess.run(
-        [sys.executable, "-W", "error", script], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        [sys.executable, "-B", "-W", "error", script],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     line, left = done.stdout.splitlines()
-    assert line.startswith("out/data/part-00000: found 3 dead worker processes in a row")
-    assert left == "['script.py']"
-    assert done.stderr == ""
+    assert line.startswith("three worker processes died in a row, probably out of memory; run again")
+    assert left == "['ending.py', 'script.py']"
+    assert done.stderr == "ibdata: running the code of ending:Ending\n"

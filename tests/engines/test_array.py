@@ -11,6 +11,7 @@ import shlex
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -158,11 +159,16 @@ def test_where_no_run_was_begun_there_is_nothing_to_finish(found):
         ibdata.finalize("out")
 
 
-def test_other_bits_of_one_machine_are_said_of_the_whole(tiny, monkeypatch):
+def test_a_machine_with_other_bits_than_the_first_is_refused_and_those_of_the_first_are_said(
+    tiny, monkeypatch
+):
     with monkeypatch.context() as other:
-        other.setattr("ibdata.engines.array.warm_up", lambda experiment: False)
+        other.setattr("ibdata.engines.known_answer.digest", lambda: "0" * 64)
         make(tiny, "1/2")
-    make(tiny, "1/2", "2/2")
+    with pytest.raises(UsageError, match=r"^out: found a machine that computes other bits than the one on"):
+        make(tiny, "2/2")
+    monkeypatch.setattr("ibdata.engines.known_answer.digest", lambda: "0" * 64)
+    make(tiny, "2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
 
 
@@ -241,7 +247,8 @@ def test_custom_policies_need_leave_and_the_same_code_everywhere(tmp_path):
     for text in ("1/2", "2/2"):
         ibdata.generate_shards("mine.yaml", text, "out", workers=1, allow_code=True)
     Path("still.py").write_text(POLICY.format("0.0"))
-    with pytest.raises(UsageError, match="ranges were made by other code"):
+    del sys.modules["still"]
+    with pytest.raises(UsageError, match=r"^out: found other code than the run began with, in still:Still; "):
         ibdata.generate_shards("mine.yaml", "2/2", "out", workers=1, allow_code=True)
     made = ibdata.finalize("out").manifest
     assert made["reproducible"] == "same-environment"

@@ -64,7 +64,7 @@ PLACES = [
     ("ibdata.dataset.shard.arrow_table", 0),
     ("ibdata.dataset.shard.Account", 3),
     ("os.fsync", 1),
-    ("os.fsync", 7),
+    ("os.fsync", 9),
 ]
 
 

@@ -61,7 +61,9 @@ def test_every_file_is_on_the_disk_before_its_name_and_all_names_before_the_mani
     files, bad = out_of_order(record, out)
     assert record.places("fsync", str(tools.where))[0] < record.renames(out)[0][0]
     shards = len(tools.hashes(out))
-    assert files == 2 * shards + 7  # receipts; the run's experiment, card, four of metadata, the manifest
+    assert (
+        files == 2 * shards + 8
+    )  # receipts; the run's experiment and note, card, four of metadata, the manifest
     for i, _, path in record.renames(out / ".run"):
         if path.endswith(".receipt"):
             shard = f"{out}/data/{Path(path).stem}-"

@@ -126,7 +126,15 @@ def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
     assert "ibdata: running the code of mine:actor" in capsys.readouterr().err
     assert made.manifest["reproducible"] == "same-environment"
     sha256 = hashlib.sha256((mine / "mine.py").read_bytes()).hexdigest()
-    assert made.manifest["code"] == [{"target": "mine:actor", "version": None, "sha256": sha256}]
+    assert made.manifest["code"] == [
+        {
+            "target": "mine:actor",
+            "version": None,
+            "sha256": sha256,
+            "files": {},
+            "distributions": {"numpy": np.__version__},
+        }
+    ]
     assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
 
 

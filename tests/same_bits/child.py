@@ -5,13 +5,14 @@
                      known_answer, and expect: facts that must hold here and in every worker process
 
 The variables under test are read when numpy, numba and the C library are loaded, so each setting is a
-process of its own. The spec sets the sizes of blocks in the workers too, which import this file again.
+process of its own. The spec sets the sizes of blocks in the workers too, which begin with `start` below.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib
 import json
 import math
 import os
@@ -36,6 +37,7 @@ from ibdata.experiment import Experiment
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
+BEGIN = local._start
 
 
 def experiments(size: str, shards: float = 0) -> list[Experiment]:
@@ -157,6 +159,7 @@ def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
 def main(spec: dict[str, object]) -> None:
     """Check the setting, generate, and print results, facts and versions."""
     prepare(spec)
+    local._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
     found = facts()
     if not numba.config.DISABLE_JIT:
         found["fuses"] = fuses()
@@ -186,13 +189,17 @@ def main(spec: dict[str, object]) -> None:
 
 
 def prepare(spec: dict[str, object]) -> None:
-    """Set the sizes of blocks; workers call this too."""
+    """Set the sizes of blocks."""
     rollout.LANES = spec.get("lanes", rollout.LANES)
     rollout.CHUNK = spec.get("chunk", rollout.CHUNK)
 
 
-if __name__ == "__main__":
-    main(json.loads(sys.argv[1]))
-elif __name__ == "__mp_main__":
+def start(*args):
+    """What a worker does first, in place of the package's own beginning."""
     prepare(json.loads(sys.argv[1]))
     Path(os.environ["SAME_BITS_NOTES"], str(os.getpid())).write_text(json.dumps(facts()))
+    BEGIN(*args)
+
+
+if __name__ == "__main__":
+    main(json.loads(sys.argv[1]))

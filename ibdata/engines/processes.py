@@ -1,0 +1,43 @@
+"""Worker processes that import nothing of the script that starts them, so it needs no `__main__` guard."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
+from types import ModuleType
+from typing import Any
+
+_lock = threading.Lock()
+
+
+@contextmanager
+def _nameless_main() -> Iterator[None]:
+    """Meanwhile `__main__` is a module that has neither a name nor a file, as in a notebook.
+
+    multiprocessing has a spawned process import the one of its parent first. That would start the run once
+    more in a script without a guard, and fail in one that came through stdin.
+    """
+    with _lock:
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
+
+
+class _Process(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> Any:
+        with _nameless_main():
+            return SpawnProcess._Popen(process_obj)
+
+
+class Spawning(SpawnContext):
+    """As multiprocessing's context `spawn`. A forked child would inherit threads, open files and locks."""
+
+    Process = _Process
