@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, suppress
 from functools import partial
@@ -81,12 +81,13 @@ class Begun:
             future.cancel()
         wait(self._pending)
 
-    def finish(self) -> Written:
-        """Commit the shard to its file. Raises IbdataError where a value is not finite."""
+    def finish(self, last: Callable[[], None] = lambda: None) -> Written:
+        """Commit the shard to its file, after a last look. Raises IbdataError where a value is not finite."""
         with self._opened:
             self._settle(list(self._pending))
             self._groups.end()
             content = self._account.content()
+            last()
         sha256 = self._file.sha256()
         entry = FileEntry(named(file_of(self.shard), sha256), self._file.size, sha256)
         return Written(self.shard, entry, content)

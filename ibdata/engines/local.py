@@ -21,7 +21,7 @@ from ibdata.dataset.threads import Threads
 from ibdata.engines.origin import agree
 from ibdata.engines.processes import Spawning
 from ibdata.engines.signals import check, held
-from ibdata.engines.target import sweep_shards
+from ibdata.engines.target import refuse_moved, sweep_shards
 from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -151,6 +151,6 @@ def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
 
 
 def _finished(begun: Begun, root: Path, identity: str) -> Written:
-    made = begun.finish()
+    made = begun.finish(partial(refuse_moved, root, identity))
     receipt.put(root, identity, made)
     return made

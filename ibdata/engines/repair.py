@@ -21,7 +21,7 @@ from ibdata.engines.generate import refusals
 from ibdata.engines.signals import check, stoppable
 from ibdata.engines.warmup import warm_up
 from ibdata.errors import DatasetError, IbdataError
-from ibdata.experiment import load
+from ibdata.experiment import as_yaml, load
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe, recipe_in
 from ibdata.system.lock import locked, refuse_busy
@@ -165,7 +165,9 @@ def _made_again(
     refuse_code(recipe, folder, allow_code)
     for experiment in recipe.experiments:
         warm_up(experiment)
-    identity = target.identity(recipe.experiments[0])
+    first = recipe.experiments[0]
+    write(staged, target.EXPERIMENT, as_yaml(first))
+    identity = target.identity(first)
     made = {w.shard.number: w for w in local.run(recipe, shards, staged, identity, workers)}
     target.end(staged)
     return made

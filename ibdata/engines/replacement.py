@@ -22,6 +22,7 @@ from ibdata.dataset.manifest import FRESH, NEW, NEXT
 from ibdata.engines.signals import held
 from ibdata.engines.target import discard, is_ours
 from ibdata.errors import DatasetError
+from ibdata.system.lock import is_lost
 
 PARTS = ("data", "meta")
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
@@ -36,7 +37,8 @@ def staged(folder: Path) -> Iterator[Path]:
     try:
         yield root
     except BaseException:
-        discard(root)
+        if not is_lost(folder):
+            discard(root)
         raise
     commit(folder)
 

@@ -13,7 +13,7 @@ from ibdata.dataset import manifest, receipt
 from ibdata.dataset.card import is_foreign
 from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
 from ibdata.dataset.validation import check_files
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.system import lock
@@ -26,7 +26,11 @@ OURS = ("part-*.parquet", "experiment-*.yaml", manifest.FRESH, *(Path(path).name
 
 def identity(experiment: Experiment) -> str:
     """What a run must share with another to be resumed by it."""
-    return hashlib.sha256(as_yaml(experiment) + bytes([manifest.DATA_VERSION])).hexdigest()
+    return _hashed(as_yaml(experiment))
+
+
+def _hashed(experiment: bytes) -> str:
+    return hashlib.sha256(experiment + bytes([manifest.DATA_VERSION])).hexdigest()
 
 
 def meant(out: str | os.PathLike[str]) -> Path:
@@ -148,8 +152,27 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
         raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
 
 
+def refuse_moved(root: Path, run: str) -> None:
+    """IbdataError where the folder is no longer that of the run: a file put there could be in another's."""
+    try:
+        same = _hashed((root / EXPERIMENT).read_bytes()) == run
+    except OSError:
+        same = False
+    if not same:
+        raise IbdataError(
+            f"{root}: no longer the folder in which this run began; it was moved or removed meanwhile"
+        )
+
+
+def _is_lost(root: Path) -> bool:
+    """Whether a folder is another run's now, which must not be tidied."""
+    return lock.is_lost(root.parent if root.name == manifest.NEXT else root)
+
+
 def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
     """Remove what killed writers of these shards had begun."""
+    if _is_lost(root):
+        return
     sweep(root, {Path(path).name for shard in shards for path in (shard.stem, receipt.path_of(shard))})
 
 
@@ -172,6 +195,8 @@ def end(root: Path) -> None:
 
 def abandon(root: Path) -> None:
     """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
+    if _is_lost(root):
+        return
     sweep(root)
     if not list((root / receipt.FOLDER).glob("*.receipt")):
         discard(root)

@@ -96,3 +96,32 @@ def test_a_lock_that_somebody_removed_lets_no_run_finish_a_mixed_dataset(tools: 
     assert all(text == "" or tools.one_line(text) for text in (stderr, second.stderr)), (stderr, second)
     assert tools.generate(tools.many, out, "--resume").returncode == 0
     assert tools.root(out) == whole[0]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_whose_folder_was_moved_away_does_not_touch_the_next_run_at_that_place(
+    tools: Any, ending: Any, workers: int
+) -> None:
+    from ibdata.dataset.validation import validate
+
+    out, gone, fresh = (tools.where / name for name in ("out", "gone", "fresh"))
+    assert tools.generate(tools.many, fresh, "--seed", 7).returncode == 0
+    with tools.start(tools.many, out, "--workers", workers) as first:
+        ending(first)
+        wait_for_lock(out, first)
+        deadline = time.monotonic() + 20
+        while not tools.hashes(out) and time.monotonic() < deadline:
+            time.sleep(0.005)
+        out.rename(gone)
+        with tools.start(tools.many, out, "--seed", 7, "--workers", 2) as second:
+            ending(second)
+            _, stderr = first.communicate(timeout=60)
+            _, said = second.communicate(timeout=60)
+    assert first.returncode == 1, stderr
+    assert tools.one_line(stderr), stderr
+    assert second.returncode == 0, said
+    assert validate(out) == []
+    assert tools.hashes(out) == tools.hashes(fresh)
+    assert tools.leftovers(out) == []
+    assert tools.generate(tools.many, gone, "--resume").returncode == 0
+    assert validate(gone) == []
