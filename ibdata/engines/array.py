@@ -18,7 +18,7 @@ from ibdata.dataset.shard import Written
 from ibdata.dataset.storage import is_url
 from ibdata.engines import origin, ranges, record, target
 from ibdata.engines.choice import chosen
-from ibdata.engines.code import in_one_folder, refuse_code
+from ibdata.engines.code import customs, in_one_folder, refuse_code
 from ibdata.engines.generate import default_folder, made_folder, make, refusals, resolve
 from ibdata.engines.record import Range
 from ibdata.engines.signals import stoppable
@@ -69,7 +69,7 @@ def generate_shards(
     ranges.refuse_shared(folder, own, recipe.shards)
     target.check(folder, experiment, resume=True, overwrite=False)
     with refusals(folder), in_one_folder(recipe):
-        place = folder.absolute()  # code of policies may go to another folder
+        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
         begun = origin.observe(recipe, folder)
         with (
             stoppable(),

@@ -18,7 +18,7 @@ from ibdata.dataset.storage import Remote, is_url
 from ibdata.engines import origin, replacement, target
 from ibdata.engines import remote as uploading
 from ibdata.engines.choice import Run, chosen
-from ibdata.engines.code import in_one_folder, refuse_code
+from ibdata.engines.code import customs, in_one_folder, refuse_code
 from ibdata.engines.origin import Origin
 from ibdata.engines.signals import stoppable
 from ibdata.errors import ConfigError, IbdataError, UsageError
@@ -81,7 +81,7 @@ def _generate(
     target.check(folder, experiment, resume, overwrite)
     recipe = Recipe.of(experiment)
     with refusals(folder), in_one_folder(recipe):
-        place = folder.absolute()  # code of policies may go to another folder
+        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
         begun = origin.observe(recipe, folder)  # nothing is to be tidied yet: a signal may end the process
         with stoppable(), made_folder(place), locked(place):
             replacement.settle(place)
