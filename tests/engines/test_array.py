@@ -21,6 +21,7 @@ import pytest
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.dataset import receipt
+from ibdata.engines import origin
 from ibdata.engines.record import Range
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
@@ -174,11 +175,11 @@ def test_a_machine_with_other_bits_than_the_first_is_refused_and_those_of_the_fi
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"{", b"[]", b'{"range": [1, 2]}', b'{"range": [3, 2], "reproducible": true, "code": []}', None],
+    [b"", b"{", b"[]", b'{"code": []}', b'{"known_answer": "1a2b3c", "code": []}', None],
 )
 def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content):
     make(tiny, "1/2")
-    note = Path("out/.run/range-1-2.json")
+    note = Path("out", origin.PATH)
     note.unlink()
     note.write_bytes(content) if content is not None else os.mkfifo(note)
     whole = files("out")
@@ -187,7 +188,7 @@ def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content):
         lambda: ibdata.finalize("out"),
         lambda: ibdata.generate(tiny, "out", workers=1, resume=True),
     ):
-        with pytest.raises(IbdataError, match=rf"^{note}: found no note of a range, expected one; choose"):
+        with pytest.raises(IbdataError, match=rf"^{note}: missing or damaged, so nobody knows what"):
             run()
     assert {path: data for path, data in files("out").items() if path in whole} == whole
     made = ibdata.generate(tiny, "out", workers=1, overwrite=True)
@@ -204,7 +205,7 @@ def forged(written, shard):
 
 
 @pytest.mark.parametrize("damage", ["pipe", "empty", "no header", "no arrays", "fewer digests", "other path"])
-def test_a_shard_whose_receipt_is_none_is_made_again(tiny, damage):
+def test_a_shard_whose_receipt_is_none_is_made_again(tiny, shard_file, damage):
     make(tiny, "1/1")
     shard = plan(tiny)[0]
     path = Path("out", receipt.path_of(shard))
@@ -222,7 +223,7 @@ def test_a_shard_whose_receipt_is_none_is_made_again(tiny, damage):
     elif damage == "fewer digests":
         forged({**body, "digests": body["digests"][:0]}, shard)
     else:
-        shutil.copy("out/data/part-00000.parquet", "elsewhere")
+        shutil.copy(Path("out", shard_file("out", 0)), "elsewhere")
         header["entry"][0] = "../elsewhere"
         forged({**body, "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}, shard)
     with pytest.raises(IbdataError, match="found 9 of 10 shards, expected all; missing 0"):

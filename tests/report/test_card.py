@@ -235,7 +235,8 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
 def test_what_a_killed_run_left_is_taken_away(carded, copied):
     (copied / manifest.NEXT).mkdir()
     for name in (manifest.CARD, manifest.REPORT):
-        (copied / manifest.NEXT / name).write_text("half")
+        shutil.copy(copied / name, copied / manifest.NEXT)
+        (copied / manifest.NEXT / f".tmp-123456789abc-{name}.part").write_text("half")
     card(copied)
     assert contents(copied) == contents(carded.path)
 
