@@ -46,7 +46,7 @@ def ibdata(command: str, tmp_path: Path) -> Run:
 
 @pytest.fixture(scope="session")
 def shard_file() -> ShardFile:
-    """The path of a shard of that number inside a folder: its name holds the first digits of its hash."""
+    """The path of a shard of that number inside a folder: its name ends with a token."""
 
     def path(folder: str | Path, number: int) -> str:
         (found,) = Path(folder, "data").glob(f"part-{number:05d}-????????.parquet")

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 
 from ibdata.dataset.card import card
 from ibdata.dataset.content import UNREAD
-from ibdata.dataset.files import FileEntry, named
+from ibdata.dataset.files import TOKEN, FileEntry
 from ibdata.dataset.shard import Written, file_of
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.recipe import Recipe
@@ -72,7 +72,7 @@ def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     splits = {name: {"overlap": True} for name in WORDS}
     recipe = Recipe.of(described(name="1", splits=splits))
     written = [
-        Written(shard, FileEntry(named(file_of(shard), "0" * 64), 1, "0" * 64), UNREAD)
+        Written(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
         for shard in recipe.shards
     ]
     _, front, text = card(recipe, written, "0" * 64).decode().split("---\n", 2)

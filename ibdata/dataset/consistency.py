@@ -46,7 +46,7 @@ def check_plan(recipe: Recipe, listed: dict[str, Any]) -> Iterator[Problem]:
         "rows": (listed["rows"], recipe.rows),
         "files": (sorted(file["path"] for file in listed["files"] if file["path"] != manifest.REPORT),
                   sorted([*(shard["path"] for shard in listed["shards"]), *beside(recipe)])),
-        "code": ([code["target"] for code in listed["code"]], recipe.code_targets),
+        "code": (list(dict.fromkeys(code["target"] for code in listed["code"])), recipe.code_targets),
     }  # fmt: skip
     for key, (given, right) in plan.items():
         yield from _different(manifest.PATH, "experiments" if key == "shards" else key, given, right, key)

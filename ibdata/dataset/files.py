@@ -29,8 +29,9 @@ class FileEntry(NamedTuple):
 class HashingFile:
     """A binary file being written, hashed on the way."""
 
-    def __init__(self, raw: BinaryIO) -> None:
+    def __init__(self, raw: BinaryIO, path: str = "") -> None:
         self._raw = raw
+        self.path = path
         self._hasher = hashlib.sha256()
         self.size = 0
         self.closed = False
@@ -86,28 +87,19 @@ class HashingFile:
 def committed(folder: Path, path: str) -> Iterator[HashingFile]:
     """A new file folder/path that appears under its name when the block ends well, and not otherwise.
 
-    `TOKEN` in the path stands for the first digits of the file's SHA-256.
+    `TOKEN` in the path stands for random digits: nobody who listed other files opens this one by their names.
     """
     temporary = _temporary(folder, path)
     try:
         with temporary.open("xb") as raw:
-            file = HashingFile(raw)
+            file = HashingFile(raw, path.replace(TOKEN, secrets.token_hex(4)))
             yield file
             file.sync()
-        temporary.replace(folder / named(path, file.sha256()))
+        temporary.replace(folder / file.path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder((folder / path).parent)
-
-
-def named(path: str, sha256: str) -> str:
-    """The path of a file with this hash.
-
-    >>> named("data/part-00000-{token}.parquet", "1a2b3c4d5e6f")
-    'data/part-00000-1a2b3c4d.parquet'
-    """
-    return path.replace(TOKEN, sha256[:8])
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ibdata.dataset.content import Content
-from ibdata.dataset.files import FileEntry, file_sha256, named, plain_bytes, write
+from ibdata.dataset.files import TOKEN, FileEntry, file_sha256, plain_bytes, write
 from ibdata.dataset.shard import Written, file_of
 from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
@@ -82,7 +83,6 @@ def _parsed(body: bytes, identity: str, shard: Shard) -> Written | None:
         )
     same = header["identity"] == identity and header["shard"] == json.loads(json.dumps(shard))
     count = shard.stop - shard.first
-    fits = len(content.digests) == len(content.returns) == count and entry.path == named(
-        file_of(shard), entry.sha256
-    )
+    named = re.fullmatch(re.escape(file_of(shard)).replace(re.escape(TOKEN), "[0-9a-f]{8}"), entry.path)
+    fits = len(content.digests) == len(content.returns) == count and named is not None
     return Written(shard, entry, content) if same and fits else None

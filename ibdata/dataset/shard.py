@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from ibdata.columns import columns
 from ibdata.dataset.content import Account, Content, simulated
-from ibdata.dataset.files import TOKEN, FileEntry, HashingFile, committed, named
+from ibdata.dataset.files import TOKEN, FileEntry, HashingFile, committed
 from ibdata.dataset.schema import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
 from ibdata.dataset.threads import Threads
 from ibdata.experiment import Experiment
@@ -88,8 +88,7 @@ class Begun:
             self._groups.end()
             content = self._account.content()
             last()
-        sha256 = self._file.sha256()
-        entry = FileEntry(named(file_of(self.shard), sha256), self._file.size, sha256)
+        entry = FileEntry(self._file.path, self._file.size, self._file.sha256())
         return Written(self.shard, entry, content)
 
     def abandon(self) -> None:

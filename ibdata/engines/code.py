@@ -127,7 +127,8 @@ _imported: dict[str, tuple[ModuleSpec, str | None]] = {}  # what modules were wh
 
 def _sha256(source: Source) -> str | None:
     """The hash of a module's file, which is that of the code in this process if it is imported already."""
-    found = file_sha256(source.path)
+    archive = next((path for path in source.path.parents if path.is_file()), source.path)  # a zip file
+    found = file_sha256(archive)
     spec = getattr(sys.modules.get(source.module), "__spec__", None)
     if spec is None:
         return found

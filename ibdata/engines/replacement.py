@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,7 @@ from ibdata.errors import DatasetError
 from ibdata.system.lock import is_lost
 
 PARTS = ("data", "meta")
+PAUSE = 0.05  # seconds; who opened the old folder has listed it by then, and does not find it empty
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
@@ -60,7 +62,22 @@ def commit(folder: Path) -> None:
     with held():
         root.rename(folder / NEW)
         sync_folder(folder)
-        settle(folder)
+        try:
+            settle(folder)
+        except OSError:
+            if _take_back(folder):
+                discard(root)
+            raise
+
+
+def _take_back(folder: Path) -> bool:
+    """Let `.new` count for nothing again, if nothing of it has its place; whether that was so."""
+    parts = [folder / NEW / part for part in PARTS if (folder / NEW / part).is_dir()]
+    if not parts or not all((part / FRESH).is_file() for part in parts):
+        return False
+    (folder / NEW).rename(folder / NEXT)
+    sync_folder(folder)
+    return True
 
 
 def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
@@ -90,6 +107,7 @@ def settle(folder: Path) -> None:
         discard(folder / NEXT)
         new.rename(folder / NEXT)  # from here on it counts for nothing
         sync_folder(folder)
+        time.sleep(PAUSE)
         discard(folder / NEXT)
 
 

@@ -220,7 +220,7 @@ def discard(root: Path) -> None:
             if not any(folder.iterdir()):
                 folder.rmdir()
     for name in (manifest.CARD, manifest.REPORT):
-        if name != manifest.CARD or not is_foreign(root / name):
+        if staged or name != manifest.CARD or not is_foreign(root / name):
             (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:

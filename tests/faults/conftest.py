@@ -210,11 +210,11 @@ class Tools:
         return sorted(str(path.relative_to(folder)) for path in found)
 
     def hashes(self, folder: Path) -> dict[str, str]:
-        """SHA-256 of the visible shards."""
+        """SHA-256 of the visible shards, by name without its token."""
         shards: dict[str, str] = {}
         for path in sorted((folder / "data").glob("part-*.parquet")):
             try:
-                shards[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+                shards[path.name.rpartition("-")[0]] = hashlib.sha256(path.read_bytes()).hexdigest()
             except FileNotFoundError:
                 continue  # it was there when the folder was listed
         return shards
