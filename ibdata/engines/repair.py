@@ -145,8 +145,8 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
         finish(recipe, [*whole, *made.values()], staged, reproducible, provenance(recipe))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         listed = {w.entry.path for w in (*whole, *made.values())}
-        for path in (folder / "data").glob("part-*.parquet"):
-            if f"data/{path.name}" not in listed:
+        for path in (folder / "data").iterdir():
+            if target.is_ours(path) and f"data/{path.name}" not in listed:
                 path.unlink()  # damaged, and made again under another name
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 

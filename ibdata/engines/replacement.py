@@ -107,7 +107,8 @@ def settle(folder: Path) -> None:
         discard(folder / NEXT)
         new.rename(folder / NEXT)  # from here on it counts for nothing
         sync_folder(folder)
-        time.sleep(PAUSE)
+        if (folder / NEXT / "data").is_dir():
+            time.sleep(PAUSE)
         discard(folder / NEXT)
 
 
@@ -131,17 +132,16 @@ def withdraw(folder: Path) -> None:
     discard(folder / NEXT)
 
 
-def _paths(folder: Path) -> list[str]:
+def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:
     """The paths of the files that the manifest in a folder lists; none where there is no whole manifest."""
     try:
-        return [file["path"] for file in _manifest(folder)["files"]]
+        return [file["path"] for file in _manifest(folder, path)["files"]]
     except (OSError, DatasetError):
         return []
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    path = folder / manifest.PATH
-    return manifest.parsed(path, plain_bytes(path, manifest.MAX_BYTES))
+def _manifest(folder: Path, path: str = manifest.PATH) -> dict[str, Any]:
+    return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
 
 
 def _counts(folder: Path) -> bool:
@@ -181,8 +181,8 @@ def _place_single_files(new: Path, folder: Path) -> None:
     """Card and report go to their places, if they are what the manifest lists; a report of old goes."""
     listed = {file["path"]: file["sha256"] for file in _manifest(folder)["files"]}
     for path in (manifest.CARD, manifest.REPORT):
-        if path not in listed:
-            (folder / path).unlink(missing_ok=True)
+        if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
+            (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
         elif file_sha256(new / path) == listed[path]:
             (new / path).replace(folder / path)
     sync_folder(folder)

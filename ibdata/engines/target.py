@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,8 @@ from ibdata.system import lock
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
 RANGE_LOCK = f"{lock.NAME}-"
-METADATA = (*manifest.METADATA, manifest.PATH)
-OURS = ("part-*.parquet", "experiment-*.yaml", manifest.FRESH, *(Path(path).name for path in METADATA))
+OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
+METADATA = {manifest.FRESH, *(Path(path).name for path in (*manifest.METADATA, manifest.PATH))}
 
 
 def identity(experiment: Experiment) -> str:
@@ -122,6 +122,8 @@ def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
     for path in (folder / "data").glob("*"):
         if f"data/{path.name}" not in known and not path.name.startswith("."):
             raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
+    if is_foreign(folder / manifest.CARD):
+        raise UsageError(f"{folder / manifest.CARD}: found a text that ibdata did not write; move it away")
     for name in known:
         if (folder / name).is_dir():
             raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")
@@ -232,7 +234,7 @@ def discard(root: Path) -> None:
 
 def is_ours(path: Path) -> bool:
     """Whether a file in `data` or `meta` has a name that ibdata gives."""
-    return not path.is_dir() and any(fnmatchcase(path.name, pattern) for pattern in OURS)
+    return not path.is_dir() and (path.name in METADATA or OURS.fullmatch(path.name) is not None)
 
 
 def _empty(folder: Path) -> None:

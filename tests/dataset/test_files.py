@@ -130,12 +130,17 @@ def test_the_data_are_on_the_disk_before_the_name_and_the_name_before_the_return
     assert done == [("fsync", 5, False), ("rename", 5, "x"), ("fsync", "folder", True)]
 
 
-def test_a_token_in_a_path_becomes_the_first_digits_of_the_hash(tmp_path):
+def test_a_token_in_a_path_becomes_random_digits(tmp_path):
     with committed(tmp_path, "data/x-{token}.parquet") as file:
         file.write(b"hello")
         (temporary,) = (path for path in tmp_path.iterdir() if path.is_file())
         assert re.fullmatch(r"\.tmp-[0-9a-f]{12}-x\.part", temporary.name)
-    assert [path.name for path in (tmp_path / "data").iterdir()] == ["x-2cf24dba.parquet"]
+    (made,) = (tmp_path / "data").iterdir()
+    assert re.fullmatch(r"x-[0-9a-f]{8}\.parquet", made.name)
+    assert file.path == f"data/{made.name}"
+    with committed(tmp_path, "data/x-{token}.parquet") as file:
+        file.write(b"hello")
+    assert len(list((tmp_path / "data").iterdir())) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["data"]
 
 

@@ -12,7 +12,7 @@ from pyarrow.fs import FileSystem
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import main
-from ibdata.dataset import storage
+from ibdata.dataset import manifest, storage
 from ibdata.dataset.storage import is_url
 from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
 
@@ -48,10 +48,13 @@ def test_no_urls(place):
 
 def test_the_same_files_are_there_as_in_a_folder(url):
     at_url, plain = made(url), made("plain")
-    files = {str(p.relative_to("plain")): p.read_bytes() for p in Path("plain").rglob("*") if p.is_file()}
-    assert {
-        str(p.relative_to("there")): p.read_bytes() for p in Path("there").rglob("*") if p.is_file()
-    } == files
+    files, others = (
+        {str(p.relative_to(folder)): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
+        for folder in ("there", "plain")
+    )
+    assert set(files) == {file["path"] for file in at_url.manifest["files"]} | {manifest.PATH}
+    shards = [sorted(data for path, data in found.items() if "data/" in path) for found in (files, others)]
+    assert shards[0] == shards[1]
     assert at_url.table().equals(plain.table())
     assert at_url.place == url
     assert at_url.path != Path("there")

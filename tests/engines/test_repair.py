@@ -99,8 +99,12 @@ def test_manifest_and_a_shard_are_made_again_from_the_experiment(copied, file):
     before, shard = contents(copied), file("shard 1")
     damage(copied / manifest.PATH, "flipped")
     damage(copied / shard, "cut")
-    assert repair(copied, workers=1) == [manifest.PATH, shard]
-    assert contents(copied) == before
+    found, made = repair(copied, workers=1)
+    assert found == manifest.PATH
+    assert re.fullmatch(r"data/part-00001-[0-9a-f]{8}\.parquet", made)
+    assert (copied / made).read_bytes() == before[shard]
+    assert contents(copied).keys() ^ before.keys() == {made, shard}
+    assert validate(copied) == []
 
 
 def test_a_whole_dataset_is_left_alone(copied):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 from pathlib import Path
@@ -52,27 +53,32 @@ def rules(folder: Path) -> set[str]:
     return {problem.rule for problem in ibdata.validate(folder)}
 
 
-def test_files_of_another_experiment_have_other_names(here, made):
+def test_no_two_runs_give_a_file_the_same_name(here, made):
     old = {shard["path"] for shard in made[0].manifest["shards"]}
     new = {shard["path"] for shard in made[1].manifest["shards"]}
     assert len(old) == len(new) == 4
     assert old & new == set()
-    replaced = ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
-    assert {shard["path"] for shard in replaced.manifest["shards"]} == new
-    assert names(here) == names(made[1].path)
+    again = ibdata.generate(described(), here, workers=1, overwrite=True)
+    newer = {shard["path"] for shard in again.manifest["shards"]}
+    assert newer & (old | new) == set()
+    assert {name for name in names(here) if name.startswith("data/")} == newer
+    assert again.content_root == made[0].content_root
+
+
+MINE = ("data/.gitattributes", "meta/notes.txt", "meta/experiment-mine.yaml", "notes.txt", "report.html")
 
 
 @pytest.mark.parametrize("exchange", [True, False])
 def test_what_a_user_has_put_beside_the_files_stays(here, monkeypatch, exchange):
     if not exchange:
         monkeypatch.setattr(replacement, "_exchanged", lambda a, b: False)
-    for path in ("data/.gitattributes", "meta/notes.txt", "notes.txt"):
+    for path in MINE:
         (here / path).write_text("mine")
     replaced = ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
     assert ibdata.validate(here) == []
-    for path in ("data/.gitattributes", "meta/notes.txt", "notes.txt"):
+    for path in MINE:
         assert (here / path).read_text() == "mine"
-    assert len(names(here)) == len(replaced.manifest["files"]) + 1 + 3
+    assert len(names(here)) == len(replaced.manifest["files"]) + 1 + len(MINE)
 
 
 def test_a_dataset_opened_before_is_read_or_said_to_be_replaced(here):
@@ -221,3 +227,30 @@ def test_a_small_file_of_many_rows_is_refused_before_it_is_read(here, monkeypatc
     for use in (dataset.table, lambda: list(dataset.iter_batches())):
         with pytest.raises(DatasetError, match="found 100000 rows, expected 5; see ibdata validate"):
             use()
+
+
+def test_somebody_s_own_readme_in_the_place_of_the_card_is_not_overwritten(here):
+    (here / "README.md").write_text("mine")
+    with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write; move it away"):
+        ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    assert (here / "README.md").read_text() == "mine"
+
+
+@pytest.mark.parametrize("code", [errno.EXDEV, errno.EBUSY])
+def test_a_folder_that_cannot_be_moved_leaves_the_dataset_as_it_was(here, made, monkeypatch, code):
+    """As one in the image of a container, or one that is a mount."""
+
+    def refuse(*_):
+        raise OSError(code, "cannot be moved")
+
+    monkeypatch.setattr(replacement, "_exchanged", refuse)
+    before = {name: (here / name).read_bytes() for name in names(here)}
+    for write in (
+        lambda: ibdata.generate(described(seed=1), here, workers=1, overwrite=True),
+        lambda: ibdata.split(here, by="policy"),
+    ):
+        with pytest.raises(IbdataError, match="here: cannot be written: cannot be moved"):
+            write()
+        assert {name: (here / name).read_bytes() for name in names(here)} == before
+        assert ibdata.validate(here) == []
+    assert ibdata.open(here).content_root == made[0].content_root
