@@ -20,7 +20,7 @@ from ibdata.engines.code import provenance, refuse_code
 from ibdata.engines.generate import refusals
 from ibdata.engines.signals import check, stoppable
 from ibdata.engines.warmup import warm_up
-from ibdata.errors import DatasetError, IbdataError
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import as_yaml, load
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe, recipe_in
@@ -62,9 +62,13 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
 def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-    damaged = [problem.path for problem in check_files(folder, listed) if problem.path in entries]
+    problems = list(check_files(folder, listed))
+    damaged = [problem.path for problem in problems if problem.path in entries]
     if not damaged:
         return []
+    for problem in problems:  # before more files come beside them
+        if problem.path not in entries:
+            raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     recipe = recipe_in(folder, listed)
     refuse_other_plan(recipe, listed)
     paths = [shard["path"] for shard in listed["shards"]]

@@ -104,6 +104,9 @@ def settle(folder: Path) -> None:
             _give_back(new, folder)
             for part in PARTS:
                 (folder / part / FRESH).unlink(missing_ok=True)
+        elif _is_half(folder):
+            (folder / "data" / FRESH).unlink()
+            _swap(new, folder, "data")
         discard(folder / NEXT)
         new.rename(folder / NEXT)  # from here on it counts for nothing
         sync_folder(folder)
@@ -153,6 +156,13 @@ def _counts(folder: Path) -> bool:
     return bool(paths) and all((new / path).is_file() or (folder / path).is_file() for path in paths)
 
 
+def _is_half(folder: Path) -> bool:
+    """Whether `data` has changed places and the rest is lost, as in a copy of a part of the folder."""
+    shards = [path for path in _paths(folder) if path.startswith("data/")]
+    here = (folder / "data" / FRESH).is_file() and bool(shards)
+    return here and all((folder / NEW / path).is_file() for path in shards)
+
+
 def _swap(new: Path, folder: Path, part: str) -> None:
     """Let a new folder take its place; the old one is in `.new` afterwards."""
     source, target = new / part, folder / part
@@ -183,7 +193,7 @@ def _place_single_files(new: Path, folder: Path) -> None:
     for path in (manifest.CARD, manifest.REPORT):
         if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
             (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
-        elif file_sha256(new / path) == listed[path]:
+        elif path in listed and file_sha256(new / path) == listed[path]:
             (new / path).replace(folder / path)
     sync_folder(folder)
 

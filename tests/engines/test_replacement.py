@@ -17,6 +17,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.metadata import as_json
 from ibdata.engines import replacement
 from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.report import card
 
 PLAIN = {
     "name": "tiny",
@@ -231,8 +232,12 @@ def test_a_small_file_of_many_rows_is_refused_before_it_is_read(here, monkeypatc
 
 def test_somebody_s_own_readme_in_the_place_of_the_card_is_not_overwritten(here):
     (here / "README.md").write_text("mine")
-    with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write; move it away"):
-        ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    for write in (
+        lambda: ibdata.generate(described(seed=1), here, workers=1, overwrite=True),
+        lambda: card(here),
+    ):
+        with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write; move it"):
+            write()
     assert (here / "README.md").read_text() == "mine"
 
 
@@ -254,3 +259,27 @@ def test_a_folder_that_cannot_be_moved_leaves_the_dataset_as_it_was(here, made, 
         assert {name: (here / name).read_bytes() for name in names(here)} == before
         assert ibdata.validate(here) == []
     assert ibdata.open(here).content_root == made[0].content_root
+
+
+def half_copied(here: Path, made) -> None:
+    """As between the moves of `data` and `meta`."""
+    shutil.copytree(here / "data", here / ".new/data")
+    shutil.rmtree(here / "data")
+    shutil.copytree(made[1].path / "data", here / "data")
+    (here / "data" / manifest.FRESH).touch()
+
+
+def test_a_copy_without_the_hidden_half_is_not_repaired_into_a_mixture(here, made):
+    half_copied(here, made)
+    shutil.rmtree(here / ".new")
+    before = names(here)
+    with pytest.raises(UsageError, match=r"parquet: found a file that the manifest does not list; move it"):
+        ibdata.repair(here)
+    assert names(here) == before
+
+
+def test_a_half_whose_metadata_were_lost_is_put_back(here, made):
+    half_copied(here, made)
+    assert ibdata.repair(here) == []
+    assert ibdata.open(here).content_root == made[0].content_root
+    assert ibdata.validate(here) == []
