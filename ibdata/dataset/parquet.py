@@ -65,11 +65,12 @@ def batches(
         groups = [i for i, end in enumerate(ends) if end > start and end - sizes[i] < stop]
         row = ends[groups[0]] - sizes[groups[0]] if groups else 0
         columns = None if names is None else list(names)
-        for batch in file.iter_batches(most, row_groups=groups, columns=columns):
-            low, high = max(0, start - row), min(batch.num_rows, stop - row)
-            if low < high:
-                yield batch.slice(low, high - low)
-            row += batch.num_rows
+        for group in groups:  # one at a time: pyarrow would keep the bytes of all
+            for batch in file.iter_batches(most, row_groups=[group], columns=columns):
+                low, high = max(0, start - row), min(batch.num_rows, stop - row)
+                if low < high:
+                    yield batch.slice(low, high - low)
+                row += batch.num_rows
 
 
 @contextmanager

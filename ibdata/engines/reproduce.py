@@ -11,6 +11,7 @@ from typing import Any
 from ibdata.columns import columns
 from ibdata.dataset import manifest
 from ibdata.dataset.consistency import refuse_other_plan
+from ibdata.dataset.content import simulated
 from ibdata.dataset.digest import content_root, episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.finish import addressed as addresses
@@ -21,7 +22,6 @@ from ibdata.engines.warmup import warm_up
 from ibdata.errors import UsageError
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
-from ibdata.rollout import rollout
 
 
 def reproduce(
@@ -45,9 +45,9 @@ def reproduce(
     for experiment in recipe.experiments:
         warm_up(experiment)
     count, problems = 0, list(_root(recipe, listed, digests))
-    for part in _parts(recipe, None if episodes is None else str(episodes), len(digests)):
+    asked = _parts(recipe, None if episodes is None else str(episodes), len(digests))
+    for part, floats in (made for run in asked for made in simulated(recipe, run)):
         experiment = recipe.of_shard(part)
-        floats = rollout(experiment, part.first, part.stop)
         lengths = [experiment.steps] * (part.stop - part.first)
         found = episode_digests(digest_runs(experiment, part, floats), lengths)
         count += len(found)
