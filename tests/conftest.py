@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import runpy
 import signal
 import subprocess
@@ -53,6 +54,30 @@ def shard_file() -> ShardFile:
         return f"data/{found.name}"
 
     return path
+
+
+@pytest.fixture(scope="session")
+def files() -> Callable[[str | Path], dict[str, bytes]]:
+    """What is in the files below a folder; two runs of one experiment have the same.
+
+    The digits that end a shard's name are left out wherever they are, and so is what of the manifest follows
+    from them: its checksum, and the hashes of the other files, which are compared themselves.
+    """
+    token = re.compile(rb"(part-[0-9]{5})-[0-9a-f]{8}(?=\.parquet)")
+
+    def content(path: Path) -> bytes:
+        data = path.read_bytes()
+        if path.name == Path(manifest.PATH).name:
+            listed = json.loads(data)
+            listed["files"] = [file if "data/" in file["path"] else file["path"] for file in listed["files"]]
+            data = as_json({**listed, "checksum": None})
+        return data if path.suffix == ".parquet" else token.sub(rb"\1", data)
+
+    def below(folder: str | Path) -> dict[str, bytes]:
+        paths = (path for path in Path(folder).rglob("*") if path.is_file())
+        return {token.sub(rb"\1", bytes(path.relative_to(folder))).decode(): content(path) for path in paths}
+
+    return below
 
 
 @pytest.fixture(scope="session")

@@ -49,10 +49,6 @@ def tiny():
     return Experiment.model_validate(PLAIN)
 
 
-def files(folder):
-    return {str(p.relative_to(folder)): p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
-
-
 def make(tiny, *ranges, out="out"):
     return [ibdata.generate_shards(tiny, text, out, workers=1) for text in ranges]
 
@@ -80,7 +76,7 @@ def test_what_is_no_range_is_refused_before_anything_is_made(tiny, text):
 
 
 @pytest.mark.parametrize("order", [("1/3", "2/3", "3/3"), ("3/3", "1/2", "1/3", "2/3"), ("1/1",)])
-def test_ranges_in_any_order_make_the_files_of_a_plain_run(tiny, order):
+def test_ranges_in_any_order_make_the_files_of_a_plain_run(tiny, order, files):
     made = make(tiny, *order)
     assert (made[-1].missing, made[0].folder) == (0, Path("out"))
     dataset = ibdata.finalize("out")
@@ -95,7 +91,7 @@ def test_more_parts_than_shards_leave_some_with_nothing_to_make(tiny):
     assert len(ibdata.finalize("out")) == 50
 
 
-def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(tiny, monkeypatch):
+def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(tiny, monkeypatch, files):
     make(tiny, "1/2", "2/2")
     with pytest.raises(IbdataError, match="no finished dataset here"):
         ibdata.open("out")
@@ -107,7 +103,7 @@ def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(ti
     assert not [path for path in files("out") if ".run" in path or ".lock" in path]
 
 
-def test_a_plain_run_resumes_what_ranges_have_begun(tiny):
+def test_a_plain_run_resumes_what_ranges_have_begun(tiny, files):
     make(tiny, "2/3")
     with pytest.raises(UsageError, match="holds an unfinished run; --resume to go on with it"):
         ibdata.generate(tiny, "out", workers=1)
@@ -177,7 +173,7 @@ def test_a_machine_with_other_bits_than_the_first_is_refused_and_those_of_the_fi
     "content",
     [b"", b"{", b"[]", b'{"code": []}', b'{"known_answer": "1a2b3c", "code": []}', None],
 )
-def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content):
+def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content, files):
     make(tiny, "1/2")
     note = Path("out", origin.PATH)
     note.unlink()
@@ -205,7 +201,7 @@ def forged(written, shard):
 
 
 @pytest.mark.parametrize("damage", ["pipe", "empty", "no header", "no arrays", "fewer digests", "other path"])
-def test_a_shard_whose_receipt_is_none_is_made_again(tiny, shard_file, damage):
+def test_a_shard_whose_receipt_is_none_is_made_again(tiny, shard_file, damage, files):
     make(tiny, "1/1")
     shard = plan(tiny)[0]
     path = Path("out", receipt.path_of(shard))
@@ -287,7 +283,7 @@ def test_a_range_is_refused_where_it_or_the_whole_is_being_made(tiny):
     assert len(ibdata.finalize("out")) == 50
 
 
-def test_another_experiment_is_refused_and_the_first_stays(tiny):
+def test_another_experiment_is_refused_and_the_first_stays(tiny, files):
     make(tiny, "1/2")
     before = files("out")
     with pytest.raises(UsageError, match="holds an unfinished run of another experiment"):
@@ -295,7 +291,7 @@ def test_another_experiment_is_refused_and_the_first_stays(tiny):
     assert files("out") == before
 
 
-def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch):
+def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files):
     def fail(*args):
         raise OSError(28, "No space left on device")
 
@@ -342,7 +338,7 @@ def start(command):
         process.communicate()
 
 
-def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_command):
+def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_command, files):
     Path("many.yaml").write_text(json.dumps({**MANY, "output": {"shard_rows": 1000}}))
     experiment = ibdata.load("many.yaml")
     runs = [start(f"{i}/3") for i in (1, 2, 3)]

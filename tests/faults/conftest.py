@@ -205,7 +205,7 @@ class Tools:
 
     def leftovers(self, folder: Path) -> list[str]:
         """Files and folders of a run that should have gone."""
-        names = (".lock", ".run", ".next", ".new")
+        names = (".lock", ".run", ".next", ".new", ".fresh")
         found = [path for path in folder.rglob("*") if path.name in names or path.name.startswith(".tmp-")]
         return sorted(str(path.relative_to(folder)) for path in found)
 

@@ -20,12 +20,12 @@ def write(config: str, out: Path) -> None:
     (out / "data").mkdir(parents=True, exist_ok=True)
     shards = plan(experiment)
     for shard in shards:
-        path = out / shard.file
+        path = out / f"{shard.stem}-00000000.parquet"
         if path.exists():
             continue
         with path.open("wb") as file:
             encode(experiment, shard, rollout(experiment, shard.first, shard.stop), HashingFile(file))
-    (out / "manifest.json").write_text(json.dumps([shard.file for shard in shards]), encoding="utf-8")
+    (out / "manifest.json").write_text(json.dumps([shard.stem for shard in shards]), encoding="utf-8")
 
 
 if __name__ == "__main__":

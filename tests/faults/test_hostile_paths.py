@@ -149,7 +149,7 @@ def test_a_planted_link_to_a_folder_is_never_followed_to_write_or_delete(
 
 
 @pytest.mark.parametrize(
-    "name", ["data/part-00001.parquet", "meta/stats.json", "README.md", ".run/x.receipt"]
+    "name", ["data/part-00001-01234567.parquet", "meta/stats.json", "README.md", ".run/x.receipt"]
 )
 def test_a_planted_link_to_a_file_is_replaced_and_not_written_through(
     forks: Any, tools: Any, name: str

@@ -116,8 +116,10 @@ def seen_by_readers(
     return bad
 
 
-@pytest.mark.parametrize("exchange", [True, False], ids=["one call", "two calls"])
-@pytest.mark.parametrize("other", ["same shape", "fewer shards", "more shards"])
+@pytest.mark.parametrize(
+    ("other", "exchange"),
+    [("same shape", True), ("fewer shards", True), ("more shards", True), ("same shape", False)],
+)
 def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the_old_dataset_or_the_new_one(
     forks: Any, tools: Any, other: str, exchange: bool
 ) -> None:
@@ -138,7 +140,7 @@ def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the
     cases = faults(forks, tools, base, generate(tools.tiny, out, *new), exchange=exchange)
     root, rows = tools.root(out), tools.rewards(out)
     if (other != "same shape" or not exchange) and not tools.full:
-        cases = cases[-70:]  # what differs is how it settles
+        cases = cases[-50:]  # what differs is how it settles
 
     def restore() -> None:
         shutil.rmtree(out)

@@ -17,6 +17,7 @@ import json
 import math
 import os
 import platform
+import re
 import struct
 import sys
 import tempfile
@@ -124,7 +125,7 @@ def interrupted(after: int) -> None:
 def with_receipts(folder: Path) -> list[Path]:
     """The shards of an unfinished run that resuming is to keep."""
     names = [path.stem for path in (folder / receipt.FOLDER).glob("*.receipt")]
-    return [folder / "data" / f"{name}.parquet" for name in names]
+    return [path for name in names for path in (folder / "data").glob(f"{name}-*.parquet")]
 
 
 def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
@@ -152,8 +153,13 @@ def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
         "root": manifest["content_root"],
         "reproducible": manifest["reproducible"],
         "shards": [files.pop(shard["path"]) for shard in manifest["shards"]],
-        "files": files,
+        "files": {path: without_tokens(out / path) for path in files},
     }
+
+
+def without_tokens(path: Path) -> str:
+    """SHA-256 of a file without the random digits that end the names of shards in it."""
+    return hashlib.sha256(re.sub(rb"(part-[0-9]{5})-[0-9a-f]{8}", rb"\1", path.read_bytes())).hexdigest()
 
 
 def main(spec: dict[str, object]) -> None:
