@@ -66,6 +66,7 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     damaged = [problem.path for problem in problems if problem.path in entries]
     if not damaged:
         return []
+    replacement.refuse_folders(folder, damaged)
     for problem in problems:  # before more files come beside them
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")

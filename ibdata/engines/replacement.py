@@ -51,9 +51,11 @@ def commit(folder: Path) -> None:
     if not (root / manifest.PATH).is_file():  # nothing is to be replaced
         discard(root)
         return
-    for path in [manifest.PATH, *_paths(folder), *_paths(root)]:
-        if (folder / path).is_dir():
-            raise DatasetError(f"{folder / path}: found a folder in the place of a file; move it away")
+    try:
+        refuse_folders(folder, [manifest.PATH, *_paths(folder), *_paths(root)])
+    except DatasetError:
+        discard(root)
+        raise
     for part in PARTS:
         if (root / part).is_dir():
             (root / part / FRESH).touch()
@@ -68,6 +70,13 @@ def commit(folder: Path) -> None:
             if _take_back(folder):
                 discard(root)
             raise
+
+
+def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
+    """DatasetError where a folder is in the place of one of these files."""
+    for path in paths:
+        if (folder / path).is_dir():
+            raise DatasetError(f"{folder / path}: found a folder in the place of a file; move it away")
 
 
 def _take_back(folder: Path) -> bool:
