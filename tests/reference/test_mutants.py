@@ -113,8 +113,8 @@ def mutate(name, folder):
     """A package `ibdata` in `folder` with a copy of the dynamics in which the mutant's text is changed."""
     package = folder / "ibdata"
     shutil.copytree(DYNAMICS, package / "dynamics", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("compiling", "compile_cache", "cache_places", "private_files", "errors"):
-        shutil.copy(DYNAMICS.parent / f"{name}.py", package)
+    for module in ("compiling", "compile_cache", "cache_places", "private_files", "errors"):
+        shutil.copy(DYNAMICS.parent / f"{module}.py", package)
     (package / "__init__.py").touch()
     file, changes = MUTANTS[name]
     path = package / "dynamics" / file
