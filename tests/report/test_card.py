@@ -16,7 +16,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.dataset.validation import validate
-from ibdata.errors import BusyError, DatasetError
+from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.plots import drawn, plots
 from ibdata.report import card
 from ibdata.system import lock
@@ -96,8 +96,17 @@ def test_only_the_report_and_the_manifest_change_and_the_dataset_is_valid(plain,
 
 def test_the_card_is_written_anew_and_the_same_dataset_gets_the_same_bytes(copied):
     before = contents(copied)
-    (copied / "README.md").write_text("mine")
+    with (copied / "README.md").open("a") as readme:
+        readme.write("more")
     card(copied)
+    assert contents(copied) == before
+
+
+def test_a_text_of_somebody_in_the_place_of_the_card_stays(copied):
+    (copied / "README.md").write_text("mine")
+    before = contents(copied)
+    with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write; move it away"):
+        card(copied)
     assert contents(copied) == before
 
 
@@ -186,9 +195,12 @@ def test_other_files_are_repaired_and_the_report_stays(carded, copied, shard_fil
 
 
 def test_without_its_manifest_a_dataset_is_repaired_without_a_report(copied):
+    """Nobody can tell whose report.html is: it stays, and is none of the dataset's files any more."""
+    report = (copied / manifest.REPORT).read_bytes()
     (copied / manifest.PATH).unlink()
     ibdata.repair(copied, workers=1)
-    assert not (copied / manifest.REPORT).exists()
+    assert manifest.REPORT not in [file["path"] for file in ibdata.open(copied).manifest["files"]]
+    assert (copied / manifest.REPORT).read_bytes() == report
     assert ibdata.validate(copied) == []
 
 
