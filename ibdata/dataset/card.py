@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ibdata.dataset.metadata import splits
 from ibdata.dataset.shard import Written
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.recipe import Recipe
 from ibdata.naming import exact, yaml_name
@@ -26,6 +27,12 @@ def is_foreign(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(len(BEGINNING)) != BEGINNING.encode()
+
+
+def refuse_foreign(path: Path) -> None:
+    """UsageError where somebody has put a text of their own in the place of the card."""
+    if is_foreign(path):
+        raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
 
 
 def card(recipe: Recipe, written: list[Written], root: str) -> bytes:

@@ -72,33 +72,29 @@ def beside(recipe: Recipe) -> list[str]:
     return [INFO, EPISODES, STATS, *experiment_files(recipe), manifest.CARD]
 
 
-def check_root(recipe: Recipe, listed: dict[str, Any], written: list[Written]) -> Iterator[Problem]:
-    """The content root is that of the rows, where those of all shards keep every rule."""
-    if len(written) == len(recipe.shards):
-        root = root_of(recipe, written)
-        if root != listed["content_root"]:
-            message = f"found {listed['content_root']}, expected {root}"
-            yield Problem(manifest.PATH, None, "content root", message)
+def proven_root(recipe: Recipe, listed: dict[str, Any], written: list[Written]) -> str:
+    """The content root of the rows, where those of all shards keep every rule; else the one listed."""
+    if len(written) < len(recipe.shards):
+        return str(listed["content_root"])
+    return root_of(recipe, ((w.shard, w.content.digests) for w in written))
 
 
 def checks(
-    folder: Path, listed: dict[str, Any], recipe: Recipe, written: list[Written]
+    folder: Path, listed: dict[str, Any], recipe: Recipe, written: list[Written], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
-    """The check of each file beside the shards, given the shards whose rows keep every rule."""
+    """The check of each file beside the shards, given the shards whose rows keep every rule, and the root."""
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
     shards = [
         Written(shard, entries[each["path"]], UNREAD)
         for shard, each in zip(recipe.shards, listed["shards"], strict=True)
     ]
-    whole = len(written) == len(shards)
     yield EPISODES, _episodes(folder, listed, recipe, written)
-    if whole:
+    if len(written) == len(shards):
         yield STATS, _statistics(folder, listed, metadata.stats(recipe, written))
     yield INFO, _info(folder, listed, metadata.info(recipe, shards))
     for path, experiment in experiment_files(recipe).items():
         yield path, _experiment(folder, listed, path, experiment)
     if _same_version(listed, "ibdata"):
-        root = root_of(recipe, written) if whole else listed["content_root"]
         yield manifest.CARD, _card(folder, listed, card(recipe, shards, root))
 
 

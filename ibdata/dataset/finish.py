@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,11 @@ import pyarrow as pa
 
 from ibdata.columns import columns
 from ibdata.dataset import manifest, metadata
-from ibdata.dataset.card import card, is_foreign
+from ibdata.dataset.card import card, refuse_foreign
 from ibdata.dataset.content import content_of
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.files import FileEntry, write
 from ibdata.dataset.shard import Written
-from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.recipe import Recipe
@@ -38,10 +37,9 @@ def finish(
 
     Raises UsageError where somebody has put a text of their own in the place of the card.
     """
-    if is_foreign(folder / manifest.CARD):
-        raise UsageError(f"{folder / manifest.CARD}: found a text that ibdata did not write; move it away")
+    refuse_foreign(folder / manifest.CARD)
     written = sorted(written, key=lambda w: w.shard.number)
-    root = root_of(recipe, written)
+    root = root_of(recipe, ((w.shard, w.content.digests) for w in written))
     entries = [w.entry for w in written]
     entries += [write(folder, path, make()) for path, make in documents(recipe, written, root).items()]
     made_manifest = _manifest(recipe, written, entries, root)
@@ -95,11 +93,11 @@ def versions() -> dict[str, str]:
     }
 
 
-def root_of(recipe: Recipe, written: list[Written]) -> str:
-    """The content root of shards in order."""
+def root_of(recipe: Recipe, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
+    """The content root of shards in order, given the digests of the episodes of each."""
     return content_root(
         ((c.name, c.dtype) for c in columns(recipe.experiments[0])),
-        (episode for w in written for episode in addressed(recipe, w.shard, w.content.digests)),
+        (episode for shard, digests in shards for episode in addressed(recipe, shard, digests)),
     )
 
 

@@ -12,6 +12,7 @@ import math
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -156,10 +157,8 @@ def locate(folder: Path, path: str) -> Path:
 def content(folder: Path, path: str) -> bytes:
     """What is in a file of the dataset; also while a replacement moves it to its place."""
     for _ in range(MOVES):
-        try:
+        with suppress(FileNotFoundError):
             return plain_bytes(locate(folder, path), MAX_BYTES)
-        except FileNotFoundError:
-            continue
     return plain_bytes(locate(folder, path), MAX_BYTES)
 
 

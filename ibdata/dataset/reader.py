@@ -195,7 +195,8 @@ class Dataset:
             return [(number, None) for number in numbers]
         files = self.info["splits"][self._known(split)]["files"]
         if files is not None:
-            return [(n, None) for n in numbers if self.manifest["shards"][n]["path"] in set(files)]
+            known = set(files)
+            return [(n, None) for n in numbers if self.manifest["shards"][n]["path"] in known]
         return sorted(self._runs(split).items())
 
     def _runs(self, split: str) -> dict[int, Runs]:

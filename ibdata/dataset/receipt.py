@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from ibdata.dataset import manifest
 from ibdata.dataset.content import Content
 from ibdata.dataset.files import TOKEN, FileEntry, file_sha256, plain_bytes, write
 from ibdata.dataset.shard import Written, file_of
 from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
 
-FOLDER = ".run"
+FOLDER = manifest.RUN
 MAX_BYTES = 2**32
 NO_RECEIPT = (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.BadZipFile, EOFError)
 

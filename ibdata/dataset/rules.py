@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from ibdata.columns import Column
 from ibdata.dataset.history import stacked
+from ibdata.dataset.schema import index_columns, policy_numbers
 from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
@@ -96,25 +97,26 @@ def bounds(rows: Rows) -> Found:
 
 def indices(rows: Rows) -> Found:
     """Episodes follow each other whole, and steps count from 0 within each."""
-    part, steps = rows.part, rows.experiment.steps
-    row = np.arange((part.stop - part.first) * steps)
-    episode = row // steps + part.first + part.offset
-    yield from _where(rows.columns["episode"] != episode, "episode", rows, "the episode of episodes.parquet")
-    yield from _where(rows.columns["step"] != row % steps, "step", rows, "steps from 0 within each episode")
+    expected = index_columns(rows.experiment, rows.part)
+    for name, text in (
+        ("episode", "the episode of episodes.parquet"),
+        ("step", "steps from 0 within each episode"),
+    ):
+        yield from _where(rows.columns[name] != expected[name], name, rows, text)
 
 
 def flags(rows: Rows) -> Found:
     """terminated is never set; truncated is set on the last row of an episode, and there only."""
-    last = np.zeros(len(rows.columns["truncated"]), dtype=np.bool_)
-    last[rows.experiment.steps - 1 :: rows.experiment.steps] = True
-    yield from _where(rows.columns["terminated"], "terminated", rows, "false")
-    yield from _where(rows.columns["truncated"] != last, "truncated", rows, "true on last rows only")
+    expected = index_columns(rows.experiment, rows.part)
+    for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
+        yield from _where(rows.columns[name] != expected[name], name, rows, text)
 
 
 def policy(rows: Rows) -> Found:
     """Every row has the label of its episode's policy."""
     labels = rows.experiment.labels
-    found, expected = rows.columns["policy"], np.repeat(_policies(rows), rows.experiment.steps)
+    numbers = policy_numbers(rows.experiment, rows.part)
+    found, expected = rows.columns["policy"], np.repeat(numbers, rows.experiment.steps)
     broken = found != expected
     if broken.any():
         row = int(np.argmax(broken))
@@ -180,7 +182,7 @@ def shift_register(rows: Rows) -> Found:
 def density(rows: Rows) -> Found:
     """The log density of the action is what the policy says, unless the policy is somebody's code."""
     experiment, steps = rows.experiment, rows.experiment.steps
-    policies = _policies(rows)
+    policies = policy_numbers(experiment, rows.part)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
     wrong = np.zeros(len(rows.columns["step"]), dtype=np.bool_)
     for low, high in pairwise(cuts):
@@ -205,13 +207,6 @@ def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
     step = np.arange(n) % rows.experiment.steps
     seen = stacked(observations, after, step, frames)[0]
     return behaviour.log_prob(np.ascontiguousarray(seen).reshape(n, frames, 6), actions)
-
-
-def _policies(rows: Rows) -> Array:
-    """The number of each episode's policy."""
-    experiment = rows.experiment
-    per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
-    return np.arange(rows.part.first, rows.part.stop) // per_policy
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

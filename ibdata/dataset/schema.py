@@ -58,9 +58,9 @@ def arrow_array(values: npt.NDArray[Any]) -> pa.Array:
 def arrow_table(experiment: Experiment, shard: Shard, floats: Columns) -> pa.Table:
     """The Arrow table of a shard from its float columns."""
     described = columns(experiment)
-    policies = np.repeat(_policies(experiment, shard), experiment.steps)
+    policies = np.repeat(policy_numbers(experiment, shard), experiment.steps)
     made = {
-        **_indices(experiment, shard),
+        **index_columns(experiment, shard),
         "policy": policies,
         **dict(zip(floats.names, floats.table, strict=True)),
     }
@@ -84,8 +84,8 @@ def arrow_strings(texts: Sequence[str]) -> pa.StringArray:
 def digest_runs(experiment: Experiment, shard: Shard, floats: Columns) -> list[Run]:
     """A shard's columns but `episode` as `digest.episode_digests` takes them."""
     texts = [text(label) for label in experiment.labels]
-    others: dict[str, Run] = {name: x.reshape(1, -1) for name, x in _indices(experiment, shard).items()}
-    others["policy"] = [texts[i] for i in _policies(experiment, shard).tolist()]
+    others: dict[str, Run] = {name: x.reshape(1, -1) for name, x in index_columns(experiment, shard).items()}
+    others["policy"] = [texts[i] for i in policy_numbers(experiment, shard).tolist()]
     runs: list[Run] = []
     start = end = 0
     for column in columns(experiment)[1:]:
@@ -99,7 +99,7 @@ def digest_runs(experiment: Experiment, shard: Shard, floats: Columns) -> list[R
     return [*runs, floats.table[start:end]]
 
 
-def _indices(experiment: Experiment, shard: Shard) -> dict[str, npt.NDArray[Any]]:
+def index_columns(experiment: Experiment, shard: Shard) -> dict[str, npt.NDArray[Any]]:
     """The index and flag columns of a shard."""
     n, steps = shard.stop - shard.first, experiment.steps
     last = np.zeros((n, steps), dtype=np.bool_)
@@ -112,7 +112,7 @@ def _indices(experiment: Experiment, shard: Shard) -> dict[str, npt.NDArray[Any]
     }
 
 
-def _policies(experiment: Experiment, shard: Shard) -> npt.NDArray[np.int32]:
+def policy_numbers(experiment: Experiment, shard: Shard) -> npt.NDArray[np.int32]:
     """The number of each episode's policy."""
     per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
     return (np.arange(shard.first, shard.stop) // per_policy).astype(np.int32)

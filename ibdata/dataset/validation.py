@@ -11,7 +11,7 @@ from typing import Any
 
 from ibdata.dataset import manifest, storage
 from ibdata.dataset.check import check_shard
-from ibdata.dataset.consistency import check_plan, check_root, checks
+from ibdata.dataset.consistency import check_plan, checks, proven_root
 from ibdata.dataset.content import content_of
 from ibdata.dataset.files import FileEntry, file_sha256
 from ibdata.dataset.metadata import as_json
@@ -135,8 +135,11 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
             if content_of(content.digests) != one["content"]:
                 message = "found other content than the manifest lists"
                 yield Problem(one["path"], None, "digest", message)
-    yield from check_root(recipe, listed, written)
-    for path, check in checks(folder, listed, recipe, written):
+    root = proven_root(recipe, listed, written)
+    if root != listed["content_root"]:
+        message = f"found {listed['content_root']}, expected {root}"
+        yield Problem(manifest.PATH, None, "content root", message)
+    for path, check in checks(folder, listed, recipe, written, root):
         if path not in damaged:
             yield from _read(path, check)
 

@@ -38,7 +38,7 @@ def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
 
     Also where the code is the script that was started: nobody can import that to make the dataset again.
     """
-    targets = list(dict.fromkeys(policy.target for policy in customs(recipe)))
+    targets = recipe.code_targets
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "

@@ -49,10 +49,9 @@ def generate(
     workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
     stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. allow_code
     lets custom policies run: they are code, and their bits are promised in the same environment only; a run
-    is resumed with the code that it began with. engine "ray" runs
-    the shards on Ray, at address, or on one started here. Where out is a URL, as
-    s3://bucket/name, the dataset is made on this machine, then uploaded; resume uploads what is missing. A
-    folder of experiments is for `generate_all`.
+    is resumed with the code that it began with. engine "ray" runs the shards on Ray, at address, or on one
+    started here. Where out is a URL, as s3://bucket/name, the dataset is made on this machine, then uploaded;
+    resume uploads what is missing. A folder of experiments is for `generate_all`.
 
     Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
     else, BusyError where another process writes to it, IbdataError where the system refuses.

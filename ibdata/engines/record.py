@@ -13,7 +13,6 @@ from ibdata.errors import UsageError
 from ibdata.experiment.plan import Shard
 
 MAX_PARTS = 100_000
-MAX_BYTES = 2**24  # of a note
 
 
 class Range(NamedTuple):

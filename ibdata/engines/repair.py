@@ -77,8 +77,12 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     lost = [path for path in damaged if path not in paths]
     if lost and listed["versions"]["ibdata"] != __version__:
         lost = list(documents(recipe, [], ""))  # so that all of them are of one version
+    if wrong:
+        refuse_code(recipe, folder, allow_code)
+        for experiment in recipe.experiments:
+            warm_up(experiment)
     with replacement.staged(folder) as staged:
-        made = _made_again(recipe, wrong, folder, staged, workers, allow_code) if wrong else {}
+        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
         written = []
         for shard, one in zip(recipe.shards, listed["shards"], strict=True):
             w = made.get(shard.number)
@@ -146,7 +150,7 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
             "prove that it is the dataset's; nothing was changed"
         )
     with replacement.staged(folder) as staged:
-        made = _made_again(recipe, wrong, folder, staged, workers, allow_code) if wrong else {}
+        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
         finish(recipe, [*whole, *made.values()], staged, reproducible, provenance(recipe))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         listed = {w.entry.path for w in (*whole, *made.values())}
@@ -163,13 +167,8 @@ def _told(folder: Path) -> Recipe:
     return Recipe(experiments[0].name, experiments)
 
 
-def _made_again(
-    recipe: Recipe, shards: list[Shard], folder: Path, staged: Path, workers: int, allow_code: bool
-) -> dict[int, Written]:
+def _made_again(recipe: Recipe, shards: list[Shard], staged: Path, workers: int) -> dict[int, Written]:
     """The shards, written under `.next`, by number."""
-    refuse_code(recipe, folder, allow_code)
-    for experiment in recipe.experiments:
-        warm_up(experiment)
     first = recipe.experiments[0]
     write(staged, target.EXPERIMENT, as_yaml(first))
     identity = target.identity(first)

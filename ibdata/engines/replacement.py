@@ -116,12 +116,17 @@ def settle(folder: Path) -> None:
         elif _is_half(folder):
             (folder / "data" / FRESH).unlink()
             _swap(new, folder, "data")
-        discard(folder / NEXT)
-        new.rename(folder / NEXT)  # from here on it counts for nothing
-        sync_folder(folder)
-        if (folder / NEXT / "data").is_dir():
-            time.sleep(PAUSE)
-        discard(folder / NEXT)
+        _dismiss(folder)
+
+
+def _dismiss(folder: Path) -> None:
+    """Let `.new` be `.next` again, which counts for nothing, and remove it."""
+    discard(folder / NEXT)
+    (folder / NEW).rename(folder / NEXT)
+    sync_folder(folder)
+    if (folder / NEXT / "data").is_dir():
+        time.sleep(PAUSE)
+    discard(folder / NEXT)
 
 
 def begun(folder: Path) -> list[str]:
@@ -139,9 +144,7 @@ def withdraw(folder: Path) -> None:
     (new / "meta" / FRESH).unlink(missing_ok=True)  # from here on it counts for nothing
     if (folder / "data" / FRESH).is_file():
         (folder / "data").rename(new / "data")
-    discard(folder / NEXT)
-    new.rename(folder / NEXT)
-    discard(folder / NEXT)
+    _dismiss(folder)
 
 
 def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:

@@ -8,13 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ibdata.columns import columns
 from ibdata.dataset import manifest
 from ibdata.dataset.consistency import refuse_other_plan
 from ibdata.dataset.content import simulated
-from ibdata.dataset.digest import content_root, episode_digests
+from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.finish import addressed as addresses
+from ibdata.dataset.finish import root_of
 from ibdata.dataset.rules import Problem
 from ibdata.dataset.schema import digest_runs
 from ibdata.engines.code import recipe_of
@@ -60,15 +59,8 @@ def reproduce(
 
 
 def _root(recipe: Recipe, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
-    addressed = (
-        episode
-        for shard in recipe.shards
-        for episode in addresses(
-            recipe, shard, digests[shard.first + shard.offset : shard.stop + shard.offset]
-        )
-    )
-    described = [(column.name, column.dtype) for column in columns(recipe.experiments[0])]
-    root = content_root(described, addressed)
+    own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in recipe.shards)
+    root = root_of(recipe, own)
     if root != listed["content_root"]:
         message = f"content root: found {listed['content_root']}, expected {root}"
         yield Problem(manifest.PATH, None, "reproduce", message)

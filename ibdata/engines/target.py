@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest, receipt
-from ibdata.dataset.card import is_foreign
+from ibdata.dataset.card import is_foreign, refuse_foreign
 from ibdata.dataset.files import TEMPORARY, sweep, write, write_once
 from ibdata.dataset.validation import check_files
 from ibdata.errors import DatasetError, IbdataError, UsageError
@@ -122,8 +122,7 @@ def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
     for path in (folder / "data").glob("*"):
         if f"data/{path.name}" not in known and not path.name.startswith("."):
             raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
-    if is_foreign(folder / manifest.CARD):
-        raise UsageError(f"{folder / manifest.CARD}: found a text that ibdata did not write; move it away")
+    refuse_foreign(folder / manifest.CARD)
     for name in known:
         if (folder / name).is_dir():
             raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.card import card as readme
-from ibdata.dataset.card import is_foreign
+from ibdata.dataset.card import refuse_foreign
 from ibdata.dataset.consistency import refuse_other_plan
 from ibdata.dataset.content import UNREAD
 from ibdata.dataset.files import FileEntry, write
@@ -17,7 +17,6 @@ from ibdata.dataset.shard import Written
 from ibdata.engines import replacement, target
 from ibdata.engines.generate import refusals
 from ibdata.engines.signals import stoppable
-from ibdata.errors import UsageError
 from ibdata.experiment.recipe import recipe_in
 from ibdata.plots import drawn
 from ibdata.report.page import page
@@ -30,15 +29,15 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     The report is one file that needs no network: pictures, experiment, statistics, provenance. Both are
     listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
 
-    Raises DatasetError for what is no dataset, BusyError where it is being written, MissingError without
-    matplotlib, IbdataError where the system refuses; then nothing is changed.
+    Raises UsageError where README.md is somebody's own text, DatasetError for what is no dataset, BusyError
+    where it is being written, MissingError without matplotlib, IbdataError where the system refuses; then
+    nothing is changed.
     """
     path = Path(folder)
     dataset = Dataset(path)
     lock.refuse_busy(path)
     target.refuse_links(path)
-    if is_foreign(path / manifest.CARD):
-        raise UsageError(f"{path / manifest.CARD}: found a text that ibdata did not write; move it away")
+    refuse_foreign(path / manifest.CARD)
     recipe = recipe_in(path, dataset.manifest)
     refuse_other_plan(recipe, dataset.manifest)
     report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,11 +27,6 @@ from ibdata.errors import DatasetError
 from ibdata.experiment.recipe import recipe_in
 
 Json = dict[str, Any]
-
-
-@pytest.fixture
-def copied(dataset, tmp_path) -> Path:
-    return Path(shutil.copytree(dataset.path, tmp_path / "copied"))
 
 
 def seal(folder: Path, change: Callable[[Json], object] = lambda listed: None) -> None:

@@ -320,24 +320,6 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
 MANY = {**PLAIN, "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
 
 
-@pytest.fixture
-def start(command):
-    """Start `ibdata generate --shards`, ended with the test."""
-    started = []
-
-    def run(text):
-        args = ["generate", "-q", "--config", "many.yaml", "--out", "out", "--workers", "1", "--shards", text]
-        started.append(
-            subprocess.Popen([command, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        )
-        return started[-1]
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
 def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_command, files):
     Path("many.yaml").write_text(json.dumps({**MANY, "output": {"shard_rows": 1000}}))
     experiment = ibdata.load("many.yaml")

@@ -8,7 +8,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -161,22 +160,10 @@ MANY = {**PLAIN, "name": "many", "episodes": 40, "steps": 1000, "output": {"shar
 
 
 @pytest.fixture
-def start(command):
-    """Start `ibdata generate --shards`, ended with the test."""
+def start(start):
+    """As everywhere, beside the experiment."""
     Path("many.yaml").write_text(json.dumps(MANY))
-    started = []
-
-    def run(text):
-        args = ["generate", "-q", "--config", "many.yaml", "--out", "out", "--workers", "1", "--shards", text]
-        started.append(
-            subprocess.Popen([command, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        )
-        return started[-1]
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
+    return start
 
 
 def has_begun(process):
