@@ -18,6 +18,8 @@ from ibdata import Experiment
 from ibdata.engines import known_answer
 from ibdata.errors import IbdataError, UsageError
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {
     "name": "own",
     "setpoints": [20.0, 70.0],
