@@ -11,11 +11,13 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
-import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest
 from ibdata.dataset.files import file_sha256, plain_bytes, sync_folder, write
@@ -26,7 +28,7 @@ from ibdata.errors import DatasetError
 from ibdata.system.lock import is_lost
 
 PARTS = ("data", "meta")
-PAUSE = 0.05  # seconds; who opened the old folder has listed it by then, and does not find it empty
+TOMBSTONE = "part-99999-00000000.parquet"  # of no dataset: the name says so by its token
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
@@ -124,9 +126,22 @@ def _dismiss(folder: Path) -> None:
     discard(folder / NEXT)
     (folder / NEW).rename(folder / NEXT)
     sync_folder(folder)
-    if (folder / NEXT / "data").is_dir():
-        time.sleep(PAUSE)
-    discard(folder / NEXT)
+    for data in (folder / NEXT / "data", folder / NEXT / "old-data"):
+        if data.is_dir() and (folder / manifest.PATH).is_file():
+            _leave_name(data)
+    discard(folder / NEXT, keep=TOMBSTONE)
+
+
+def _leave_name(data: Path) -> None:
+    """Put a file without rows into a replaced folder, where it stays until the next replacement.
+
+    A reader that opened the folder before lists that name, and does not find it in the new folder. An empty
+    listing would pass for a dataset without rows.
+    """
+    old = next(data.glob("part-*.parquet"), None)
+    with suppress(OSError, pa.ArrowException):
+        if old is not None:
+            pq.write_table(pq.read_schema(old).empty_table(), data / TOMBSTONE)
 
 
 def begun(folder: Path) -> list[str]:

@@ -203,8 +203,8 @@ def abandon(root: Path) -> None:
         discard(root)
 
 
-def discard(root: Path) -> None:
-    """Remove an unfinished run, or the files of a dataset that `.next` holds; nothing else.
+def discard(root: Path, keep: str = "") -> None:
+    """Remove an unfinished run, or the files of a dataset that `.next` holds except `keep`; nothing else.
 
     Raises UsageError where `.next` holds something that ibdata did not write.
     """
@@ -216,7 +216,7 @@ def discard(root: Path) -> None:
         folder = root / part
         if folder.is_dir() and not folder.is_symlink():
             for path in folder.iterdir():
-                if is_ours(path) and (staged or path.name != Path(manifest.PATH).name):
+                if is_ours(path) and path.name != keep and (staged or path.name != Path(manifest.PATH).name):
                     path.unlink()
             if not any(folder.iterdir()):
                 folder.rmdir()
@@ -225,10 +225,12 @@ def discard(root: Path) -> None:
             (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:
-        left = next((path for path in sorted(root.rglob("*")) if not path.is_dir()), None)
-        if left is not None:
-            raise UsageError(f"{left}: found something that ibdata did not write; move it away")
-        root.rmdir()
+        left = [path for path in sorted(root.rglob("*")) if not path.is_dir()]
+        for path in left:
+            if path.name != keep:
+                raise UsageError(f"{path}: found something that ibdata did not write; move it away")
+        if not left:
+            root.rmdir()
 
 
 def is_ours(path: Path) -> bool:

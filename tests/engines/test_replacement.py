@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -47,7 +48,9 @@ def here(made, tmp_path, monkeypatch) -> Path:
 
 
 def names(folder: Path) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    """The files of a folder, but the name that a replacement leaves."""
+    files = {path for path in folder.rglob("*") if path.is_file() and path.name != replacement.TOMBSTONE}
+    return {str(path.relative_to(folder)) for path in files}
 
 
 def rules(folder: Path) -> set[str]:
@@ -80,6 +83,24 @@ def test_what_a_user_has_put_beside_the_files_stays(here, monkeypatch, exchange)
     for path in MINE:
         assert (here / path).read_text() == "mine"
     assert len(names(here)) == len(replaced.manifest["files"]) + 1 + len(MINE)
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_reader_that_stops_between_opening_and_listing_a_folder_does_not_find_it_empty(
+    here, monkeypatch, exchange
+):
+    if not exchange:
+        monkeypatch.setattr(replacement, "_exchanged", lambda a, b: False)
+    opened = os.open(here / "data", os.O_RDONLY)
+    ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    listed = os.listdir(opened)
+    os.close(opened)
+    assert listed
+    assert not any((here / "data" / name).exists() for name in listed)
+    every = [path for path in here.rglob("*.parquet") if path.name.startswith("part-")]
+    assert pa.concat_tables([pq.read_table(path) for path in every]).num_rows == 20
+    ibdata.generate(described(seed=2), here, workers=1, overwrite=True)
+    assert [path.name for path in here.glob(".next/*/*")] == [replacement.TOMBSTONE]
 
 
 def test_a_dataset_opened_before_is_read_or_said_to_be_replaced(here):
