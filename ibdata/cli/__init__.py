@@ -118,7 +118,8 @@ def _lines(error: Exception) -> list[str]:
     if isinstance(error, IbdataError):
         return [printable(str(error))]
     if isinstance(error, OSError) and error.strerror:
-        return [f"{printable(os.fsdecode(error.filename or 'stdout'))}: {error.strerror}"]
+        unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
+        return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]
     if isinstance(error, MemoryError):
         return ["memory is too short for this; ask for less at once"]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]

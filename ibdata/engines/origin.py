@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.dataset import receipt, shape
-from ibdata.dataset.files import write, write_once
+from ibdata.dataset.files import plain_bytes, write, write_once
 from ibdata.dataset.metadata import as_json
 from ibdata.engines import known_answer
 from ibdata.engines.code import customs, provenance
@@ -21,6 +21,7 @@ from ibdata.errors import UsageError, printable
 from ibdata.experiment.recipe import Recipe
 
 PATH = f"{receipt.FOLDER}/run.json"
+MAX_BYTES = 2**20
 AGAIN = "or start again with --overwrite or another --out"
 
 
@@ -82,14 +83,18 @@ def begin_range(root: Path, origin: Origin, where: Path) -> None:
 def begun(root: Path) -> bytes | None:
     """The note of an unfinished run as it is written; None where there is none."""
     path = root / PATH
-    return path.read_bytes() if path.is_file() else None
+    if not path.is_file():
+        return None
+    try:
+        return plain_bytes(path, MAX_BYTES)
+    except OSError:
+        return b""
 
 
 def get(root: Path, where: Path) -> Origin:
     """What an unfinished run began with; UsageError where that is not known."""
-    note = begun(root)
     try:
-        data = json.loads(note or b"")
+        data = json.loads(begun(root) or b"")
     except ValueError:
         data = None
     if shape.misfit(_Note, data):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +16,7 @@ from ibdata.policies import POLICIES
 
 pytestmark = pytest.mark.slow
 
+IBDATA = str(Path(sys.executable).with_name("ibdata"))
 COMMANDS = cli.list_commands(None)
 
 
@@ -94,3 +97,11 @@ def test_the_shell_completes_commands_and_options(command):
     env |= {"COMP_WORDS": "ibdata generate --res", "COMP_CWORD": "2"}
     done = subprocess.run([command], env=env, capture_output=True, text=True, check=True)
     assert done.stdout == "plain,--resume\n"
+
+
+def test_a_current_folder_that_was_removed_is_named_for_what_it_is(tmp_path):
+    leave = "import os, sys; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone'); "
+    leave += f"os.execv({IBDATA!r}, [{IBDATA!r}, 'generate', '--config', 'random.yaml'])"
+    done = subprocess.run([sys.executable, "-c", leave], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "the current folder: No such file or directory\n"

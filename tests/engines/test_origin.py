@@ -249,7 +249,9 @@ def test_finalize_imports_nothing(here, noted, ibdata):
         assert done.stderr.startswith("out/.run/run.json: missing or damaged, so nobody knows what code made")
 
 
-@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b'{"known_answer": "0", "code": []}', None])
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"[1]", b" " * 2**20 + b"{}", b'{"known_answer": "0", "code": []}', None]
+)
 def test_a_note_that_is_missing_or_damaged_is_one_line(here, content):
     stopped()
     (here / "out/.run/run.json").unlink()
