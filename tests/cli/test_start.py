@@ -104,4 +104,4 @@ def test_a_current_folder_that_was_removed_is_named_for_what_it_is(tmp_path):
     leave += f"os.execv({IBDATA!r}, [{IBDATA!r}, 'generate', '--config', 'random.yaml'])"
     done = subprocess.run([sys.executable, "-c", leave], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "the current folder: No such file or directory\n"
+    assert done.stderr == "ibdata: the current folder: No such file or directory\n"
