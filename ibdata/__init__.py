@@ -3,26 +3,26 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ibdata.registration import register as _register
+from ibdata.environment.registration import register as _register
 from ibdata.version import __version__
 
 if TYPE_CHECKING:
     from ibdata.dataset.difference import difference
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.reader import Dataset as open
-    from ibdata.dataset.validation import validate
-    from ibdata.engines.array import finalize, generate_shards
-    from ibdata.engines.estimate import estimate
-    from ibdata.engines.generate import generate
-    from ibdata.engines.merge import merge
-    from ibdata.engines.repair import repair
-    from ibdata.engines.reproduce import reproduce
-    from ibdata.engines.split import split
-    from ibdata.engines.suite import generate_all
     from ibdata.errors import IbdataError
     from ibdata.evaluation import evaluate
     from ibdata.experiment import Experiment, load
     from ibdata.exporters import export
+    from ibdata.generation.array_job import finalize, generate_shards
+    from ibdata.generation.estimate import estimate
+    from ibdata.generation.generate import generate
+    from ibdata.generation.suite import generate_all
+    from ibdata.maintenance.merge import merge
+    from ibdata.maintenance.repair import repair
+    from ibdata.maintenance.reproduce import reproduce
+    from ibdata.maintenance.split import split
+    from ibdata.validation.validate import validate
 
 __all__ = [
     "Dataset",
@@ -52,20 +52,20 @@ _HOMES = {
     "Experiment": ("ibdata.experiment", "Experiment"),
     "IbdataError": ("ibdata.errors", "IbdataError"),
     "difference": ("ibdata.dataset.difference", "difference"),
-    "estimate": ("ibdata.engines.estimate", "estimate"),
+    "estimate": ("ibdata.generation.estimate", "estimate"),
     "evaluate": ("ibdata.evaluation", "evaluate"),
     "export": ("ibdata.exporters", "export"),
-    "finalize": ("ibdata.engines.array", "finalize"),
-    "generate": ("ibdata.engines.generate", "generate"),
-    "generate_all": ("ibdata.engines.suite", "generate_all"),
-    "generate_shards": ("ibdata.engines.array", "generate_shards"),
+    "finalize": ("ibdata.generation.array_job", "finalize"),
+    "generate": ("ibdata.generation.generate", "generate"),
+    "generate_all": ("ibdata.generation.suite", "generate_all"),
+    "generate_shards": ("ibdata.generation.array_job", "generate_shards"),
     "load": ("ibdata.experiment", "load"),
-    "merge": ("ibdata.engines.merge", "merge"),
+    "merge": ("ibdata.maintenance.merge", "merge"),
     "open": ("ibdata.dataset.reader", "Dataset"),
-    "repair": ("ibdata.engines.repair", "repair"),
-    "reproduce": ("ibdata.engines.reproduce", "reproduce"),
-    "split": ("ibdata.engines.split", "split"),
-    "validate": ("ibdata.dataset.validation", "validate"),
+    "repair": ("ibdata.maintenance.repair", "repair"),
+    "reproduce": ("ibdata.maintenance.reproduce", "reproduce"),
+    "split": ("ibdata.maintenance.split", "split"),
+    "validate": ("ibdata.validation.validate", "validate"),
 }
 
 

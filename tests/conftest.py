@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import runpy
 import signal
 import subprocess
 import sys
@@ -14,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.recorded import recorded_episode
 
 from ibdata.dataset import manifest
-from ibdata.dataset.metadata import as_json
+from ibdata.writing.metadata import as_json
 
 # Background jobs of a shell ignore SIGINT, those under nohup SIGHUP, and children would inherit that; what is
 # handled here is at its default in them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, lambda number, frame: None)
+
+pytest_plugins = ["helpers.datasets"]
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]
@@ -116,5 +118,5 @@ def case(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def recorded(case: dict[str, Any]) -> Any:
-    """A dataset's episode under these settings; see `recorded.py`."""
-    return runpy.run_path(str(Path(__file__).with_name("recorded.py")))["recorded_episode"](**case)
+    """A dataset's episode under these settings; see `helpers/recorded.py`."""
+    return recorded_episode(**case)

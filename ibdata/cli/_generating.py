@@ -26,7 +26,7 @@ def say_yaml(experiment: Experiment) -> None:
 
 def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """What one experiment would make."""
-    from ibdata.engines.estimate import estimate
+    from ibdata.generation.estimate import estimate
 
     made = estimate(experiment, folder, **options)
     if as_json:
@@ -39,7 +39,7 @@ def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
 def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     """What each experiment of a folder would make, and all."""
-    from ibdata.engines.suite import estimate_all
+    from ibdata.generation.suite import estimate_all
 
     made = estimate_all(config, out, **options)
     total = {key: sum(m[key] for m in made) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
@@ -68,7 +68,7 @@ def _print_estimate(made: dict[str, Any]) -> None:
 
 def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """Make one dataset."""
-    from ibdata.engines.generate import generate
+    from ibdata.generation.generate import generate
 
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
@@ -98,7 +98,7 @@ def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
 
 def generate_part(config: str, shards: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     """Make a part of a dataset's files."""
-    from ibdata.engines.array import generate_shards
+    from ibdata.generation.array_job import generate_shards
 
     made = generate_shards(config, shards, out, **options)
     if as_json:
@@ -121,7 +121,7 @@ def generate_part(config: str, shards: str, out: Path | str | None, as_json: boo
 
 def generate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     """Make the datasets of a folder of experiments."""
-    from ibdata.engines.suite import generate_all
+    from ibdata.generation.suite import generate_all
 
     start = time.perf_counter()
     made = generate_all(config, out, **options)

@@ -27,7 +27,7 @@ class Place(click.Path):
     """A path, or a URL as it is."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from ibdata.dataset.storage import is_url
+        from ibdata.system.object_store import is_url
 
         return value if is_url(value) else super().convert(value, param, ctx)
 

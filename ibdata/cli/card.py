@@ -21,7 +21,7 @@ def command(folder: Path, as_json: bool) -> None:
     ibdata card data/random
     """
     from ibdata.dataset import manifest
-    from ibdata.report import card
+    from ibdata.maintenance.card import card
 
     dataset = card(folder)
     files = [manifest.CARD, manifest.REPORT]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
-from ibdata.naming import exact
+from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.evaluation import Evaluation
@@ -76,7 +76,7 @@ def command(
 def _value(option: str, text: str) -> Any:
     """What an option says in YAML."""
     from ibdata.errors import UsageError
-    from ibdata.experiment.strict_yaml import Document, StrictYamlError
+    from ibdata.experiment.yaml import Document, StrictYamlError
 
     try:
         return Document(text).data

@@ -22,7 +22,7 @@ def command(folder: Path, as_json: bool) -> None:
     ibdata generate --config random.yaml --out data/random --shards 2/2
     ibdata finalize data/random
     """
-    from ibdata.engines.array import finalize
+    from ibdata.generation.array_job import finalize
 
     dataset = finalize(folder)
     counts = dataset.info["counts"]

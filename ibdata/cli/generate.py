@@ -96,7 +96,7 @@ def command(
     elif suite:
         generate_suite(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        from ibdata.engines.generate import default_folder, resolve
+        from ibdata.generation.generate import default_folder, resolve
 
         experiment = resolve(config, **changes)
         folder = out or default_folder(experiment)

@@ -17,7 +17,7 @@ from ibdata.cli._shared import (
     say,
     size,
 )
-from ibdata.naming import exact
+from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset

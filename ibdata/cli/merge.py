@@ -21,7 +21,7 @@ def command(folders: tuple[Path, ...], out: Path, as_json: bool) -> None:
     \b
     ibdata merge data/random data/safe --out data/both
     """
-    from ibdata.engines.merge import merge
+    from ibdata.maintenance.merge import merge
 
     dataset = merge(folders, out)
     counts = dataset.info["counts"]

@@ -24,7 +24,7 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
     """
     from ibdata.dataset import manifest
     from ibdata.dataset.reader import Dataset
-    from ibdata.engines.repair import repair
+    from ibdata.maintenance.repair import repair
 
     repaired = repair(folder, workers, allow_code)
     root = Dataset(folder).content_root

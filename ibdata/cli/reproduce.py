@@ -30,7 +30,7 @@ def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool)
     ibdata reproduce data/random
     ibdata reproduce data/random --episodes 3
     """
-    from ibdata.engines.reproduce import reproduce
+    from ibdata.maintenance.reproduce import reproduce
 
     count, problems = reproduce(folder, episodes, allow_code)
     if as_json:

@@ -68,7 +68,7 @@ def command(
     ibdata split data/many --by episode --fractions 0.7,0.3
     ibdata split data/many --materialize data/many-files
     """
-    from ibdata.engines.split import split
+    from ibdata.maintenance.split import split
 
     dataset = split(
         folder,

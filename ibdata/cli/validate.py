@@ -22,7 +22,7 @@ def command(folder: Path | str, quick: bool, as_json: bool) -> None:
     ibdata validate data/random
     ibdata validate data/random --quick
     """
-    from ibdata.dataset.validation import validate
+    from ibdata.validation.validate import validate
 
     problems = validate(folder, quick)
     if as_json:

@@ -16,9 +16,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset import shape, storage
-from ibdata.dataset.files import plain_bytes
+from ibdata.dataset import shape
 from ibdata.errors import DatasetError, UsageError, printable
+from ibdata.system import object_store
+from ibdata.system.atomic_files import plain_bytes
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -53,7 +54,7 @@ def read(folder: Path) -> dict[str, Any]:
         data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
         raise DatasetError(
-            f"{storage.name_of(folder)}: no finished dataset here: {PATH} is missing"
+            f"{object_store.name_of(folder)}: no finished dataset here: {PATH} is missing"
         ) from None
     except OSError as error:
         raise DatasetError(f"{folder / PATH}: cannot be read: {error.strerror}") from None
@@ -107,7 +108,7 @@ def refuse_replaced(folder: Path, listed: Mapping[str, Any]) -> None:
     except DatasetError:
         return
     if now != listed["checksum"]:
-        raise ReplacedError(f"{storage.name_of(folder)}: replaced while it was read; open it again")
+        raise ReplacedError(f"{object_store.name_of(folder)}: replaced while it was read; open it again")
 
 
 def _json(path: Path, data: bytes, what: str) -> Any:
@@ -147,7 +148,7 @@ def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
 
 def locate(folder: Path, path: str) -> Path:
     """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced."""
-    storage.ensure(folder, path)
+    object_store.ensure(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
         if os.path.lexists(place):
             return place

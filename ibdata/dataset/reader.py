@@ -13,11 +13,12 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ibdata.dataset import manifest, parquet, shape, storage
+from ibdata.dataset import manifest, parquet, shape
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.returns import behaviour_returns
 from ibdata.errors import DatasetError, UsageError
+from ibdata.system import object_store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +38,8 @@ class Dataset:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = storage.folder_of(path)
-        self.place = storage.name_of(self.path)
+        self.path = object_store.folder_of(path)
+        self.place = object_store.name_of(self.path)
         self.manifest: dict[str, Any] = {}
         for _ in range(TRIES):  # until manifest and info are of one dataset
             self.manifest = manifest.read(self.path)

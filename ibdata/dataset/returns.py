@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ibdata import reference
-from ibdata.estimates import estimate
+from ibdata.dataset import reference_returns
+from ibdata.numerics.confidence import estimate
 
 
 def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any]:
@@ -44,6 +44,8 @@ def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any
     return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
 
 
-def _scale(info: dict[str, Any], steps: int) -> reference.Scale | None:
+def _scale(info: dict[str, Any], steps: int) -> reference_returns.Scale | None:
     """The scale for episodes of so many steps."""
-    return None if info["drifting"] else reference.scale(info["dynamics"], info.get("start"), steps, 1.0)
+    return (
+        None if info["drifting"] else reference_returns.scale(info["dynamics"], info.get("start"), steps, 1.0)
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ibdata.compiling import compiled
+from ibdata.numerics.compiled import compiled
 
 PENALTY_WEIGHT = 25.0
 FATIGUE_WEIGHT = 3.0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ibdata.compiling import compiled
-from ibdata.dynamics.exact import logistic
 from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import logistic
 
 TOLERANCE = 0.05  # an effective value up to this resets its μ
 AMPLIFICATION = 1.1

@@ -6,9 +6,9 @@ so the radii are tables, in hex floats: rounded from 60-digit values of the appe
 
 from __future__ import annotations
 
-from ibdata.compiling import compiled
-from ibdata.dynamics.exact import pow
 from ibdata.dynamics.steering import clip
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import pow
 
 PHI_MAX = 6
 HE_MAX = 1.5

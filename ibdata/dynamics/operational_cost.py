@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.compiling import compiled
-from ibdata.dynamics.exact import exp
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import exp
 
 Weights = tuple[float, float, float, float, float]
 History = npt.NDArray[np.float64]

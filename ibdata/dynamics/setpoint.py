@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ibdata.compiling import compiled
 from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
+from ibdata.numerics.compiled import compiled
 
 NO_DRIFT = -1  # steps left of a segment, for a setpoint that stays where it is
 ZERO_RATE = 0.1  # weight of the delta distribution at b = 0

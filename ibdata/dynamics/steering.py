@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ibdata.compiling import compiled
+from ibdata.numerics.compiled import compiled
 
 D_V = 1.0
 D_G = 10.0

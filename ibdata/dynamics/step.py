@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.compiling import compiled
 from ibdata.dynamics.consumption import consumption, expected_consumption, reward
 from ibdata.dynamics.fatigue import (
     amplification,
@@ -24,6 +23,7 @@ from ibdata.dynamics.setpoint import NO_DRIFT, drift
 from ibdata.dynamics.state import Noise, State, checked_noise, checked_state
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
 from ibdata.dynamics.variants import Parameters, Variant, resolve
+from ibdata.numerics.compiled import compiled
 
 
 def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:

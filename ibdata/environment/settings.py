@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
-from ibdata.columns import VARIABLES
 from ibdata.dynamics import VARIANTS, Variant
+from ibdata.environment.registration import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
@@ -19,7 +19,7 @@ from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION
 from ibdata.policies.base import Plugin
-from ibdata.registration import ID
+from ibdata.simulation.variables import VARIABLES
 
 MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095

@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata import lanes
-from ibdata.columns import DRIFT, LATENT
 from ibdata.dynamics import State, initial_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.experiment.fields import BurnIn
-from ibdata.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise, slots, uniforms
-from ibdata.philox import Raw
+from ibdata.experiment.start import burn_in_steps, steerings
+from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import slots, uniforms
 from ibdata.policies import OBSERVATION
-from ibdata.starts import burn_in_steps, steerings
+from ibdata.policies.actions import clip_and_round
+from ibdata.simulation import kernel
+from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise
+from ibdata.simulation.variables import DRIFT, LATENT
 
 Indices = npt.NDArray[np.int64]
 Float32s = npt.NDArray[np.float32]
@@ -59,7 +61,7 @@ class Simulation:
             raw = self._raw(which[running], draw)
             u = _uniforms(draw(which[running], slots(3)), 3)
             action = np.empty(u.shape, dtype=np.float32)
-            lanes.to_action(2.0 * u - 1.0, action)
+            clip_and_round(2.0 * u - 1.0, action)
             part = _taken(state, running)
             self._move(part, action, raw)
             _put(state, running, part)
@@ -69,7 +71,7 @@ class Simulation:
         raw = self._raw(which, draw)
         if len(which) == self.n:
             self._move(self.state, action, raw)
-            lanes.observe(self.state, self.seen, False)
+            kernel.observe(self.state, self.seen, False)
             return
         part = _taken(self.state, which)
         self._move(part, action, raw)
@@ -85,13 +87,13 @@ class Simulation:
     def _move(self, state: State, action: Float32s, raw: tuple[Raw, Raw]) -> None:
         n = len(action)
         noise = self._noise if n == self.n else blank_noise(n)
-        lanes.step_lanes(state, action, *raw, 0, noise, self._parameters)
+        kernel.step_lanes(state, action, *raw, 0, noise, self._parameters)
 
     def _observe(self, state: State, which: Indices, first: bool) -> None:
         """Put the state of some lanes back, and what is seen of it in front of their history."""
         _put(self.state, which, state)
         seen = self.seen[which]
-        lanes.observe(state, seen, first)
+        kernel.observe(state, seen, first)
         self.seen[which] = seen
 
     def observations(self) -> Float32s:
@@ -137,7 +139,7 @@ def checked_actions(given: Any, used: npt.NDArray[np.bool_]) -> Float32s:
             "changes of velocity, gain and shift in [-1, 1]"
         )
     out = np.empty(shape, dtype=np.float32)
-    lanes.to_action(proposed, out)
+    clip_and_round(proposed, out)
     return out
 
 

@@ -11,7 +11,7 @@ from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices, Simulation, checked_actions
 from ibdata.environment.spaces import spaces
 from ibdata.errors import UsageError
-from ibdata.philox import Raw
+from ibdata.numerics.philox import Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ibdata.environment.simulation import Indices
-from ibdata.philox import Raw
+from ibdata.numerics.philox import Raw
 
 AHEAD = 512  # integers
 

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata import reference
-from ibdata.engines.memory import refuse_too_much
+from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
-from ibdata.estimates import estimate
 from ibdata.evaluation.play import returns
 from ibdata.evaluation.policies import policy_of
 from ibdata.experiment import validated
+from ibdata.numerics.confidence import estimate
+from ibdata.system.memory import refuse_too_much
 
 Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # of an episode at least: two sums
@@ -115,7 +115,7 @@ def evaluate(
     discounted, undiscounted = returns(experiment, float(discount))
     scale = None
     if not experiment.drifting:
-        scale = reference.scale(experiment.dynamics, experiment.start, steps, discount)
+        scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: discounted.shape[1]]]
     results: list[Result] = []
     labels = experiment.labels
@@ -142,7 +142,7 @@ def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
 
 
 def _result(
-    label: str, setpoint: float, values: Floats, rewards: Floats, scale: reference.Scale | None
+    label: str, setpoint: float, values: Floats, rewards: Floats, scale: reference_returns.Scale | None
 ) -> Result:
     found = estimate(list(values))
     score = scale.score(setpoint, found.mean) if scale else None

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata import lanes
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
-from ibdata.noise import Purpose
-from ibdata.rollout import CHUNK, Block, blocks
+from ibdata.numerics.random import Purpose
+from ibdata.simulation import kernel
+from ibdata.simulation.rollout import CHUNK, Block, blocks
 
 Floats = npt.NDArray[np.float64]
 
@@ -33,15 +33,15 @@ class EvaluationBlock(Block):
         history = np.empty((self.n, self.policy.frames, 6), dtype=np.float32)
         seen = history.view()
         seen.flags.writeable = False
-        lanes.observe(self.state, history, True)
+        kernel.observe(self.state, history, True)
         for t0 in range(0, self.experiment.steps, CHUNK):
             count = min(CHUNK, self.experiment.steps - t0)
             raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t0 + 1, count)
             u = self._uniforms(Purpose.POLICY, t0, count, self.policy.draws)
             for t in range(count):
                 self.asked.act(seen, u[t], action, t0 + t)
-                lanes.step_lanes(self.state, action, raw, drift, t, self.noise, self.parameters)
-                lanes.observe(self.state, history, False)
+                kernel.step_lanes(self.state, action, raw, drift, t, self.noise, self.parameters)
+                kernel.observe(self.state, history, False)
                 discounted += weight * self.state.reward
                 plain += self.state.reward
                 weight *= discount

@@ -10,11 +10,11 @@ from typing import Any
 import numpy.typing as npt
 from pydantic import ConfigDict
 
-from ibdata.engines.code import customs_in
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import validated
+from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown, suggestion
-from ibdata.experiment.strict_yaml import Document, StrictYamlError
+from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.base import Floats, History
 

@@ -15,7 +15,7 @@ from ibdata.errors import ConfigError, Loc, Problems, UsageError
 from ibdata.experiment.messages import keys_at, rephrase
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.strict_yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
+from ibdata.experiment.yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies import POLICIES
 
 __all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]

@@ -17,7 +17,7 @@ from ibdata.experiment.fields import Output, Split, Start
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import WHOLE, FileName, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
-from ibdata.naming import exact
+from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import Plugin
 

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
-from ibdata.naming import exact
+from ibdata.numerics.naming import exact
 from ibdata.policies.base import NormalSingle, Plugin
 
 

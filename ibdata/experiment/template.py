@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.scalars import FileName
-from ibdata.naming import yaml_name
+from ibdata.numerics.naming import yaml_name
 
 TEXT = """\
 # An experiment of ibdata: everything that decides what is in a dataset.

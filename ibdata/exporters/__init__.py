@@ -57,10 +57,10 @@ def export(
     system refuses.
     """
     from ibdata.dataset.reader import Dataset
-    from ibdata.engines.memory import refuse_too_much
     from ibdata.errors import UsageError
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
+    from ibdata.system.memory import refuse_too_much
 
     format = _format(to)
     if history is None:

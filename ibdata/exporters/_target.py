@@ -11,10 +11,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset.files import TEMPORARY, sync_folder
 from ibdata.dataset.manifest import refuse_inside
-from ibdata.engines import signals
 from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
+from ibdata.system import signals
+from ibdata.system.atomic_files import TEMPORARY, sync_folder
 
 
 @contextmanager

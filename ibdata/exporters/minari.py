@@ -17,7 +17,7 @@ import numpy as np
 
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, UsageError
-from ibdata.experiment.strict_yaml import Document
+from ibdata.experiment.yaml import Document
 from ibdata.exporters._arrays import same
 from ibdata.exporters._target import differs, needed, reserve
 from ibdata.exporters._view import Array, Arrays, Block, View

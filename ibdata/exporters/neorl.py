@@ -15,7 +15,7 @@ from ibdata.errors import UsageError
 from ibdata.exporters._arrays import check_npz, same, write_npz
 from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Arrays, Block, View
-from ibdata.naming import exact
+from ibdata.numerics.naming import exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # above it, float32 has no whole numbers one apart

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.experiment import Experiment
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
 
 Columns = dict[str, npt.NDArray[np.float64]]
 

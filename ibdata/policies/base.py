@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ibdata.compiling import compiled
+from ibdata.policies.actions import applied
 
 History = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
@@ -91,23 +91,6 @@ class Policy(Plugin, ABC):
         density is known.
         """
         return np.full(len(action), np.nan)
-
-
-def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Proposed actions (n, 3) as the caller of `act` applies them: clipped, rounded, without -0."""
-    given = np.asarray(proposed, dtype=np.float64)
-    out = np.empty(given.shape, dtype=np.float32)
-    _apply(given, out)
-    return out
-
-
-@compiled
-def _apply(proposed: Floats, out: npt.NDArray[np.float32]) -> None:
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            x = proposed[i, j]
-            clipped = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x  # what is no number stays so
-            out[i, j] = np.float32(clipped) + np.float32(0.0)
 
 
 class Deterministic(Policy):

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
-from ibdata.compiling import compiled
-from ibdata.noise import exp, log
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import exp, log
 from ibdata.policies.base import Deterministic, Floats, History, NormalDouble, Unnamed, Wrapper
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
 

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from ibdata.compiling import compiled
-from ibdata.noise import exp, log, standard_normal
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import exp, log
+from ibdata.numerics.random import standard_normal
 from ibdata.policies.base import Floats, History, Unnamed, Wrapper
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.compiling import compiled
+from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import FATIGUE, SETPOINT, SHIFT, VELOCITY, Deterministic, Floats, History
 
 # Of setpoint, velocity, gain, shift, fatigue, consumption; part of the policy, whatever data it meets.

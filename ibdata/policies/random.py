@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.compiling import compiled
+from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import Floats, History, Policy
 
 LOG_DENSITY = float.fromhex("-0x1.0a2b23f3bab73p+1")  # log(1/8)

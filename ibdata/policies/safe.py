@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.compiling import compiled
-from ibdata.noise import standard_normal
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.random import standard_normal
 from ibdata.policies.base import GAIN, VELOCITY, Floats, History, Policy
 
 LOW, HIGH = 40.0, 60.0

@@ -20,9 +20,9 @@ import ibdata
 from ibdata import Experiment
 from ibdata.cli import main
 from ibdata.dataset import manifest
-from ibdata.dataset.files import file_sha256
-from ibdata.dataset.metadata import as_json
-from ibdata.engines.signals import STOPPING
+from ibdata.system.atomic_files import file_sha256
+from ibdata.system.signals import STOPPING
+from ibdata.writing.metadata import as_json
 
 EVIL = "\x1b]0;x\x07\x1b[2Jvalid\r\x9b31m\u202edilav\u2066\x7f\nforged: line"
 RAW = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import pytest
 
 from ibdata.cli import main
-from ibdata.engines.signals import STOPPING
+from ibdata.system.signals import STOPPING
 
 pytestmark = pytest.mark.corpus
 

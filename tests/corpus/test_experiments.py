@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ibdata.errors import ConfigError, UsageError, printable
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
 
 pytestmark = pytest.mark.corpus
 

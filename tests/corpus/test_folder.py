@@ -18,10 +18,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.dataset.validation import validate
-from ibdata.engines.repair import repair
 from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
+from ibdata.maintenance.repair import repair
 from ibdata.system.lock import NAME, locked
+from ibdata.validation.validate import validate
 
 pytestmark = pytest.mark.corpus
 

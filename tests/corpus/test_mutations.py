@@ -17,7 +17,7 @@ import pytest
 
 from ibdata.cli import main
 from ibdata.dataset import manifest
-from ibdata.engines.signals import STOPPING
+from ibdata.system.signals import STOPPING
 
 pytestmark = pytest.mark.corpus
 

@@ -15,12 +15,12 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
-from ibdata.asking import PolicyError
 from ibdata.cli import main
-from ibdata.dataset.validation import validate
 from ibdata.policies import Policy
+from ibdata.policies.checked import PolicyError
 from ibdata.policies.random import Random
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
+from ibdata.validation.validate import validate
 
 pytestmark = pytest.mark.corpus
 
@@ -231,7 +231,7 @@ def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Random, "frames", 1)
-    monkeypatch.setattr("ibdata.engines.known_answer.matches", lambda: True)  # it plays this policy too
+    monkeypatch.setattr("ibdata.simulation.self_check.matches", lambda: True)  # it plays this policy too
 
     def generate(answer, resume=False):
         calls = itertools.count()

@@ -8,11 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import ibdata
-from ibdata.columns import columns
 from ibdata.dataset.digest import content_root, episode_digests, text
-from ibdata.dataset.schema import digest_runs
 from ibdata.experiment.plan import Shard
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
+from ibdata.simulation.variables import columns
+from ibdata.writing.arrow import digest_runs
 
 # ibdata generate --config random.yaml --set steps=3 --set episodes=2 --seed 5 --out golden
 # made by ibdata 0.1.0 at commit a995b53 on x86-64; the same on every machine, for ever

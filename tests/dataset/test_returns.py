@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ibdata as library
-from ibdata.reference import scale
+from ibdata.dataset.reference_returns import scale
 
 
 def test_returns_are_by_policy_and_setpoint(dataset):

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.dynamics.exact import exponential, normal
 from ibdata.dynamics.miscalibration import Z
+from ibdata.numerics.exact import exponential, normal
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 LANES = 24

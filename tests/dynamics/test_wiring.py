@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, State
-from ibdata.dynamics.exact import logistic
 from ibdata.dynamics.fatigue import effective_gain, effective_velocity, hidden, noise_component
 from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
 from ibdata.dynamics.setpoint import drift
+from ibdata.numerics.exact import logistic
 
 STEPS, LANES = 80, 36
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])

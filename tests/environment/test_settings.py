@@ -7,9 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from ibdata.columns import VARIABLES
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
-from ibdata.dynamics.exact import normal
 from ibdata.environment.settings import (
     COST_MAX,
     M_MAX,
@@ -20,6 +18,8 @@ from ibdata.environment.settings import (
     settings,
 )
 from ibdata.errors import ConfigError
+from ibdata.numerics.exact import normal
+from ibdata.simulation.variables import VARIABLES
 
 ID = "ibdata/IndustrialBenchmark-v0"
 SETPOINT = "expected a number, drifting or {drifting: a number}"

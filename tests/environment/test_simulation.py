@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.columns import DRIFT, LATENT
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation, checked_actions
 from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
+from ibdata.simulation.variables import DRIFT, LATENT
 
 STARTS = ("default", "uniform", {"burn_in": [0, 7]})
 

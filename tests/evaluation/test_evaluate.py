@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from ibdata import evaluate, generate
-from ibdata.asking import PolicyError
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
-from ibdata.dynamics.exact import exponential, normal
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.play import EvaluationBlock
 from ibdata.experiment import Experiment
-from ibdata.noise import Purpose, integers, stream_key, uniform
+from ibdata.numerics.exact import exponential, normal
+from ibdata.numerics.random import Purpose, integers, stream_key, uniform
+from ibdata.policies.checked import PolicyError
 
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.

@@ -13,7 +13,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan, segments
 from ibdata.experiment.recipe import Recipe
-from ibdata.experiment.splitting import leave_one_out
+from ibdata.experiment.split_schemes import leave_one_out
 
 examples = settings(derandomize=True, deadline=None, max_examples=300)
 

@@ -7,7 +7,7 @@ import pytest
 
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, as_yaml, load, load_all, shipped
-from ibdata.experiment.strict_yaml import Document
+from ibdata.experiment.yaml import Document
 
 SPECIAL = {
     "least": ["version: 1"],

@@ -186,7 +186,7 @@ class Tools:
     def root(self, folder: Path) -> str:
         """The content root of a dataset that is whole, after everything was checked."""
         from ibdata.dataset.reader import Dataset
-        from ibdata.dataset.validation import validate
+        from ibdata.validation.validate import validate
 
         assert validate(folder) == []
         dataset = Dataset(folder)

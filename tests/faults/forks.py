@@ -23,10 +23,10 @@ def load(config: str) -> None:
     """Import and compile what a run needs."""
     import ibdata.cli.generate
     import ibdata.cli.validate
-    from ibdata.engines import estimate, generate, local, warmup
+    from ibdata.generation import estimate, generate, local, warm_up
 
     assert all((ibdata.cli.generate, ibdata.cli.validate, estimate, local))
-    warmup.warm_up(generate.resolve(config))
+    warm_up.warm_up(generate.resolve(config))
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
             thread.join()

@@ -7,11 +7,11 @@ import json
 import sys
 from pathlib import Path
 
-from ibdata.dataset.files import HashingFile
-from ibdata.dataset.shard import encode
 from ibdata.experiment import load
 from ibdata.experiment.plan import plan
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
+from ibdata.system.atomic_files import HashingFile
+from ibdata.writing.shard_writer import encode
 
 
 def write(config: str, out: Path) -> None:

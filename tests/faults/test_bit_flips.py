@@ -21,7 +21,7 @@ def dataset(forks: Any, tools: Any) -> Path:
 
 def unnamed(folder: Path, path: Path) -> list[str]:
     """Ways of validating that do not name the file."""
-    from ibdata.dataset.validation import validate
+    from ibdata.validation.validate import validate
 
     name = str(path.relative_to(folder))
     return [
@@ -53,7 +53,7 @@ def test_every_flipped_bit_is_found_and_its_file_named(tools: Any, dataset: Path
 def test_every_bit_of_the_manifest_that_is_flipped_is_found_or_changes_nothing(
     tools: Any, dataset: Path
 ) -> None:
-    from ibdata.dataset.validation import validate
+    from ibdata.validation.validate import validate
 
     path = dataset / "meta" / "manifest.json"
     whole = path.read_bytes()

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ibdata.dataset.validation import validate
+from ibdata.validation.validate import validate
 
 pytestmark = pytest.mark.faults
 MORE = ["--set", "episodes=5"]  # five shards instead of two

@@ -123,7 +123,7 @@ def seen_by_readers(
 def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the_old_dataset_or_the_new_one(
     forks: Any, tools: Any, other: str, exchange: bool
 ) -> None:
-    from ibdata.dataset.validation import validate
+    from ibdata.validation.validate import validate
 
     base = tools.where / "replaced"
     base.mkdir()

@@ -102,7 +102,7 @@ def test_a_lock_that_somebody_removed_lets_no_run_finish_a_mixed_dataset(tools: 
 def test_a_run_whose_folder_was_moved_away_does_not_touch_the_next_run_at_that_place(
     tools: Any, ending: Any, workers: int
 ) -> None:
-    from ibdata.dataset.validation import validate
+    from ibdata.validation.validate import validate
 
     out, gone, fresh = (tools.where / name for name in ("out", "gone", "fresh"))
     assert tools.generate(tools.many, fresh, "--seed", 7).returncode == 0

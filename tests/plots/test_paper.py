@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ibdata.dynamics import VARIANTS
 from ibdata.experiment import load
 from ibdata.plots.paper import dynamics, landscape, policies, setpoints
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
 
 pytestmark = pytest.mark.slow
 

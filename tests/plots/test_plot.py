@@ -15,9 +15,9 @@ from PIL import Image
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.dataset.metadata import as_json
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.plots import plot, plots
+from ibdata.writing.metadata import as_json
 
 pytestmark = pytest.mark.slow
 

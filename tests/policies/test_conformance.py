@@ -262,7 +262,7 @@ CHILD = """
 import json
 from ibdata.errors import ConfigError
 from ibdata.experiment import load
-from ibdata.rollout import rollout
+from ibdata.simulation.rollout import rollout
 columns = rollout(load("ramp.yaml"), 0, 1)
 actions = [columns.table[columns.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")]
 try:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import ibdata as library
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, as_yaml, validated
-from ibdata.experiment.strict_yaml import Document
+from ibdata.experiment.yaml import Document
 
 NUMBER = "expected a finite number"
 LOST = "which YAML does not keep; expected other text"

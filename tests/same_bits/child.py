@@ -31,10 +31,10 @@ from numpy._core import _multiarray_umath as umath
 from ruamel.yaml import YAML
 
 import ibdata
-from ibdata import rollout
-from ibdata.dataset import receipt
-from ibdata.engines import known_answer, local
 from ibdata.experiment import Experiment
+from ibdata.generation import local
+from ibdata.simulation import rollout, self_check
+from ibdata.writing import receipt
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
@@ -172,7 +172,7 @@ def main(spec: dict[str, object]) -> None:
     wrong = unmet(spec.get("expect", {}), found)
     assert not wrong, wrong
     if "known_answer" in spec:
-        known_answer.SHA256 = spec["known_answer"]
+        self_check.SHA256 = spec["known_answer"]
     with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
         os.environ["SAME_BITS_NOTES"] = notes
         results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}
@@ -184,7 +184,7 @@ def main(spec: dict[str, object]) -> None:
         {
             "results": results,
             "facts": found,
-            "known answer": known_answer.digest(),
+            "known answer": self_check.digest(),
             "workers": len(workers),
             "versions": {"python": platform.python_version(), "numpy": np.__version__}
             | {"numba": numba.__version__, "pyarrow": pa.__version__},

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import ibdata
-from ibdata.engines import known_answer
+from ibdata.simulation import self_check
 
 pytestmark = pytest.mark.same_bits
 
@@ -22,14 +22,14 @@ SWITCHES = {"x86_64": (7, {"results": 1 << 15, "operands": 1 << 6}), "aarch64": 
 WORD, BITS = SWITCHES.get(platform.machine(), (0, {}))
 FLUSHING = """
 import ctypes, ctypes.util, sys
-from ibdata.engines import known_answer
-assert known_answer.matches()
+from ibdata.simulation import self_check
+assert self_check.matches()
 libm = ctypes.CDLL(ctypes.util.find_library("m"))
 environment = (ctypes.c_uint32 * 8)()
 libm.fegetenv(environment)
 environment[int(sys.argv[1])] |= int(sys.argv[2])
 libm.fesetenv(environment)
-print(known_answer.matches(), known_answer.keeps_denormals(), known_answer.digest() == known_answer.SHA256)
+print(self_check.matches(), self_check.keeps_denormals(), self_check.digest() == self_check.SHA256)
 """
 
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
@@ -107,15 +107,15 @@ def test_denormal_numbers_that_are_switched_off_show(bits):
 
 
 def test_both_known_runs_count(monkeypatch):
-    assert known_answer.matches()
+    assert self_check.matches()
     for name in ("SHA256", "OTHERS_SHA256"):
         with monkeypatch.context() as changed:
-            changed.setattr(known_answer, name, "0" * 64)
-            assert not known_answer.matches()
+            changed.setattr(self_check, name, "0" * 64)
+            assert not self_check.matches()
 
 
 def test_the_known_runs_have_every_variant_and_policies_with_noise():
-    runs = (known_answer.EXPERIMENT, known_answer.OTHERS)
+    runs = (self_check.EXPERIMENT, self_check.OTHERS)
     kinds = {policy["kind"] for run in runs for policy in run["policies"]}
     assert {run["dynamics"] for run in runs} == {"siemens", "paper"}
     assert kinds >= {"random", "gaussian", "epsilon_greedy"}

@@ -13,10 +13,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import ibdata
-from ibdata.columns import DRIFT, LATENT
 from ibdata.dynamics import PAPER
 from ibdata.errors import ConfigError, UsageError
 from ibdata.policies import OBSERVATION
+from ibdata.simulation.variables import DRIFT, LATENT
 
 ID = "ibdata/IndustrialBenchmark-v0"
 SETTINGS = (

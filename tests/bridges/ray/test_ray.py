@@ -15,7 +15,7 @@ import ray
 
 import ibdata
 from ibdata import Experiment, IbdataError
-from ibdata.asking import PolicyError
+from ibdata.policies.checked import PolicyError
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
 ROOT = Path(__file__).parents[3]

@@ -16,8 +16,8 @@ from moto.server import ThreadedMotoServer
 
 import ibdata
 from ibdata import Experiment, IbdataError
-from ibdata.dataset.storage import Remote
 from ibdata.errors import DatasetError, UsageError
+from ibdata.system.object_store import Remote
 
 ROOT = Path(__file__).parents[3]
 NUMBERS = itertools.count()

@@ -1,0 +1,143 @@
+"""Code that a config names: it runs only where that was allowed, and what ran is recorded."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from typing import Any
+
+from ibdata.errors import UsageError, printable
+from ibdata.experiment.imported_modules import Source, imported
+from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.policies import Policy
+from ibdata.policies.custom import Custom, find_modules_here, started_in
+from ibdata.system.atomic_files import file_sha256
+
+
+def customs(recipe: Recipe) -> list[Custom]:
+    """Every custom policy, also those inside others."""
+    return [found for e in recipe.experiments for policy in e.policies for found in customs_in(policy)]
+
+
+def customs_in(policy: Policy) -> Iterator[Custom]:
+    """A policy if it is a custom one, or the one that it is around."""
+    if isinstance(policy, Custom):
+        yield policy
+    base = getattr(policy, "base", None)
+    if isinstance(base, Policy):
+        yield from customs_in(base)
+
+
+def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
+    """Raises UsageError where a policy is code and that is not allowed; else says on stderr what will run.
+
+    Also where the code is the script that was started: nobody can import that to make the dataset again.
+    """
+    targets = recipe.code_targets
+    if targets and not allow_code:
+        raise UsageError(
+            f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
+            "--allow-code (allow_code=True) if you trust it"
+        )
+    for target in targets:
+        if target.startswith("__main__:"):
+            raise UsageError(
+                f"{where}: found the target {target}, which is in the script itself, expected one in a "
+                "module that worker processes can import; move it to a file of its own"
+            )
+        print(f"ibdata: running the code of {printable(target)}", file=sys.stderr, flush=True)
+
+
+def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
+    """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
+    recipe = recipe_in(folder, listed)
+    refuse_code(recipe, folder, allow_code)
+    return recipe
+
+
+@contextmanager
+def in_one_folder(recipe: Recipe) -> Iterator[None]:
+    """Policies are found in the current folder, which is the same afterwards, wherever their code goes."""
+    here = os.getcwd() if customs(recipe) else None
+    before = started_in.set(here)
+    try:
+        yield
+    finally:
+        started_in.reset(before)
+        if here is not None:
+            with suppress(OSError):  # it was removed
+                os.chdir(here)
+
+
+def provenance(recipe: Recipe, folder: Path | None = None) -> list[dict[str, Any]]:
+    """What the custom policies are, without importing them; folder is that of the experiment's YAML file.
+
+    Of each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
+    declared and of each module that it imports and is not installed; of installed ones the versions.
+
+    Raises UsageError where a declared file is missing, or a module was changed after it was imported here.
+    """
+    policies = {(policy.target, *(policy.files or ())): policy for policy in customs(recipe)}
+    if not policies:
+        return []
+    find_modules_here()
+    owners = importlib.metadata.packages_distributions()
+    return [_provenance(policy, folder, owners) for policy in policies.values()]
+
+
+def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[str]]) -> dict[str, Any]:
+    module = policy.target.partition(":")[0]
+    sources, others = imported(module)
+    files = {name: _sha256(source) for name, source in sources.items()}
+    own = next((name for name, source in sources.items() if source.module == module), "")
+    version = _versions({module.partition(".")[0]}, owners)
+    return {
+        "target": policy.target,
+        "version": next(iter(version.values()), None),
+        "sha256": files.pop(own, None),
+        "files": files | {name: _declared(name, policy.target, folder) for name in policy.files or ()},
+        "distributions": _versions(others, owners),
+    }
+
+
+def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str]:
+    """The distributions of installed modules, with their versions."""
+    found = sorted({owner for name in names for owner in owners.get(name, ())})
+    return {owner: importlib.metadata.version(owner) for owner in found}
+
+
+def _declared(name: str, target: str, folder: Path | None) -> str:
+    for place in (folder, Path(started_in.get() or "")):
+        found = file_sha256(place / name) if place is not None else None
+        if found is not None:
+            return found
+    raise UsageError(
+        f"{target}: files: found no file {printable(name)!r}, expected it beside the experiment's YAML file "
+        "or in the current folder"
+    )
+
+
+_imported: dict[str, tuple[ModuleSpec, str | None]] = {}  # what modules were when they were first seen here
+
+
+def _sha256(source: Source) -> str | None:
+    """The hash of a module's file, which is that of the code in this process if it is imported already."""
+    archive = next((path for path in source.path.parents if path.is_file()), source.path)  # a zip file
+    found = file_sha256(archive)
+    spec = getattr(sys.modules.get(source.module), "__spec__", None)
+    if spec is None:
+        return found
+    known, was = _imported.get(source.module, (None, None))
+    if known is not spec:  # another one since: it was imported, or reloaded
+        _imported[source.module] = spec, found
+    elif was != found:
+        raise UsageError(
+            f"{source.path}: was changed after this process had imported it, so other code would run than is "
+            "recorded; start Python again"
+        )
+    return found

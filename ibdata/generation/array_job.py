@@ -1,0 +1,154 @@
+"""A dataset made by several hosts: each makes a range of the shards in one folder, then one finishes it.
+
+Ranges share the folder's lock and hold one of their own, so that those without a common shard run at the same
+time, and a run that wants the whole folder is refused meanwhile. A range touches no files but its own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ibdata.dataset import manifest
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import IbdataError, UsageError
+from ibdata.experiment import Experiment, load
+from ibdata.experiment.custom_code import customs, in_one_folder, refuse_code
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import origin, output_folder, ranges, record
+from ibdata.generation.engine import chosen
+from ibdata.generation.generate import default_folder, made_folder, make, refusals, resolve
+from ibdata.generation.record import Range
+from ibdata.system.lock import locked, refuse_busy, shared
+from ibdata.system.object_store import is_url
+from ibdata.system.signals import stoppable
+from ibdata.writing import receipt
+from ibdata.writing.finish import finish
+from ibdata.writing.shard_writer import Written
+
+
+class Made(NamedTuple):
+    """A range that is on the disk: its shards and rows, and how many shards the dataset still lacks."""
+
+    folder: Path
+    shards: int
+    rows: int
+    missing: int
+
+
+def generate_shards(
+    config: str | os.PathLike[str] | Experiment,
+    shards: str,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    progress: bool | None = False,
+    allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
+) -> Made:
+    """Make one range of a dataset's shards, for `finalize` to finish when all are there.
+
+    shards is "i/n" with i from 1 to n. Any number of hosts may make different ranges in one folder at the
+    same time; where their file system keeps locks between hosts, of two that share a shard one is refused.
+    What is there is not made again: the same call goes on with a range that was stopped. The other
+    arguments are those of `generate`, and so are the errors raised.
+    """
+    own = Range.parse(shards)
+    experiment = resolve(config, overrides, seed)
+    run = chosen(engine, workers, address)
+    if is_url(out):
+        raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
+    folder = output_folder.meant(out) if out is not None else default_folder(experiment)
+    recipe = Recipe.of(experiment)
+    refuse_code(recipe, experiment.name, allow_code)
+    ranges.refuse_shared(folder, own, recipe.shards)
+    output_folder.check(folder, experiment, resume=True, overwrite=False)
+    with refusals(folder), in_one_folder(recipe):
+        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
+        begun = origin.observe(recipe, folder)
+        with (
+            stoppable(),
+            made_folder(place),
+            shared(place) as leaving,
+            ranges.locked(place, own, recipe.shards),
+        ):
+            output_folder.check(place, experiment, resume=True, overwrite=False)
+            mine = own.of(recipe.shards)
+            rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
+            if manifest.locate(place, manifest.PATH).is_file():
+                return Made(folder, len(mine), rows, 0)
+            leaving.callback(output_folder.abandon, place)  # which keeps what has receipts
+            try:
+                output_folder.begin_range(place, experiment, mine)
+                origin.begin_range(place, begun, folder)
+                record.put(place, own)
+                make(recipe, mine, place, output_folder.identity(experiment), run, progress)
+            except BaseException:
+                output_folder.sweep_shards(place, mine)
+                raise
+            missing = sum(not (place / receipt.path_of(shard)).is_file() for shard in recipe.shards)
+    return Made(folder, len(mine), rows, missing)
+
+
+def finalize(folder: str | os.PathLike[str]) -> Dataset:
+    """Finish a dataset of which `generate_shards` made all ranges: prove every shard, write the manifest.
+
+    No code of a policy is imported: what made the shards was noted when they were begun. Where the dataset is
+    finished already, it is opened.
+
+    Raises IbdataError where shards are missing or are not what their receipts say, UsageError where no run
+    was begun here or its note is missing, BusyError where ranges are still being made.
+    """
+    path = Path(folder)
+    refuse_busy(path)
+    if os.path.isdir(path):
+        output_folder.refuse_links(path)
+    if not os.path.isfile(path / output_folder.EXPERIMENT):
+        if os.path.lexists(path / manifest.PATH) or os.path.lexists(path / manifest.NEW):
+            return Dataset(path)
+        raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
+    with refusals(path), stoppable(), locked(path):
+        if not manifest.locate(path, manifest.PATH).is_file():
+            _finish(path)
+        output_folder.end(path)
+    return Dataset(path)
+
+
+def _finish(folder: Path) -> None:
+    experiment = load(folder / output_folder.EXPERIMENT)
+    recipe, identity = Recipe.of(experiment), output_folder.identity(experiment)
+    begun = origin.get(folder, folder)
+    written: list[Written] = []
+    missing: list[Shard] = []
+    for shard in recipe.shards:
+        w = receipt.get(folder, identity, shard)
+        missing += [shard] if w is None else []
+        written += [] if w is None else [w]
+    if missing:
+        raise IbdataError(_lacking(folder, recipe, missing, record.get(folder)))
+    try:
+        finish(recipe, written, folder, begun.reproducible, begun.code)
+    except BaseException:
+        output_folder.abandon(folder)
+        raise
+
+
+def _lacking(folder: Path, recipe: Recipe, missing: list[Shard], ranges: list[Range]) -> str:
+    """Which shards are not there, and the commands that make them."""
+    numbers = [str(shard.number) for shard in missing]
+    named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
+    again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "
+    parts = max((own.parts for own in ranges), default=0)
+    wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(recipe.shards)) & set(missing)]
+    more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
+    which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
+    return (
+        f"{folder}: found {len(recipe.shards) - len(missing)} of {len(recipe.shards)} shards, expected all; "
+        f"missing {named}: {again}{which}"
+    )

@@ -1,0 +1,56 @@
+"""Who runs the shards, by name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ibdata.errors import UsageError
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.writing.shard_writer import Written
+
+MAX_WORKERS = 1024
+
+Run = Callable[[Recipe, list[Shard], Path, str], Iterator[Written]]
+
+
+def chosen(name: str, workers: int | None, address: str | None) -> Run:
+    """What writes shards to a folder, yielding each when it is there.
+
+    Raises UsageError for a name, number or address that cannot be meant, MissingError where the engine's
+    library is not installed.
+    """
+    if name not in ENGINES:
+        raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
+    worker_count(workers)
+    return ENGINES[name](workers, address)
+
+
+def worker_count(workers: int | None) -> int:
+    """The number of processes to use: as asked for, or one a processor."""
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not 1 <= workers <= MAX_WORKERS:
+        raise UsageError(f"workers: found {workers}, expected a whole number in [1, {MAX_WORKERS}]")
+    return workers
+
+
+def _local(workers: int | None, address: str | None) -> Run:
+    from ibdata.generation import local
+
+    if address is not None:
+        raise UsageError(f"address: found {address!r} for the engine local, expected it with ray only")
+    count = worker_count(workers)
+    return lambda recipe, shards, root, identity: local.run(recipe, shards, root, identity, count)
+
+
+def _ray(workers: int | None, address: str | None) -> Run:
+    from ibdata.generation import ray
+
+    ray.library()
+    return lambda recipe, shards, root, identity: ray.run(recipe, shards, root, identity, workers, address)
+
+
+ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

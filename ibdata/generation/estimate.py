@@ -1,0 +1,77 @@
+"""What a run would make, measured on a small sample of it; nothing is written."""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from ibdata.experiment import Experiment
+from ibdata.experiment.custom_code import in_one_folder, refuse_code
+from ibdata.experiment.plan import Shard, plan
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import output_folder
+from ibdata.generation.engine import worker_count
+from ibdata.generation.warm_up import warm_up
+from ibdata.simulation.rollout import rollout
+from ibdata.system.atomic_files import HashingFile
+from ibdata.system.lock import refuse_busy
+from ibdata.writing.shard_writer import encode
+from ibdata.writing.summary import describe
+
+SAMPLE_ROWS = 100_000
+PARTS = 8
+
+
+def estimate(
+    experiment: Experiment,
+    folder: str | os.PathLike[str],
+    workers: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
+    processes, out = worker_count(workers), Path(folder)
+    recipe = Recipe.of(experiment)
+    refuse_code(recipe, experiment.name, allow_code)
+    refuse_busy(out)
+    output_folder.check(out, experiment, resume, overwrite)
+    with in_one_folder(recipe):
+        warm_up(experiment)
+        size, seconds = _sample(experiment)
+    shards = plan(experiment)
+    busy = min(processes, len(shards))
+    return {
+        "out": str(folder),
+        "episodes": len(experiment.cells) * experiment.episodes,
+        "rows": experiment.rows,
+        "shards": len(shards),
+        "bytes": round(size * experiment.rows),
+        "seconds": seconds * experiment.rows / busy,
+        "workers": busy,
+    }
+
+
+def _sample(experiment: Experiment) -> tuple[float, float]:
+    """Bytes and seconds a row, from parts that are spread evenly over the cells."""
+    steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
+    budget = max(1, SAMPLE_ROWS // steps)
+    episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))
+    small = experiment.model_copy(update={"steps": steps, "episodes": episodes})
+    total = episodes * len(experiment.cells)
+    parts = 1 if total <= budget else min(PARTS, budget)
+    width = min(total, budget) // parts
+    size, start = 0, time.perf_counter()
+    for part in range(parts):
+        first = part * (total - width) // max(1, parts - 1)
+        shard = Shard(part, first, first + width, ())
+        file = HashingFile(io.BytesIO())
+        floats = rollout(small, shard.first, shard.stop)
+        encode(small, shard, floats, file)
+        describe(Recipe.of(small), shard, [(shard, floats)])
+        size += file.size
+    rows = parts * width * steps
+    return size / rows, (time.perf_counter() - start) / rows

@@ -1,0 +1,184 @@
+"""Generating a dataset: plan, claim the folder, run the shards that are not there, finish."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from tqdm import tqdm
+
+from ibdata.dataset import manifest
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import ConfigError, IbdataError, UsageError
+from ibdata.experiment import Experiment, load
+from ibdata.experiment.custom_code import customs, in_one_folder, refuse_code
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import origin, output_folder, replacement
+from ibdata.generation import upload as uploading
+from ibdata.generation.engine import Run, chosen
+from ibdata.generation.origin import Origin
+from ibdata.system.atomic_files import sync_folder
+from ibdata.system.lock import locked, refuse_busy
+from ibdata.system.object_store import Remote, is_url
+from ibdata.system.signals import stoppable
+from ibdata.writing import receipt
+from ibdata.writing.finish import finish
+from ibdata.writing.shard_writer import Written
+
+
+def generate(
+    config: str | os.PathLike[str] | Experiment,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: bool | None = False,
+    allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
+) -> Dataset:
+    """Make the dataset of an experiment and open it.
+
+    config is a YAML file, the name of a shipped one, or an Experiment; out defaults to data/<name>,
+    workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
+    workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
+    stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. allow_code
+    lets custom policies run: they are code, and their bits are promised in the same environment only; a run
+    is resumed with the code that it began with. engine "ray" runs the shards on Ray, at address, or on one
+    started here. Where out is a URL, as s3://bucket/name, the dataset is made on this machine, then uploaded;
+    resume uploads what is missing. A folder of experiments is for `generate_all`.
+
+    Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
+    else, BusyError where another process writes to it, IbdataError where the system refuses.
+    """
+    experiment = resolve(config, overrides, seed)
+    run = chosen(engine, workers, address)
+    if is_url(out):
+        remote = Remote(str(out))
+        refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+        if uploading.refuse(remote, experiment, resume, overwrite):
+            return Dataset(remote.url)
+        folder = uploading.work_folder(remote, experiment)
+        _generate(experiment, folder, run, True, False, progress)
+        return uploading.upload(remote, folder)
+    folder = output_folder.meant(out) if out is not None else default_folder(experiment)
+    refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+    _generate(experiment, folder, run, resume, overwrite, progress)
+    return Dataset(folder)
+
+
+def _generate(
+    experiment: Experiment, folder: Path, run: Run, resume: bool, overwrite: bool, progress: bool | None
+) -> None:
+    """Make the dataset in a folder."""
+    refuse_busy(folder)
+    output_folder.check(folder, experiment, resume, overwrite)
+    recipe = Recipe.of(experiment)
+    with refusals(folder), in_one_folder(recipe):
+        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
+        begun = origin.observe(recipe, folder)  # nothing is to be tidied yet: a signal may end the process
+        with stoppable(), made_folder(place), locked(place):
+            replacement.settle(place)
+            root = output_folder.check(place, experiment, resume, overwrite)
+            if place == root and (place / manifest.PATH).is_file():
+                output_folder.end(place)  # a run that was killed when it had finished
+            else:
+                _run(recipe, root, run, overwrite, progress, begun, folder)
+                if root != place:
+                    replacement.commit(place)
+
+
+def resolve(
+    config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
+) -> Experiment:
+    """The experiment meant; overrides go with a file or name only."""
+    if not isinstance(config, Experiment):
+        return load(config, overrides, seed)
+    if overrides:
+        raise UsageError("overrides: found an Experiment as config, expected a file or a name with them")
+    if seed is None:
+        return config
+    if not 0 <= seed < 2**64:
+        raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
+    return config.model_copy(update={"seed": seed})
+
+
+def default_folder(experiment: Experiment) -> Path:
+    """data/<name> in the current folder."""
+    return Path("data") / experiment.name
+
+
+def _run(
+    recipe: Recipe,
+    root: Path,
+    run: Run,
+    overwrite: bool,
+    progress: bool | None,
+    begun: Origin,
+    folder: Path,
+) -> None:
+    """Write the shards that have no receipt into root, then finish it; folder is what the caller calls it."""
+    experiment = recipe.experiments[0]
+    try:
+        if overwrite and origin.begun(root) != begun.note():
+            output_folder.discard(root)
+        output_folder.begin(root, experiment, overwrite)
+        origin.begin(root, begun, folder)
+        written = make(recipe, recipe.shards, root, output_folder.identity(experiment), run, progress)
+        finish(recipe, written, root, begun.reproducible, begun.code)
+    except BaseException:
+        output_folder.abandon(root)
+        raise
+    output_folder.end(root)
+
+
+def make(
+    recipe: Recipe, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
+) -> list[Written]:
+    """The shards, of which those that have no receipt are written."""
+    written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
+    done = {w.shard.number for w in written}
+    missing = [shard for shard in shards if shard.number not in done]
+    output_folder.forget(root, missing)
+    rows = sum((shard.stop - shard.first) * recipe.of_shard(shard).steps for shard in shards)
+    disable = None if progress is None else not progress
+    with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
+        bar.update(sum(w.content.moments.rows for w in written))
+        for w in run(recipe, missing, root, identity):
+            written.append(w)
+            bar.update(w.content.moments.rows)
+    return written
+
+
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make the folder and its parents; those that are empty afterwards go again."""
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in missing:
+            sync_folder(path.parent)
+        yield
+    finally:
+        for path in missing:
+            with suppress(OSError):  # it was not made, or is not empty, maybe since now
+                path.rmdir()
+
+
+@contextmanager
+def refusals(folder: Path) -> Iterator[None]:
+    """What the system refuses, as one line."""
+    try:
+        yield
+    except OSError as error:
+        raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    except MemoryError:
+        raise IbdataError(
+            f"{folder}: memory is too short; use fewer --workers, or a smaller output.shard_rows"
+        ) from None

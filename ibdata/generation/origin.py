@@ -1,0 +1,150 @@
+"""What a run began with, its policies' code and its machine's bits, noted for those who go on.
+
+The note is written before the first shard, and whatever makes a shard must agree with it: another process,
+a worker, a range of an array job.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ibdata.dataset import shape
+from ibdata.errors import UsageError, printable
+from ibdata.experiment.custom_code import customs, provenance
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation.warm_up import warm_up
+from ibdata.simulation import self_check
+from ibdata.system.atomic_files import plain_bytes, write, write_once
+from ibdata.writing import receipt
+from ibdata.writing.metadata import as_json
+
+PATH = f"{receipt.FOLDER}/run.json"
+MAX_BYTES = 2**20
+AGAIN = "or start again with --overwrite or another --out"
+
+
+class Origin(NamedTuple):
+    """What a run began with: the hash of the known answer there, and the provenance of custom policies."""
+
+    known_answer: str
+    code: list[dict[str, Any]]
+
+    @property
+    def reproducible(self) -> bool:
+        """Whether the machine computes what all others do."""
+        return self.known_answer == self_check.SHA256
+
+    def note(self) -> bytes:
+        """As it is written."""
+        return as_json(self._asdict())
+
+
+class _Note(shape.Shape):
+    known_answer: shape.Sha256
+    code: list[shape.Code]
+
+
+def observe(recipe: Recipe, where: Path) -> Origin:
+    """What a run begins with: the code is looked at before any of it runs, then all of it is imported.
+
+    Raises UsageError where it changed meanwhile.
+    """
+    folder = recipe.experiments[0].folder
+    code = provenance(recipe, folder)
+    for experiment in recipe.experiments:
+        warm_up(experiment)
+    return _imported(recipe, folder, code, where)
+
+
+def _imported(recipe: Recipe, folder: Path | None, code: list[dict[str, Any]], where: Path) -> Origin:
+    """The origin of this process, with all policies imported. Raises UsageError where they are other code."""
+    for policy in customs(recipe):
+        policy.load()
+    _refuse_other_code(code, provenance(recipe, folder), where)
+    return Origin(self_check.digest(), code)
+
+
+def begin(root: Path, origin: Origin, where: Path) -> None:
+    """Note what a run began with; UsageError where shards are there that began with something else."""
+    if any((root / receipt.FOLDER).glob("*.receipt")):
+        _refuse_other(get(root, where), origin, where)
+    else:
+        write(root, PATH, origin.note())
+
+
+def begin_range(root: Path, origin: Origin, where: Path) -> None:
+    """As `begin`, while others may begin: the first decides, whether it has made a shard or not."""
+    if not write_once(root, PATH, origin.note()):
+        _refuse_other(get(root, where), origin, where)
+
+
+def begun(root: Path) -> bytes | None:
+    """The note of an unfinished run as it is written; None where there is none."""
+    path = root / PATH
+    if not path.is_file():
+        return None
+    try:
+        return plain_bytes(path, MAX_BYTES)
+    except OSError:
+        return b""
+
+
+def get(root: Path, where: Path) -> Origin:
+    """What an unfinished run began with; UsageError where that is not known."""
+    try:
+        data = json.loads(begun(root) or b"")
+    except ValueError:
+        data = None
+    if shape.misfit(_Note, data):
+        raise UsageError(
+            f"{where / PATH}: missing or damaged, so nobody knows what code made the shards; "
+            "start again with ibdata generate --overwrite or another --out"
+        )
+    return Origin(**data)
+
+
+_agreed: set[bytes] = set()  # notes with which this process has been compared
+
+
+def agree(root: Path, recipe: Recipe, folder: Path | None) -> None:
+    """In a worker, before a shard: UsageError where its code or its bits are not those of the run.
+
+    Once a process: what it has imported stays. A folder without a note is one that proves shards otherwise.
+    """
+    note = begun(root)
+    if note is None or note in _agreed:
+        return
+    origin = get(root, root)
+    _refuse_other(origin, _imported(recipe, folder, origin.code, root), root)
+    _agreed.add(note)
+
+
+def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
+    _refuse_other_code(began.code, here.code, where)
+    if began.known_answer != here.known_answer:
+        raise UsageError(
+            f"{where}: found a machine that computes other bits than the one on which the run began; "
+            f"--resume on one like that, {AGAIN}"
+        )
+
+
+def _refuse_other_code(began: Sequence[dict[str, Any]], here: Sequence[dict[str, Any]], where: Path) -> None:
+    was, found = _parts(began), _parts(here)
+    changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
+    if changed:
+        raise UsageError(
+            f"{where}: found other code than the run began with, in {printable(', '.join(changed[:8]))}; "
+            f"put back what was there and --resume, {AGAIN}"
+        )
+
+
+def _parts(code: Sequence[dict[str, Any]]) -> dict[str, str | None]:
+    """Everything that is compared, by a name that tells what it is."""
+    parts: dict[str, str | None] = {}
+    for each in code:
+        parts |= {each["target"]: each["sha256"], **each["files"]}
+        parts |= {f"the version of {name}": version for name, version in each["distributions"].items()}
+    return parts

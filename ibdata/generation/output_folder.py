@@ -1,0 +1,247 @@
+"""The output folder: what it holds, what may be written there, and what is taken away again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.plan import Shard
+from ibdata.system import lock
+from ibdata.system.atomic_files import TEMPORARY, sweep, write, write_once
+from ibdata.validation.validate import check_files
+from ibdata.writing import receipt
+from ibdata.writing.card import is_foreign, refuse_foreign
+
+EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
+RANGE_LOCK = f"{lock.NAME}-"
+OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
+METADATA = {manifest.FRESH, *(Path(path).name for path in (*manifest.METADATA, manifest.PATH))}
+
+
+def identity(experiment: Experiment) -> str:
+    """What a run must share with another to be resumed by it."""
+    return _hashed(as_yaml(experiment))
+
+
+def _hashed(experiment: bytes) -> str:
+    return hashlib.sha256(experiment + bytes([manifest.DATA_VERSION])).hexdigest()
+
+
+def meant(out: str | os.PathLike[str]) -> Path:
+    """The folder that is meant; `..` after a folder that there is not leads back to where that would be."""
+    folder = Path(out)
+    return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
+
+
+def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    """Where the run is to be written: the folder, or `.next` in it where a dataset is to be replaced.
+
+    Raises UsageError for a folder that may not be written to.
+    """
+    if resume and overwrite:
+        raise UsageError("found --resume with --overwrite, expected one of them")
+    if "\0" in str(folder):
+        raise UsageError(f"--out: found {str(folder)!r}, expected a path without NUL")
+    manifest.refuse_inside(folder)
+    if not os.path.lexists(folder):
+        return folder
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
+    refuse_links(folder)
+    empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
+    if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
+        return _unfinished(folder, experiment, resume, overwrite)
+    if empty or os.path.lexists(folder / manifest.NEW):  # what it holds is known when that is settled
+        return folder
+    return _finished(folder, experiment, resume, overwrite)
+
+
+def _counts(path: Path) -> bool:
+    """Whether it is more than what a run leaves that was killed before it had said whose it is."""
+    if path.name == receipt.FOLDER and path.is_dir():
+        return any(path.iterdir())
+    return path.name != lock.NAME and not path.name.startswith((RANGE_LOCK, TEMPORARY))
+
+
+def refuse_links(folder: Path) -> None:
+    """A folder of ours that is a link would lead writing and deleting out of the dataset."""
+    inner = ("data", "meta", receipt.FOLDER)
+    parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
+    for path in (*parts[1:], *(part / name for part in parts for name in inner)):
+        if (folder / path).is_symlink():
+            raise UsageError(f"{folder / path}: found a link, expected a folder; remove it")
+
+
+def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    if overwrite:
+        return folder
+    if not resume:
+        raise UsageError(
+            f"{folder}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
+        )
+    if (folder / EXPERIMENT).read_bytes() != as_yaml(experiment):
+        raise UsageError(
+            f"{folder}: holds an unfinished run of another experiment; --overwrite to start again"
+        )
+    return folder
+
+
+def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
+    if not (resume or overwrite):
+        raise UsageError(
+            f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset"
+        )
+    try:
+        listed = manifest.read(folder)
+    except DatasetError as error:
+        raise UsageError(f"{folder}: not a dataset of ibdata, left as it is ({error})") from None
+    if overwrite:
+        _refuse_strangers(folder, listed)
+        return folder / manifest.NEXT
+    if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
+        raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
+    if listed["data_version"] != manifest.DATA_VERSION:
+        raise UsageError(
+            f"{folder}: holds a dataset of data version {listed['data_version']}, and this ibdata makes "
+            f"{manifest.DATA_VERSION}; --overwrite to replace it"
+        )
+    for problem in check_files(folder, listed):
+        if problem.path in {file["path"] for file in listed["files"]}:
+            raise DatasetError(f"{folder / problem.path}: damaged or missing; ibdata repair {folder}")
+    return folder
+
+
+def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
+    known = {file["path"] for file in listed["files"]}
+    for path in (folder / "data").glob("*"):
+        if f"data/{path.name}" not in known and not path.name.startswith("."):
+            raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
+    refuse_foreign(folder / manifest.CARD)
+    for name in known:
+        if (folder / name).is_dir():
+            raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")
+
+
+def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
+    """Make the run's folder, take away what does not belong to this experiment, and say whose it is."""
+    mine = root / EXPERIMENT
+    if (
+        not mine.is_file()
+        or (overwrite and root.name != manifest.NEXT)
+        or mine.read_bytes() != as_yaml(experiment)
+    ):
+        discard(root)
+    root.mkdir(exist_ok=True)
+    sweep(root)
+    if not mine.is_file():
+        write(root, EXPERIMENT, as_yaml(experiment))
+
+
+def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
+    """As `begin`, for some of the shards, while others may be written: only what was theirs is taken away.
+
+    Raises UsageError where another experiment was begun here meanwhile.
+    """
+    sweep_shards(root, shards)
+    if not write_once(root, EXPERIMENT, as_yaml(experiment)):
+        raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
+
+
+def refuse_moved(root: Path, run: str) -> None:
+    """IbdataError where the folder is no longer that of the run: a file put there could be in another's."""
+    try:
+        same = _hashed((root / EXPERIMENT).read_bytes()) == run
+    except OSError:
+        same = False
+    if not same:
+        raise IbdataError(
+            f"{root}: no longer the folder in which this run began; it was moved or removed meanwhile"
+        )
+
+
+def _is_lost(root: Path) -> bool:
+    """Whether a folder is another run's now, which must not be tidied."""
+    return lock.is_lost(root.parent if root.name == manifest.NEXT else root)
+
+
+def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
+    """Remove what killed writers of these shards had begun."""
+    if _is_lost(root):
+        return
+    sweep(root, {Path(path).name for shard in shards for path in (shard.stem, receipt.path_of(shard))})
+
+
+def forget(root: Path, shards: Iterable[Shard]) -> None:
+    """Remove what there is of shards that are to be made: also whole ones that have no receipt."""
+    shards = list(shards)
+    sweep_shards(root, shards)
+    numbers = {Path(shard.stem).name for shard in shards}
+    for path in (root / "data").glob("part-*.parquet"):
+        if path.name.rpartition("-")[0] in numbers:
+            path.unlink(missing_ok=True)
+
+
+def end(root: Path) -> None:
+    """Take the receipts away: the manifest has what they say."""
+    _empty(root / receipt.FOLDER)
+    for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
+        left.unlink(missing_ok=True)
+
+
+def abandon(root: Path) -> None:
+    """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
+    if _is_lost(root):
+        return
+    sweep(root)
+    if not list((root / receipt.FOLDER).glob("*.receipt")):
+        discard(root)
+
+
+def discard(root: Path, keep: str = "") -> None:
+    """Remove an unfinished run, or the files of a dataset that `.next` holds except `keep`; nothing else.
+
+    Raises UsageError where `.next` holds something that ibdata did not write.
+    """
+    if not root.is_dir() or root.is_symlink():
+        return
+    staged = root.name == manifest.NEXT
+    sweep(root)
+    for part in ("data", "meta", *(["old-data", "old-meta"] if staged else [])):
+        folder = root / part
+        if folder.is_dir() and not folder.is_symlink():
+            for path in folder.iterdir():
+                if is_ours(path) and path.name != keep and (staged or path.name != Path(manifest.PATH).name):
+                    path.unlink()
+            if not any(folder.iterdir()):
+                folder.rmdir()
+    for name in (manifest.CARD, manifest.REPORT):
+        if staged or name != manifest.CARD or not is_foreign(root / name):
+            (root / name).unlink(missing_ok=True)
+    _empty(root / receipt.FOLDER)
+    if staged:
+        left = [path for path in sorted(root.rglob("*")) if not path.is_dir()]
+        for path in left:
+            if path.name != keep:
+                raise UsageError(f"{path}: found something that ibdata did not write; move it away")
+        if not left:
+            root.rmdir()
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a file in `data` or `meta` has a name that ibdata gives."""
+    return not path.is_dir() and (path.name in METADATA or OURS.fullmatch(path.name) is not None)
+
+
+def _empty(folder: Path) -> None:
+    if folder.is_dir() and not folder.is_symlink():
+        said = folder / Path(EXPERIMENT).name  # last: it says whose run this is while anything is left of it
+        for inner in (*(inner for inner in folder.iterdir() if inner != said), said):
+            inner.unlink(missing_ok=True)
+        folder.rmdir()

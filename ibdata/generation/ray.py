@@ -1,0 +1,146 @@
+"""Shards as tasks of Ray: on this machine, or on a cluster whose hosts share the output's file system."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ibdata.errors import IbdataError, MissingError
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import local
+from ibdata.generation.origin import agree
+from ibdata.generation.output_folder import sweep_shards
+from ibdata.system.signals import STOPPING, check
+from ibdata.writing.shard_writer import Written
+
+MAX_DEATHS = 3  # of workers, at one shard
+POLL = 0.2  # seconds between looks for a signal
+
+
+def library() -> Any:
+    """Ray; MissingError where it is not installed."""
+    with _own_handlers():  # importing it takes SIGTERM
+        try:
+            import ray
+        except ImportError:
+            raise MissingError("--engine ray", "ray", "ray") from None
+    return ray
+
+
+def run(
+    recipe: Recipe,
+    shards: list[Shard],
+    root: Path,
+    identity: str,
+    workers: int | None = None,
+    address: str | None = None,
+) -> Iterator[Written]:
+    """Write the shards, yielding each when it and its receipt are on the disk, in any order.
+
+    Runs on the Ray that the process is connected to; else on the one at address or $RAY_ADDRESS; else on
+    one that is started here and ended afterwards. At most so many workers, or one a processor of Ray.
+    A worker that dies costs its shard, which is done again; IbdataError where that happens again and again,
+    or where no such Ray answers.
+    """
+    ray = library()
+    with _connected(ray, workers, address) as own:
+        task = ray.remote(max_retries=MAX_DEATHS)(_work)
+        job = ray.put((recipe.plain(), root.absolute(), identity, recipe.experiments[0].folder))
+        most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
+        waiting = iter(shards)
+        running: dict[Any, Shard] = {}
+        try:
+            while True:
+                while len(running) < most and (shard := next(waiting, None)) is not None:
+                    running[task.remote(job, shard)] = shard
+                if not running:
+                    return
+                done, _ = ray.wait(list(running), timeout=POLL)
+                check()
+                for future in done:
+                    yield _result(ray, future, running.pop(future))
+        except SystemError:  # a signal's exception was raised inside compiled code of Ray
+            check()
+            raise
+        finally:
+            if running and not own:  # else its workers are ended with it
+                for future in running:
+                    ray.cancel(future)  # by force, Ray 2.60 itself may crash
+                ray.wait(list(running), num_returns=len(running), timeout=30)
+
+
+def _result(ray: Any, future: Any, shard: Shard) -> Written:
+    try:
+        written: Written = ray.get(future)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None
+    except ray.exceptions.RayError as error:
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise IbdataError(
+            f"{shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
+        ) from None
+    return written
+
+
+def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> Written:
+    """A shard, in a worker."""
+    plain, root, identity, folder = job
+    recipe = Recipe.from_plain(plain)
+    if not os.path.isdir(root):
+        raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
+    sweep_shards(root, [shard])  # of a worker that died at it
+    agree(root, recipe, folder)
+    return local.written(recipe, shard, root, identity)
+
+
+@contextmanager
+def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[bool]:
+    """Be connected to Ray; whether it was started here, and is ended afterwards."""
+    if ray.is_initialized():
+        yield False
+        return
+    place = address or os.environ.get("RAY_ADDRESS") or "local"
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    if place == "local":
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell others of each start
+        quiet |= {"num_cpus": workers, "include_dashboard": False}
+    try:
+        with _own_handlers():
+            try:
+                _knock(place)
+                ray.init(place, **quiet)
+            except (OSError, RuntimeError, ValueError) as error:
+                reason = (str(error).splitlines() or [""])[0]
+                raise IbdataError(f"--address: {place}: found no Ray that answers: {reason}") from None
+        yield place == "local"
+    finally:
+        with _own_handlers():
+            ray.shutdown()
+
+
+def _knock(place: str) -> None:
+    """OSError where nobody listens at host:port: Ray would try for minutes."""
+    host, colon, port = place.removeprefix("ray://").rpartition(":")
+    if colon and port.isdigit():
+        socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
+
+
+@contextmanager
+def _own_handlers() -> Iterator[None]:
+    """Keep the handlers of signals that Ray would replace with its own."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in STOPPING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)

@@ -1,0 +1,234 @@
+"""Replacing a dataset, or parts of it, so that every reader meets the old one or the new one, and no mixture.
+
+What is new is written to `.next`, whole folders of it. Renaming that to `.new` makes it count. Then `data`,
+and after it `meta`, change places with those in `.new`, each in one system call, and what was replaced is
+removed. Shards have names of their own, so whoever listed the old folder finds no new file under an old name.
+A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ibdata.dataset import manifest
+from ibdata.dataset.manifest import FRESH, NEW, NEXT
+from ibdata.errors import DatasetError
+from ibdata.generation.output_folder import discard, is_ours
+from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
+from ibdata.system.lock import is_lost
+from ibdata.system.signals import held
+
+PARTS = ("data", "meta")
+TOMBSTONE = "part-99999-00000000.parquet"  # of no dataset: the name says so by its token
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """An empty `.next`; what the block puts there replaces what the dataset has, or nothing changes."""
+    root = folder / NEXT
+    discard(root)
+    root.mkdir()
+    try:
+        yield root
+    except BaseException:
+        if not is_lost(folder):
+            discard(root)
+        raise
+    commit(folder)
+
+
+def commit(folder: Path) -> None:
+    """Let what is in `.next` replace what the dataset has: `data` and `meta` as a whole, card and report."""
+    root = folder / NEXT
+    if not (root / manifest.PATH).is_file():  # nothing is to be replaced
+        discard(root)
+        return
+    try:
+        refuse_folders(folder, [manifest.PATH, *_paths(folder), *_paths(root)])
+    except DatasetError:
+        discard(root)
+        raise
+    for part in PARTS:
+        if (root / part).is_dir():
+            (root / part / FRESH).touch()
+            sync_folder(root / part)
+    sync_folder(root)
+    with held():
+        root.rename(folder / NEW)
+        sync_folder(folder)
+        try:
+            settle(folder)
+        except OSError:
+            if _take_back(folder):
+                discard(root)
+            raise
+
+
+def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
+    """DatasetError where a folder is in the place of one of these files."""
+    for path in paths:
+        if (folder / path).is_dir():
+            raise DatasetError(f"{folder / path}: found a folder in the place of a file; move it away")
+
+
+def _take_back(folder: Path) -> bool:
+    """Let `.new` count for nothing again, if nothing of it has its place; whether that was so."""
+    parts = [folder / NEW / part for part in PARTS if (folder / NEW / part).is_dir()]
+    if not parts or not all((part / FRESH).is_file() for part in parts):
+        return False
+    (folder / NEW).rename(folder / NEXT)
+    sync_folder(folder)
+    return True
+
+
+def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
+    """Have files of the dataset in `.next` as they are."""
+    for path in paths:
+        (root / path).parent.mkdir(exist_ok=True)
+        try:
+            os.link(folder / path, root / path)
+        except OSError:  # a file system without links
+            write(root, path, (folder / path).read_bytes())
+
+
+def settle(folder: Path) -> None:
+    """Finish what a writer began to replace that was killed; remove a `.new` that does not count."""
+    new = folder / NEW
+    if not os.path.lexists(new):
+        return
+    with held():
+        if _counts(folder):
+            for part in PARTS:
+                if (new / part / FRESH).is_file():
+                    _swap(new, folder, part)
+            _place_single_files(new, folder)
+            _give_back(new, folder)
+            for part in PARTS:
+                (folder / part / FRESH).unlink(missing_ok=True)
+        elif _is_half(folder):
+            (folder / "data" / FRESH).unlink()
+            _swap(new, folder, "data")
+        _dismiss(folder)
+
+
+def _dismiss(folder: Path) -> None:
+    """Let `.new` be `.next` again, which counts for nothing, and remove it."""
+    discard(folder / NEXT)
+    (folder / NEW).rename(folder / NEXT)
+    sync_folder(folder)
+    for data in (folder / NEXT / "data", folder / NEXT / "old-data"):
+        if data.is_dir() and (folder / manifest.PATH).is_file():
+            _leave_name(data)
+    discard(folder / NEXT, keep=TOMBSTONE)
+
+
+def _leave_name(data: Path) -> None:
+    """Put a file without rows into a replaced folder, where it stays until the next replacement.
+
+    A reader that opened the folder before lists that name, and does not find it in the new folder. An empty
+    listing would pass for a dataset without rows.
+    """
+    old = next(data.glob("part-*.parquet"), None)
+    with suppress(OSError, pa.ArrowException):
+        if old is not None:
+            pq.write_table(pq.read_schema(old).empty_table(), data / TOMBSTONE)
+
+
+def begun(folder: Path) -> list[str]:
+    """What a killed writer left of a new dataset that has no place yet: the names in the folder."""
+    if os.path.lexists(folder / manifest.PATH):
+        return []
+    return [NEW, *(["data"] if (folder / "data" / FRESH).is_file() else [])]
+
+
+def withdraw(folder: Path) -> None:
+    """Remove what `begun` names."""
+    new = folder / NEW
+    if not os.path.lexists(new):
+        return
+    (new / "meta" / FRESH).unlink(missing_ok=True)  # from here on it counts for nothing
+    if (folder / "data" / FRESH).is_file():
+        (folder / "data").rename(new / "data")
+    _dismiss(folder)
+
+
+def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:
+    """The paths of the files that the manifest in a folder lists; none where there is no whole manifest."""
+    try:
+        return [file["path"] for file in _manifest(folder, path)["files"]]
+    except (OSError, DatasetError):
+        return []
+
+
+def _manifest(folder: Path, path: str = manifest.PATH) -> dict[str, Any]:
+    return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
+
+
+def _counts(folder: Path) -> bool:
+    """Whether `.new` is a replacement that was made to count: all that its manifest lists is there."""
+    new = folder / NEW
+    if not (new / "meta" / FRESH).is_file():
+        return (folder / "meta" / FRESH).is_file()  # then `meta` has its place already
+    paths = _paths(new)
+    return bool(paths) and all((new / path).is_file() or (folder / path).is_file() for path in paths)
+
+
+def _is_half(folder: Path) -> bool:
+    """Whether `data` has changed places and the rest is lost, as in a copy of a part of the folder."""
+    shards = [path for path in _paths(folder) if path.startswith("data/")]
+    here = (folder / "data" / FRESH).is_file() and bool(shards)
+    return here and all((folder / NEW / path).is_file() for path in shards)
+
+
+def _swap(new: Path, folder: Path, part: str) -> None:
+    """Let a new folder take its place; the old one is in `.new` afterwards."""
+    source, target = new / part, folder / part
+    if os.path.lexists(target) and not _exchanged(source, target):
+        target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
+    if not os.path.lexists(target):
+        source.rename(target)
+    sync_folder(new)
+    sync_folder(folder)
+
+
+def _exchanged(a: Path, b: Path) -> bool:
+    """Let two folders change places in one system call; False where there is none that can."""
+    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if call is None:
+        return False
+    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(b))
+
+
+def _place_single_files(new: Path, folder: Path) -> None:
+    """Card and report go to their places, if they are what the manifest lists; a report of old goes."""
+    listed = {file["path"]: file["sha256"] for file in _manifest(folder)["files"]}
+    for path in (manifest.CARD, manifest.REPORT):
+        if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
+            (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
+        elif path in listed and file_sha256(new / path) == listed[path]:
+            (new / path).replace(folder / path)
+    sync_folder(folder)
+
+
+def _give_back(new: Path, folder: Path) -> None:
+    """What a user has put into a folder that was replaced moves on to the new one."""
+    for part in PARTS:
+        for old in (new / part, new / f"old-{part}"):
+            for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
+                if not is_ours(path) and not os.path.lexists(folder / part / path.name):
+                    path.rename(folder / part / path.name)

@@ -1,0 +1,94 @@
+"""Generating the datasets of a folder of experiments, each into a folder of its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import UsageError
+from ibdata.experiment import Experiment, find, load_all
+from ibdata.experiment.custom_code import refuse_code
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import output_folder
+from ibdata.generation.engine import chosen
+from ibdata.generation.estimate import estimate
+from ibdata.generation.generate import generate
+from ibdata.system.lock import refuse_busy
+from ibdata.system.object_store import is_url
+
+
+def generate_all(
+    config: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: bool | None = False,
+    allow_code: bool = False,
+    engine: str = "local",
+    address: str | None = None,
+) -> dict[str, Dataset]:
+    """Make the datasets of a folder of experiments, or of a shipped suite, by name.
+
+    Each goes to out/<name>; out defaults to data/<folder>. All experiments and all places are checked
+    before the first is made. resume passes over what is finished and goes on with the rest. The other
+    arguments are those of `generate`, and so are the errors raised.
+    """
+    experiments = load_all(config, overrides, seed)
+    chosen(engine, workers, address)
+    places = folders(config, experiments, out)
+    for experiment, folder in zip(experiments, places, strict=True):
+        refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+        refuse_busy(folder)
+        output_folder.check(folder, experiment, resume, overwrite)
+    return {
+        experiment.name: generate(
+            experiment,
+            folder,
+            workers=workers,
+            resume=resume,
+            overwrite=overwrite,
+            progress=progress,
+            allow_code=allow_code,
+            engine=engine,
+            address=address,
+        )
+        for experiment, folder in zip(experiments, places, strict=True)
+    }
+
+
+def estimate_all(
+    config: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    resume: bool = False,
+    overwrite: bool = False,
+    allow_code: bool = False,
+) -> list[dict[str, Any]]:
+    """What each run of `generate_all` would make, as `estimate` says, with its name."""
+    experiments = load_all(config, overrides, seed)
+    return [
+        {"name": experiment.name, **estimate(experiment, folder, workers, resume, overwrite, allow_code)}
+        for experiment, folder in zip(experiments, folders(config, experiments, out), strict=True)
+    ]
+
+
+def folders(
+    config: str | os.PathLike[str], experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
+) -> list[Path]:
+    """Where the datasets go. Raises UsageError where out is a file."""
+    if is_url(out):
+        raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
+    root = Path(out) if out is not None else Path("data") / find(config).resolve().name
+    if os.path.lexists(root) and not root.is_dir():
+        raise UsageError(f"{root}: found a file, expected a folder or nothing; choose another --out")
+    return [root / experiment.name for experiment in experiments]

@@ -1,0 +1,60 @@
+"""A dataset's card, README.md, and its report, report.html; needs the extra `plot` (matplotlib)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ibdata.dataset import manifest
+from ibdata.dataset.reader import Dataset
+from ibdata.experiment.recipe import recipe_in
+from ibdata.generation import output_folder, replacement
+from ibdata.generation.generate import refusals
+from ibdata.plots import drawn
+from ibdata.plots.report_page import page
+from ibdata.system import lock
+from ibdata.system.atomic_files import FileEntry, write
+from ibdata.system.signals import stoppable
+from ibdata.validation.consistency import refuse_other_plan
+from ibdata.writing.card import card as readme
+from ibdata.writing.card import refuse_foreign
+from ibdata.writing.finish import renewed
+from ibdata.writing.shard_writer import Written
+from ibdata.writing.summary import UNREAD
+
+
+def card(folder: str | os.PathLike[str]) -> Dataset:
+    """Write README.md and report.html into a dataset, anew where they are there, and open it.
+
+    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both are
+    listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
+
+    Raises UsageError where README.md is somebody's own text, DatasetError for what is no dataset, BusyError
+    where it is being written, MissingError without matplotlib, IbdataError where the system refuses; then
+    nothing is changed.
+    """
+    path = Path(folder)
+    dataset = Dataset(path)
+    lock.refuse_busy(path)
+    output_folder.refuse_links(path)
+    refuse_foreign(path / manifest.CARD)
+    recipe = recipe_in(path, dataset.manifest)
+    refuse_other_plan(recipe, dataset.manifest)
+    report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
+    with refusals(path), stoppable(), lock.locked(path):
+        replacement.settle(path)
+        manifest.refuse_replaced(path, dataset.manifest)
+        listed = dataset.manifest
+        entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+        paths = [shard["path"] for shard in listed["shards"]]
+        written = [
+            Written(shard, entries[file], UNREAD) for shard, file in zip(recipe.shards, paths, strict=True)
+        ]
+        with replacement.staged(path) as staged:
+            replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
+            made = readme(recipe, written, dataset.content_root)
+            entries[manifest.CARD] = write(staged, manifest.CARD, made)
+            entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
+            data = renewed(listed, entries, versions=listed["versions"])
+            write(staged, manifest.PATH, data)
+    return Dataset(path)

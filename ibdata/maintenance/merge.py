@@ -1,0 +1,83 @@
+"""Merging datasets of equal columns into one."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import UsageError
+from ibdata.experiment import Experiment
+from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.maintenance.rewrite import Source, sources, write_dataset
+from ibdata.numerics.naming import exact
+from ibdata.policies.base import NAME_PATTERN
+from ibdata.simulation.variables import columns
+
+
+def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:
+    """Merge datasets into a new one: their episodes one after another, numbered anew, and all their splits.
+
+    Splits of the same name become one. The episodes keep their digests; the new content root is that of
+    all of them. Splits that were only labels get files of their own.
+
+    Raises UsageError for fewer than two datasets, for columns that differ, or where two hold the same
+    episode, or one the beginning of another's: such data would leak from one split into another.
+    DatasetError where a dataset is not what its manifest says.
+    """
+    if len(folders) < 2:
+        raise UsageError(f"merge: found {len(folders)} dataset, expected at least 2")
+    datasets = [Dataset(folder) for folder in folders]
+    recipes = [recipe_in(d.path, d.manifest).all_declared() for d in datasets]
+    of = [each for d, recipe in zip(datasets, recipes, strict=True) for each in sources(d, recipe)]
+    experiments = tuple(experiment for recipe in recipes for experiment in recipe.experiments)
+    for b, y in zip(experiments[1:], of[1:], strict=True):
+        _refuse_other_columns(experiments[0], b, of[0], y)
+    _refuse_shared_episodes(experiments, of)
+    _refuse_equal_digests(datasets)
+    name = Path(out).name
+    return write_dataset(Recipe(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), of, out)
+
+
+def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
+    kinds = [{c.name: c.dtype for c in columns(e)} for e in (a, b)]
+    for name in dict.fromkeys([*kinds[0], *kinds[1]]):
+        found = [kind.get(name, "none") for kind in kinds]
+        if found[0] != found[1]:
+            raise UsageError(
+                f"{y.dataset.path}: column {name}: found {found[1]}, expected {found[0]} "
+                f"as in {x.dataset.path}"
+            )
+    if a.drifting != b.drifting:
+        raise UsageError(
+            f"{y.dataset.path}: found {'moving' if b.drifting else 'constant'} setpoints, expected "
+            f"{'moving' if a.drifting else 'constant'} ones as in {x.dataset.path}"
+        )
+
+
+def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Source]) -> None:
+    """Equal seed and cell: equal episodes, or one the beginning of the other where the steps differ."""
+    home: dict[tuple[int, bytes], Source] = {}
+    for experiment, source in zip(experiments, of, strict=True):
+        for cell in experiment.cells:
+            known = home.setdefault((experiment.seed, cell.digest), source)
+            if known is not source:
+                raise UsageError(
+                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: found "
+                    f"episodes that are also in {known.dataset.path}, expected others; make one of them "
+                    "with another --seed"
+                )
+
+
+def _refuse_equal_digests(datasets: list[Dataset]) -> None:
+    home: dict[bytes, Dataset] = {}
+    for dataset in datasets:
+        for episode, digest in enumerate(dataset.digests):
+            if digest in home:
+                raise UsageError(
+                    f"{dataset.path}: episode {episode}: found an episode that is also in "
+                    f"{home[digest].path}, expected others"
+                )
+            home[digest] = dataset

@@ -1,0 +1,188 @@
+"""Repairing a dataset: what is damaged or missing is made again, and the manifest's digests prove it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.experiment import as_yaml, load
+from ibdata.experiment.custom_code import provenance, refuse_code
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.generation import local, output_folder, replacement
+from ibdata.generation.engine import worker_count
+from ibdata.generation.generate import refusals
+from ibdata.generation.warm_up import warm_up
+from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
+from ibdata.system.lock import locked, refuse_busy
+from ibdata.system.signals import check, stoppable
+from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.stored import stored_content
+from ibdata.validation.validate import check_files
+from ibdata.version import __version__
+from ibdata.writing.finish import documents, finish, renewed
+from ibdata.writing.shard_writer import Written
+from ibdata.writing.summary import UNREAD, Content, content_of, describe, simulated
+
+NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
+
+
+def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
+    """Make the damaged and missing files of a dataset again; their paths.
+
+    Only those are touched, and only if the rows that were made again, or from which metadata are made again,
+    have the content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if
+    the shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the
+    dataset, the manifest gets the new hashes. A damaged report.html is taken away instead: `ibdata card`
+    draws it again. A replacement that was interrupted is finished.
+    allow_code lets custom policies run, where shards are to be made again; they promise the same bits in the
+    same environment only.
+
+    Raises DatasetError where there is no dataset, or what was made again is not what was there.
+    """
+    path, processes = Path(folder), worker_count(workers)
+    if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
+        raise DatasetError(f"{path}: no dataset here: meta is missing")
+    refuse_busy(path)
+    output_folder.refuse_links(path)
+    with stoppable(), refusals(path), locked(path):
+        replacement.settle(path)
+        try:
+            listed = manifest.read(path)
+        except manifest.NewerError:
+            raise
+        except DatasetError:
+            return _rebuild(path, processes, allow_code)
+        return _mend(path, listed, processes, allow_code)
+
+
+def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) -> list[str]:
+    """Make again the listed files that are damaged."""
+    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+    problems = list(check_files(folder, listed))
+    damaged = [problem.path for problem in problems if problem.path in entries]
+    if not damaged:
+        return []
+    replacement.refuse_folders(folder, damaged)
+    for problem in problems:  # before more files come beside them
+        if problem.path not in entries:
+            raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
+    recipe = recipe_in(folder, listed)
+    refuse_other_plan(recipe, listed)
+    paths = [shard["path"] for shard in listed["shards"]]
+    wrong = [shard for shard in recipe.shards if paths[shard.number] in damaged]
+    lost = [path for path in damaged if path not in paths]
+    if lost and listed["versions"]["ibdata"] != __version__:
+        lost = list(documents(recipe, [], ""))  # so that all of them are of one version
+    if wrong:
+        refuse_code(recipe, folder, allow_code)
+        for experiment in recipe.experiments:
+            warm_up(experiment)
+    with replacement.staged(folder) as staged:
+        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
+        written = []
+        for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+            w = made.get(shard.number)
+            content = w.content if w else UNREAD
+            if w is None and NEEDS_CONTENT & set(lost):
+                content = stored_content(recipe, shard, folder / one["path"])
+            if content is not UNREAD and content_of(content.digests) != one["content"]:
+                found = "found other content when made again, expected what the manifest lists"
+                raise DatasetError(f"{folder / one['path']}: {found}; nothing was changed")
+            if w:
+                entries[one["path"]] = w.entry._replace(path=one["path"])
+            written.append(Written(shard, entries[one["path"]], content))
+            check()
+        for path, make in documents(recipe, written, listed["content_root"]).items():
+            if path in lost:
+                entries[path] = write(staged, path, make())
+        if manifest.REPORT in damaged:
+            del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
+        _stage_manifest(folder, staged, listed, entries)
+        _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
+    return damaged
+
+
+def _stage_manifest(
+    folder: Path, staged: Path, listed: dict[str, Any], entries: dict[str, FileEntry]
+) -> None:
+    """Where files of `meta`, or hashes, are to change: the manifest, beside the files that stay."""
+    data = renewed(listed, entries)
+    staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
+    if staged_files or data != manifest.content(folder, manifest.PATH):
+        rest = [path for path in entries if path.startswith("meta/") and path not in staged_files]
+        replacement.keep(folder, staged, rest)
+        write(staged, manifest.PATH, data)
+
+
+def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
+    """Let shards that were made again, of proven content, take the places of damaged ones."""
+    for source, path in files.items():
+        (folder / "data").mkdir(exist_ok=True)
+        (staged / source).replace(folder / path)
+        sync_folder(folder / "data")
+    if files:
+        (staged / "data").rmdir()
+
+
+def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
+    """Make the manifest again, and the shards that do not have the experiment's content."""
+    recipe = _told(folder)
+    refuse_code(recipe, folder, allow_code)
+    reproducible = all([warm_up(experiment) for experiment in recipe.experiments])
+    whole: list[Written] = []
+    wrong: list[Shard] = []
+    for shard in recipe.shards:
+        content = describe(recipe, shard, simulated(recipe, shard))
+        path = _file_with(recipe, shard, content, folder)
+        if path is not None:
+            entry = FileEntry(f"data/{path.name}", path.stat().st_size, file_sha256(path) or "")
+            whole.append(Written(shard, entry, content))
+        else:
+            wrong.append(shard)
+        check()
+    if not whole:
+        raise DatasetError(
+            f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
+            "prove that it is the dataset's; nothing was changed"
+        )
+    with replacement.staged(folder) as staged:
+        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
+        finish(recipe, [*whole, *made.values()], staged, reproducible, provenance(recipe))
+        _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
+        listed = {w.entry.path for w in (*whole, *made.values())}
+        for path in (folder / "data").iterdir():
+            if output_folder.is_ours(path) and f"data/{path.name}" not in listed:
+                path.unlink()  # damaged, and made again under another name
+    return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
+
+
+def _told(folder: Path) -> Recipe:
+    """What a dataset without a manifest is made of, as meta/experiment*.yaml say; later splits are lost."""
+    several = sorted((folder / "meta").glob("experiment-*.yaml"))
+    experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
+    return Recipe(experiments[0].name, experiments)
+
+
+def _made_again(recipe: Recipe, shards: list[Shard], staged: Path, workers: int) -> dict[int, Written]:
+    """The shards, written under `.next`, by number."""
+    first = recipe.experiments[0]
+    write(staged, output_folder.EXPERIMENT, as_yaml(first))
+    identity = output_folder.identity(first)
+    made = {w.shard.number: w for w in local.run(recipe, shards, staged, identity, workers)}
+    output_folder.end(staged)
+    return made
+
+
+def _file_with(recipe: Recipe, shard: Shard, content: Content, folder: Path) -> Path | None:
+    """The file that holds a shard's episodes; None where none can be read as such."""
+    for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
+        try:
+            if stored_content(recipe, shard, path).digests == content.digests:
+                return path
+        except (IbdataError, ValueError):
+            continue
+    return None

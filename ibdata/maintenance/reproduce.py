@@ -1,0 +1,88 @@
+"""Reproducing a dataset from its own experiment, in memory, and comparing every episode."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.dataset.digest import episode_digests
+from ibdata.dataset.episodes import read_episodes
+from ibdata.errors import UsageError
+from ibdata.experiment.custom_code import recipe_of
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation.warm_up import warm_up
+from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.rules import Problem
+from ibdata.writing.arrow import digest_runs
+from ibdata.writing.finish import root_of
+from ibdata.writing.summary import simulated
+
+
+def reproduce(
+    folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
+) -> tuple[int, list[Problem]]:
+    """How many episodes were made again, and those that have another digest than the dataset lists.
+
+    The content root is compared too: it is that of the experiment's cells and of the digests listed.
+
+    episodes is a number, of episodes spread evenly, or a range such as 500-600; None means all. Nothing is
+    written. allow_code lets custom policies run, which promise the same bits in the same environment only.
+
+    Raises DatasetError where there is no finished dataset, UsageError for other episodes, or for code.
+    """
+    path = Path(folder)
+    listed = manifest.read(path)
+    recipe = recipe_of(path, listed, allow_code)
+    refuse_other_plan(recipe, listed)
+    table = read_episodes(path, listed)
+    digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
+    for experiment in recipe.experiments:
+        warm_up(experiment)
+    count, problems = 0, list(_root(recipe, listed, digests))
+    asked = _parts(recipe, None if episodes is None else str(episodes), len(digests))
+    for part, floats in (made for run in asked for made in simulated(recipe, run)):
+        experiment = recipe.of_shard(part)
+        lengths = [experiment.steps] * (part.stop - part.first)
+        found = episode_digests(digest_runs(experiment, part, floats), lengths)
+        count += len(found)
+        for episode, digest in enumerate(found, part.first + part.offset):
+            if digest != digests[episode]:
+                message = f"episode {episode}: found other content when made again"
+                shard = listed["shards"][shards[episode]]["path"]
+                problems.append(Problem(shard, rows[episode], "reproduce", message))
+    return count, problems
+
+
+def _root(recipe: Recipe, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
+    own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in recipe.shards)
+    root = root_of(recipe, own)
+    if root != listed["content_root"]:
+        message = f"content root: found {listed['content_root']}, expected {root}"
+        yield Problem(manifest.PATH, None, "reproduce", message)
+
+
+def _parts(recipe: Recipe, episodes: str | None, total: int) -> Iterator[Shard]:
+    if episodes is None:
+        yield from recipe.shards
+        return
+    first, dash, last = episodes.partition("-")
+    if not re.fullmatch("[0-9]{1,18}(-[0-9]{1,18})?", episodes):
+        found = episodes if len(episodes) < 40 else f"{episodes[:40]}…"
+        raise UsageError(f"--episodes: found {found!r}, expected a number or a range such as 500-600")
+    if not dash:
+        number = min(total, int(first))
+        ranges = [(i * total // number, i * total // number + 1) for i in range(number)]
+    else:
+        ranges = [(int(first), int(last) + 1)]
+    if not ranges or not ranges[0][0] < ranges[-1][1] <= total:
+        raise UsageError(f"--episodes: found {episodes!r}, expected a number or a range within 0-{total - 1}")
+    for shard in recipe.shards:
+        for low, high in ranges:
+            start, stop = max(low - shard.offset, shard.first), min(high - shard.offset, shard.stop)
+            if start < stop:
+                yield shard._replace(first=start, stop=stop)

@@ -1,0 +1,171 @@
+"""Datasets out of datasets: the same episodes under other splits or numbers, copied and proven."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+
+from ibdata.dataset import manifest
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.experiment import Experiment
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.generation import output_folder, replacement
+from ibdata.generation.generate import made_folder, refusals
+from ibdata.simulation.rollout import Columns
+from ibdata.simulation.variables import layout
+from ibdata.system import lock
+from ibdata.system.atomic_files import FileEntry, file_sha256, write
+from ibdata.system.signals import check, stoppable
+from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
+from ibdata.writing.finish import documents, finish, renewed
+from ibdata.writing.shard_writer import Begun, Written
+from ibdata.writing.summary import describe
+from ibdata.writing.threads import Threads
+
+
+class Source(NamedTuple):
+    """Where the episodes of an experiment are: a dataset, and the number of the first of them in it."""
+
+    dataset: Dataset
+    first: int
+
+
+def sources(dataset: Dataset, recipe: Recipe) -> list[Source]:
+    """The source of each experiment of a dataset."""
+    counts = [len(e.cells) * e.episodes for e in recipe.experiments]
+    return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
+
+
+def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str]) -> Dataset:
+    """Write a recipe's dataset to a new folder, each experiment's episodes from its source.
+
+    Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
+    lists; then nothing is left behind. What a killed run left is taken away by the next.
+    """
+    folder = output_folder.meant(out)
+    _refuse(folder)
+    lock.refuse_busy(folder)
+    with refusals(folder), stoppable(), made_folder(folder), lock.locked(folder):
+        _refuse(folder)
+        replacement.withdraw(folder)
+        with replacement.staged(folder) as root:
+            written = []
+            for shard in recipe.shards:
+                written.append(_copied(recipe, shard, of[shard.experiment], root))
+                check()
+            listed = list({id(source.dataset): source.dataset.manifest for source in of}.values())
+            code = [each for one in listed for each in one["code"]]
+            clipped = sum(one["clipped_actions"] for one in listed)
+            finish(recipe, written, root, all(one["reproducible"] for one in listed), code, clipped)
+    return Dataset(folder)
+
+
+def _refuse(folder: Path) -> None:
+    manifest.refuse_inside(folder)
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise UsageError(f"{folder}: found no folder, expected one or nothing; choose another --out")
+    left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
+    if folder.exists() and any(path.name not in left for path in folder.iterdir()):
+        unsettled = os.path.lexists(folder / manifest.NEW)
+        todo = (
+            f"ibdata repair {folder} finishes what was begun there" if unsettled else "choose another --out"
+        )
+        raise UsageError(f"{folder}: exists already; {todo}")
+    if folder.exists():
+        output_folder.refuse_links(folder)
+
+
+def _copied(recipe: Recipe, shard: Shard, source: Source, root: Path) -> Written:
+    """A shard with a source's episodes, which are proven to be those that it lists."""
+    with Threads() as threads:
+        w = Begun(recipe, shard, root, threads, _parts(recipe, shard, source)).finish()
+    _prove(w, source)
+    return w
+
+
+def _parts(recipe: Recipe, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
+    """The float columns of a shard's episodes, read from whatever files of the source hold them."""
+    experiment = recipe.of_shard(shard)
+    try:
+        for part, table in stored_parts(recipe, shard, _batches(experiment, shard, source)):
+            yield part, float_columns(experiment, table)
+    except ValueError as error:
+        if isinstance(error, IbdataError):
+            raise
+        raise _changed(source) from None  # texts in the place of numbers
+
+
+def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
+    names, steps = layout(experiment).names, experiment.steps
+    first, stop = source.first + shard.first, source.first + shard.stop
+    for number, listed in enumerate(source.dataset.manifest["shards"]):
+        low, high = max(first, listed["episodes"][0]), min(stop, listed["episodes"][1])
+        if low < high:
+            start, end = ((episode - listed["episodes"][0]) * steps for episode in (low, high))
+            yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
+
+
+def _prove(w: Written, source: Source) -> None:
+    first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
+    if w.content.digests != source.dataset.episode_table["digest"].slice(first, count).to_pylist():
+        raise _changed(source)
+
+
+def _changed(source: Source) -> DatasetError:
+    path = source.dataset.path
+    return DatasetError(f"{path}: found other content than it lists; see ibdata validate {path}")
+
+
+def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
+    """Give a dataset the later splits of a recipe, in its metadata; its rows are read, and stay.
+
+    A report is taken away, as it tells of the old splits.
+
+    Raises DatasetError where the rows are not what the dataset lists, BusyError where it is being written.
+    """
+    folder = dataset.path
+    lock.refuse_busy(folder)
+    output_folder.refuse_links(folder)
+    with refusals(folder), stoppable(), lock.locked(folder):
+        replacement.settle(folder)
+        listed = dataset.manifest
+        manifest.refuse_replaced(folder, listed)
+        refuse_other_plan(recipe, listed)
+        _refuse_edits(folder, listed)
+        entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+        of = sources(dataset, recipe)
+        paths = [shard["path"] for shard in listed["shards"]]
+        written = [
+            _read(recipe, shard, of[shard.experiment], entries[path])
+            for shard, path in zip(recipe.shards, paths, strict=True)
+        ]
+        with replacement.staged(folder) as staged:
+            for path, make in documents(recipe, written, listed["content_root"]).items():
+                entries[path] = write(staged, path, make())
+            entries.pop(manifest.REPORT, None)  # it tells of the old splits
+            write(staged, manifest.PATH, renewed(listed, entries, splits=recipe.plain()["splits"]))
+    return Dataset(folder)
+
+
+def _refuse_edits(folder: Path, listed: dict[str, Any]) -> None:
+    """UsageError where somebody has edited the card, which the new splits would change."""
+    card = next(file for file in listed["files"] if file["path"] == manifest.CARD)
+    if file_sha256(folder / manifest.CARD) not in (None, card["sha256"]):
+        raise UsageError(
+            f"{folder / manifest.CARD}: was edited, and the new splits would replace it; move it away first"
+        )
+
+
+def _read(recipe: Recipe, shard: Shard, source: Source, entry: FileEntry) -> Written:
+    """A shard that is there, with its content."""
+    w = Written(shard, entry, describe(recipe, shard, _parts(recipe, shard, source)))
+    _prove(w, source)
+    check()
+    return w

@@ -1,0 +1,102 @@
+"""Splitting a dataset that is there: labels on its episodes, or a copy whose splits are whole files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from ibdata.dataset.reader import Dataset
+from ibdata.errors import UsageError
+from ibdata.experiment import split_schemes
+from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.experiment.scalars import SplitName
+from ibdata.maintenance.rewrite import relabel, sources, write_dataset
+
+SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")
+
+
+def split(
+    folder: str | os.PathLike[str] | Dataset,
+    by: str | None = "setpoint",
+    *,
+    scheme: str = "transfer",
+    source: Sequence[float] = (),
+    target: Sequence[float] = (),
+    shots: int | None = None,
+    transitions: int | None = None,
+    within: float | None = None,
+    fractions: Sequence[float] = (0.8, 0.1, 0.1),
+    materialize: str | os.PathLike[str] | None = None,
+) -> Dataset:
+    """Split a dataset by setpoint, episode or policy, and open it.
+
+    by setpoint, scheme is one of
+        transfer: source and target setpoints; shots (episodes) or transitions limit each target cell,
+            what they leave is target-rest
+        leave-one-out: train-p and test-p for every setpoint p
+        interpolation, extrapolation: train and test, with inner or with the outermost setpoints held out
+        distance: source, and the others near (at most `within` from it) or far
+    by episode: train, validation, test are these fractions of every cell, in order; two are train, test.
+    by policy: a split for each label.
+
+    The splits label episodes: nothing is copied, no row changes; a split of the same name that was made
+    like this is replaced. With materialize the dataset stays as it is, and a copy with the same content
+    root is written there, in which every split is whole files; by None makes that of the splits there are.
+
+    Raises UsageError for what cannot be meant, DatasetError for a dataset that is not whole.
+    """
+    dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
+    recipe = recipe_in(dataset.path, dataset.manifest)
+    made: dict[str | None, Callable[[], split_schemes.Splits]] = {
+        "setpoint": lambda: _by_setpoint(recipe, scheme, source, target, shots, transitions, within),
+        "episode": lambda: split_schemes.by_episode(recipe, fractions),
+        "policy": lambda: split_schemes.by_policy(recipe),
+    }
+    if by not in made and (by is not None or materialize is None):
+        found = "nothing" if by is None else repr(by)
+        raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
+    new = made[by]() if by in made else {}
+    _refuse_names(dataset, recipe, new)
+    labelled = Recipe(recipe.name, recipe.experiments, {**recipe.later, **new})
+    if materialize is None:
+        return relabel(dataset, labelled)
+    return write_dataset(labelled.all_declared(), sources(dataset, recipe), Path(materialize))
+
+
+def _by_setpoint(
+    recipe: Recipe,
+    scheme: str,
+    source: Sequence[float],
+    target: Sequence[float],
+    shots: int | None,
+    transitions: int | None,
+    within: float | None,
+) -> split_schemes.Splits:
+    if scheme == "transfer":
+        return split_schemes.transfer(recipe, source, target, shots, transitions)
+    if scheme == "leave-one-out":
+        return split_schemes.leave_one_out(recipe)
+    if scheme in ("interpolation", "extrapolation"):
+        return split_schemes.held_out(recipe, extrapolate=scheme == "extrapolation")
+    if scheme == "distance" and source and within is not None:
+        return split_schemes.by_distance(recipe, source, within)
+    if scheme == "distance":
+        raise UsageError("split: found the scheme distance without --source or --within, expected both")
+    raise UsageError(f"split: found the scheme {scheme!r}, expected one of {', '.join(SCHEMES)}")
+
+
+def _refuse_names(dataset: Dataset, recipe: Recipe, new: split_schemes.Splits) -> None:
+    declared, valid = set(recipe.declared), TypeAdapter(SplitName)
+    for name in new:
+        if name in declared:
+            raise UsageError(
+                f"{dataset.path}: found a declared split {name}, which has files of its own; expected "
+                "another name"
+            )
+        try:
+            valid.validate_python(name)
+        except ValidationError:
+            raise UsageError(f"split: found the name {name!r}, expected one that may name a file") from None

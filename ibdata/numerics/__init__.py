@@ -1,0 +1,1 @@
+"""Arithmetic, random numbers and compilation that give the same bits everywhere."""

@@ -1,0 +1,102 @@
+"""numba's cache of machine code with files that are verified before they are loaded.
+
+numba's own believes every file that it finds, and stops at one that it cannot read. Here a function is
+compiled again wherever its file is missing, damaged or another user's. What is used of numba is the key and
+the serial form of machine code, and that its compiler calls `load_overload` before and `save_overload` after.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+
+from ibdata.errors import IbdataError
+from ibdata.system.cache_folders import Places
+from ibdata.system.private_files import verified
+
+
+class _Locator(_CacheLocator):
+    """Which function it is; of folders it knows nothing. numba itself names `_py_file` in a warning."""
+
+    def __init__(self, function: Any, file: str) -> None:
+        self._py_file, self._line = file, function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
+        return cls(py_func, py_file)
+
+    def get_cache_path(self) -> str:
+        return os.path.dirname(os.path.abspath(self._py_file))
+
+    def get_source_stamp(self) -> str:
+        return _sha256_of(self._py_file)
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+    def ensure_cache_path(self) -> None:
+        """Nothing: `Places` has made its folders."""
+
+
+class _Impl(CompileResultCacheImpl):
+    """The serial form of machine code."""
+
+    _locator_classes = [_Locator]  # noqa: RUF012  # numba's base class has it so
+
+
+class _CodeFiles(IndexDataCacheFile):
+    """A file for each key, in place of numba's index and numbered files."""
+
+    def __init__(self, impl: _Impl, places: Places) -> None:
+        super().__init__(impl.locator.get_cache_path(), impl.filename_base, impl.locator.get_source_stamp())
+        self._prefix, self._places = impl.filename_base, places
+
+    def save(self, key: Any, data: Any) -> None:
+        self._places.keep(self._name(key), self._dump((self._source_stamp, key, data)))
+
+    def load(self, key: Any) -> Any:
+        for folder in self._places.folders:
+            with suppress(OSError), verified(folder, self._name(key)) as descriptor:
+                stamp, found, data = self._load_data(descriptor)
+                if (stamp, found) == (self._source_stamp, key):
+                    return data
+        return None
+
+    def _data_path(self, name: int) -> int:
+        """What numba opens: the verified file itself, which no other can replace."""
+        return os.dup(name)
+
+    def _name(self, key: Any) -> str:
+        address = hashlib.sha256(repr((self._cache_path, key)).encode()).hexdigest()[:16]
+        return f"{self._prefix}.{address}.nbc"
+
+
+class CodeCache(FunctionCache):
+    """The cache of one compiled function in these places."""
+
+    _impl_class = _Impl
+
+    def __init__(self, function: Callable[..., object], places: Places) -> None:
+        super().__init__(function)
+        self._cache_file = _CodeFiles(self._impl, places)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for a signature, or None where it is to be compiled."""
+        try:
+            return super().load_overload(sig, target_context)
+        except IbdataError:  # a signal that asks to stop
+            raise
+        except Exception:  # whatever the reason is, compiling helps
+            return None
+
+
+@cache
+def _sha256_of(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()

@@ -1,0 +1,91 @@
+"""Random numbers with an address: (seed, cell, index, purpose, step, slot) → 64 bits → a variate.
+
+Philox4x64-10 is a function of a 128-bit key and a 256-bit counter. The key comes from the seed and the
+cell's digest, the counter holds the rest of the address, so no number depends on what was drawn before it.
+Every step owns a fixed number of slots, used or not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import normal
+from ibdata.numerics.philox import BLOCK, Raw, fill
+
+Floats = npt.NDArray[np.float64]
+
+
+class Purpose(IntEnum):
+    """What a stream is for; part of the address, so the values are fixed."""
+
+    DYNAMICS = 0
+    DRIFT = 1
+    POLICY = 2
+    START = 3
+    BURN_IN_DYNAMICS = 4
+    BURN_IN_DRIFT = 5
+    BURN_IN_POLICY = 6
+
+
+def stream_key(seed: int, cell_digest: bytes) -> Raw:
+    """The Philox key (2,) of a cell under a seed in [0, 2⁶⁴)."""
+    digest = hashlib.sha256(b"ibdata noise 1\0" + seed.to_bytes(8, "little") + cell_digest).digest()
+    return np.frombuffer(digest[:16], dtype="<u8").astype(np.uint64)
+
+
+def slots(draws: int) -> int:
+    """Slots of a step for that many draws: the next whole number of Philox blocks.
+
+    >>> slots(3), slots(5), slots(0)
+    (4, 8, 0)
+    """
+    return -(-draws // BLOCK) * BLOCK
+
+
+def integers(
+    keys: Raw, indices: npt.NDArray[np.int64], purpose: Purpose, step: int, steps: int, slots: int
+) -> Raw:
+    """The integers (steps, slots, n) of n episodes from `step` on, with keys (n, 2) and indices (n,).
+
+    slots is a multiple of 4, those of one step.
+    """
+    out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
+    with np.errstate(over="ignore"):  # where nothing is compiled, numpy tells of products past 64 bits
+        fill(
+            np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
+        )
+    return out
+
+
+@compiled
+def uniform(raw: np.uint64) -> float:
+    """U(0, 1) from 52 of 64 random bits: (⌊raw / 2¹²⌋ + ½) · 2⁻⁵², exact and strictly inside.
+
+    >>> uniform(np.uint64(0)) == 2.0**-53, uniform(np.uint64(2**64 - 1)) == 1 - 2.0**-53
+    (True, True)
+    """
+    return (np.float64(raw >> np.uint64(12)) + 0.5) * 2.0**-52
+
+
+@compiled
+def standard_normal(u: float) -> float:
+    """N(0, 1) from U(0, 1), for policies, which see nothing of the dynamics.
+
+    >>> float(standard_normal(0.5))
+    0.0
+    """
+    return normal(u)
+
+
+@compiled
+def uniforms(raw: Raw, out: Floats) -> None:
+    """U(0, 1) (steps, n, draws) from integers (steps, slots, n)."""
+    for t in range(out.shape[0]):
+        for j in range(out.shape[2]):
+            for i in range(out.shape[1]):
+                out[t, i, j] = uniform(raw[t, j, i])

@@ -1,0 +1,163 @@
+"""The report's page: one HTML file without an address in it, so that it opens anywhere, also in years."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib import import_module
+from typing import Any
+
+from ibdata.dataset.reader import Dataset
+from ibdata.experiment import as_yaml
+from ibdata.experiment.recipe import Recipe
+from ibdata.writing.card import ABOUT, facts
+
+MOST = 100  # rows of a table, experiments
+SHOWN = ("mean", "std", "min", "max")
+CAPTIONS = {
+    "rewards": "What a step earns. Rewards are -consumption - 3 · fatigue of the next observation.",
+    "returns": "What an episode earns, by the policy that made it.",
+    "actions": "What each policy did; spikes are actions that it takes exactly.",
+    "coverage": "How often velocity, gain and shift were where, two at a time.",
+    "tradeoff": "Every step by what it cost; the nearer to the lower left, the better.",
+    "splits": "Which splits hold which episodes, and which episodes are in two of them.",
+    "traces": "What is observed and, where the dataset has it, what is hidden.",
+}
+# Nothing may be loaded, whatever a dataset's texts say.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 70rem; padding: 1rem; }
+h1, h2 { line-height: 1.2; overflow-wrap: anywhere; }
+table { border-collapse: collapse; font-size: .875rem; }
+th, td { padding: .25rem .75rem .25rem 0; text-align: left; vertical-align: top; }
+th { border-bottom: 1px solid; }
+td.number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
+.wide { overflow-x: auto; }
+.pictures { align-items: start; display: grid; gap: 1.5rem;
+  grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr)); }
+figure { margin: 0; }
+img { background: #fff; display: block; height: auto; max-width: 100%; }
+figcaption { font-size: .875rem; }
+pre { font-size: .8125rem; overflow-x: auto; }
+code.root { overflow-wrap: anywhere; }
+"""
+LOAD = """\
+import pandas as pd
+data = pd.read_parquet("data")  # in the dataset's folder
+
+import ibdata
+ds = ibdata.open(".")
+ds.episodes, ds.statistics(), ds.arrays(history=30)["observations"]"""
+
+
+def page(dataset: Dataset, recipe: Recipe, pictures: Mapping[str, bytes]) -> bytes:
+    """The report on a dataset with its pictures, PNG by name."""
+    name = escape(recipe.name)
+    parts = [
+        f"<h1>{name}</h1>",
+        f"<p>{escape(ABOUT)}</p>",
+        _table((), [(key, value.replace("`", "")) for key, value in facts(recipe)]),
+        *_section("Pictures", f'<div class="pictures">{"".join(_pictures(pictures))}</div>'),
+        *_section("Splits", *_splits(dataset)),
+        *_section("Statistics", *_statistics(dataset)),
+        *_section("Columns", *_columns(dataset)),
+        *_section("Experiment", *_experiments(recipe)),
+        *_section("Load it", f"<pre><code>{escape(LOAD)}</code></pre>"),
+        *_section("Where it comes from", *_provenance(dataset)),
+    ]
+    head = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{name}: an Industrial Benchmark dataset</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+    )
+    return (head + "\n".join(parts) + "\n</body>\n</html>\n").encode()
+
+
+def _section(title: str, *parts: str) -> list[str]:
+    return [f"<h2>{title}</h2>", *parts]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Cells of text, or numbers to the right; None is a dash. The first 100 rows."""
+    everything = list(rows)
+    lines = ['<div class="wide"><table>']
+    if head:
+        lines.append(f"<thead><tr>{''.join(f'<th>{escape(text)}</th>' for text in head)}</tr></thead>")
+    lines += [f"<tr>{''.join(map(_cell, row))}</tr>" for row in everything[:MOST]]
+    more = f"<p>and {len(everything) - MOST} more</p>" if len(everything) > MOST else ""
+    return "\n".join([*lines, "</table></div>" + more])
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return '<td class="number">–</td>'
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return f'<td class="number">{value if isinstance(value, int) else f"{value:.6g}"}</td>'
+    return f"<td>{escape(str(value))}</td>"
+
+
+def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
+    for name, caption in CAPTIONS.items():
+        title = import_module(f"ibdata.plots.dataset.{name}").TITLE
+        data = base64.b64encode(pictures[name]).decode()
+        yield (
+            f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{data}">'
+            f"<figcaption><strong>{escape(title)}.</strong> {escape(caption)}</figcaption></figure>"
+        )
+
+
+def _splits(dataset: Dataset) -> Iterable[str]:
+    splits = dataset.info["splits"]
+    if not splits:
+        yield "<p>None.</p>"
+        return
+    rows = [(name, s["episodes"], s["rows"], _files(s["files"])) for name, s in splits.items()]
+    yield _table(("split", "episodes", "rows", "files"), rows)
+
+
+def _files(files: list[str] | None) -> str:
+    if files is None:
+        return "labels in meta/episodes.parquet"
+    return f"{len(files)} whole file{'s'[: len(files) != 1]}"
+
+
+def _statistics(dataset: Dataset) -> Iterable[str]:
+    columns = dataset.statistics()
+    rows = [(n, *(s[k] for k in SHOWN), s["quantiles"].get("0.5")) for n, s in columns.items()]
+    yield _table(("column", *SHOWN, "median"), rows)
+
+
+def _columns(dataset: Dataset) -> Iterable[str]:
+    keys = ("name", "role", "dtype", "unit", "low", "high", "description")
+    yield _table(keys, [[column[key] for key in keys] for column in dataset.info["columns"]])
+
+
+def _experiments(recipe: Recipe) -> Iterable[str]:
+    for experiment in recipe.experiments[:MOST]:
+        yield f"<pre><code>{escape(as_yaml(experiment).decode())}</code></pre>"
+    if len(recipe.experiments) > MOST:
+        yield f"<p>and {len(recipe.experiments) - MOST} more, see meta/</p>"
+
+
+def _provenance(dataset: Dataset) -> Iterable[str]:
+    listed = dataset.manifest
+    yield f'<p>content root <code class="root">{escape(dataset.content_root)}</code></p>'
+    reproducible = {True: "yes, on any machine", False: "no: made where bits differ"}
+    rows: list[tuple[str, Any]] = [
+        ("reproducible", reproducible.get(listed["reproducible"], "in the same environment only")),
+        ("data version", listed["data_version"]),
+        ("actions cut to [-1, 1]", listed["clipped_actions"]),
+        *((f"made with {name}", version) for name, version in sorted(listed["versions"].items())),
+        *((f"code {c['target']}", c["sha256"] or c["version"]) for c in listed["code"]),
+    ]
+    yield _table((), rows)
+    yield _table(
+        ("file", "bytes", "SHA-256"), [(s["path"], *_entry(listed, s["path"])) for s in listed["shards"]]
+    )
+
+
+def _entry(listed: Mapping[str, Any], path: str) -> tuple[int, str]:
+    return next((file["bytes"], file["sha256"]) for file in listed["files"] if file["path"] == path)

@@ -1,0 +1,37 @@
+"""Proposed actions become those that are applied and stored."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.numerics.compiled import compiled
+
+
+@compiled
+def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float32]) -> int:
+    """Proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
+
+    -0.0 becomes 0.0; NaN stays. Returns the number of lanes that were clipped, or -1 - lane for the first one
+    that is not finite.
+    """
+    clipped, broken = 0, -1
+    for i in range(proposed.shape[0]):
+        outside = False
+        for j in range(3):
+            x = proposed[i, j]
+            if broken < 0 and not np.isfinite(x):
+                broken = i
+            outside = outside or abs(x) > 1.0
+            bounded = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x
+            out[i, j] = np.float32(bounded) + np.float32(0.0)
+        clipped += outside
+    return clipped if broken < 0 else -1 - broken
+
+
+def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Proposed actions (n, 3) as they are applied: clipped to [-1, 1] and rounded to float32."""
+    given = np.asarray(proposed, dtype=np.float64)
+    out = np.empty(given.shape, dtype=np.float32)
+    clip_and_round(given, out)
+    return out

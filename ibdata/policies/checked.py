@@ -1,0 +1,79 @@
+"""Ask a policy for actions and densities, and refuse what is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import IbdataError
+from ibdata.policies import Policy
+from ibdata.policies.actions import clip_and_round
+
+
+class PolicyError(IbdataError):
+    """A policy returned something that is no action."""
+
+
+class Asked(NamedTuple):
+    """A policy, and what to call it and its lanes in errors."""
+
+    policy: Policy
+    label: str
+    first: int  # the episode in lane 0
+    lanes: int
+
+    def act(
+        self, seen: npt.NDArray[np.float32], u: npt.NDArray[np.float64], out: npt.NDArray[np.float32], t: int
+    ) -> int:
+        """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped.
+
+        A policy that sees nothing may act for several steps, from t on: n is that many times the lanes.
+        Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
+        """
+        action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
+        clipped = int(clip_and_round(action, out))
+        if clipped < 0:
+            lane = -1 - clipped
+            place = self._place(t + lane // self.lanes, self.first + lane % self.lanes)
+            raise PolicyError(f"{place}: found action {action[lane]}, expected finite numbers")
+        return clipped
+
+    def log_prob(
+        self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
+    ) -> npt.NDArray[np.float64]:
+        """The log density (n,) of the actions taken. Raises PolicyError where it is of wrong shape."""
+        taken = action.view()
+        taken.flags.writeable = False
+        return self._answer(lambda: self.policy.log_prob(seen, taken), (len(taken),), "log densities", t)
+
+    def _place(self, t: int, episode: int) -> str:
+        return f"policy {self.label}: episode {episode}: step {t}"
+
+    def _answer(
+        self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
+    ) -> npt.NDArray[np.float64]:
+        """What a policy returns, as numbers of the right shape."""
+        place = self._place(t, self.first)
+        try:
+            given = ask()
+        except IbdataError:  # a signal, say
+            raise
+        except (Exception, SystemExit) as error:  # it is not the policy's to end the run
+            raise PolicyError(
+                f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
+            ) from error
+        if isinstance(given, np.ma.MaskedArray):
+            given = np.ma.filled(given.astype(np.float64), np.nan)
+        try:
+            if np.iscomplexobj(given):
+                raise TypeError
+            answer = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError):
+            wrong = f"found {repr(given)[:60]}, expected {what} of shape {shape}"
+            raise PolicyError(f"{place}: {wrong}") from None
+        if answer.shape != shape:
+            raise PolicyError(f"{place}: found {what} of shape {answer.shape}, expected {shape}")
+        return answer

@@ -1,0 +1,1 @@
+"""Episodes of an experiment, simulated into columns."""

@@ -1,0 +1,58 @@
+"""Small runs whose bits are known: they tell whether this machine computes what all others do.
+
+Their columns are float64: a difference in the last bit would be rounded away in float32.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from ibdata.experiment import Experiment
+from ibdata.simulation.rollout import rollout
+
+EXPERIMENT = {
+    "name": "known-answer",
+    "dynamics": "siemens",
+    "setpoints": {"drifting": [1, 35, 70, 99]},
+    "policies": [{"kind": "safe"}],
+    "episodes": 16,
+    "steps": 32,
+    "start": "uniform",
+    "output": {"dtype": "float64", "latent": "full"},
+}
+SHA256 = "05152e81029575167919b932164a0673d9d85df4ed3f67c016298336503d6b18"
+# The other dynamics, and the policies that draw random numbers or compute densities in ways of their own.
+OTHERS = {
+    "name": "known-policies",
+    "dynamics": "paper",
+    "setpoints": [1, 99],
+    "policies": [
+        {"kind": "random"},
+        {"kind": "gaussian", "base": {"kind": "constant", "action": [0.5, -0.5, 0.0]}, "scale": 0.5},
+        {"kind": "epsilon_greedy", "base": {"kind": "constant"}, "epsilon": 0.5},
+    ],
+    "episodes": 2,
+    "steps": 32,
+    "output": {"dtype": "float64", "latent": "full"},
+}
+OTHERS_SHA256 = "f8ab653936c66fcfc71db7acad488d3bf5d83f188a4a565198c57e5a8a546911"
+
+
+def digest(experiment: Mapping[str, Any] = EXPERIMENT) -> str:
+    """The hex hash of a known run's columns here."""
+    known = Experiment.model_validate(experiment)
+    episodes = len(known.cells) * known.episodes
+    return hashlib.sha256(rollout(known, 0, episodes).table.astype("<f8").tobytes()).hexdigest()
+
+
+def keeps_denormals(least: float = sys.float_info.min) -> bool:
+    """Whether half of the least normal number is neither made 0 nor taken for 0."""
+    return least / 2.0 * 2.0 == least
+
+
+def matches() -> bool:
+    """Whether the known runs have the bits that they have everywhere."""
+    return keeps_denormals() and digest() == SHA256 and digest(OTHERS) == OTHERS_SHA256

@@ -1,0 +1,143 @@
+"""Whether the rows of a shard keep every rule, part by part, and what is in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from ibdata.dataset import parquet
+from ibdata.errors import DatasetError
+from ibdata.experiment import Experiment
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.simulation.rollout import Columns
+from ibdata.simulation.variables import Column, columns
+from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
+from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
+from ibdata.writing.statistics import Moments
+from ibdata.writing.summary import Account, Content
+
+
+def check_shard(
+    recipe: Recipe, shard: Shard, path: Path, listed: str
+) -> tuple[Content | None, list[Problem]]:
+    """The content of a shard, which the manifest lists under a name, and every rule that its rows break.
+
+    The content is None where rows break a rule, or cannot be read.
+    """
+    experiment, account, found = recipe.of_shard(shard), Account(recipe, shard), _Found(listed)
+    try:
+        schema, rows = parquet.described(path)
+        expected = (shard.stop - shard.first) * experiment.steps
+        if wrong := _schema(schema, columns(experiment)):
+            return None, [Problem(listed, None, "schema", wrong)]
+        if rows != expected:
+            message = f"found {rows}, expected {expected} rows of whole episodes"
+            return None, [Problem(listed, None, "rows", message)]
+        batches = parquet.batches(path, None, BATCH_ROWS)
+        with ThreadPoolExecutor(1) as describing:  # which lets go of Python's lock
+            for row, own in _described(recipe, shard, batches, account, describing, found):
+                for name, rule in RULES.items():
+                    found.add(name, row, rule(own))
+    except DatasetError as error:
+        reason = str(error).removeprefix(f"{path}: ").replace(", see ibdata validate", "")
+        return None, [Problem(listed, None, "parquet", reason)]
+    problems = found.problems()
+    return (None if problems else account.content()), problems
+
+
+class _Found:
+    """The broken rules of a shard: of those that one part breaks after another, one problem that counts."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._broken: dict[tuple[str, str], Broken] = {}
+
+    def add(self, rule: str, row: int, broken: Iterable[Broken]) -> None:
+        """Add what a part breaks that begins at this row."""
+        for each in broken:
+            key = (rule, each.message.partition(":")[0])
+            first = self._broken.get(key, Broken(row + each.row, each.message, 0))
+            self._broken[key] = first._replace(rows=first.rows + each.rows)
+
+    def problems(self) -> list[Problem]:
+        """All of them, rule by rule."""
+        return [
+            Problem(self._path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
+            for (rule, _), (row, message, count) in self._broken.items()
+        ]
+
+
+def _described(
+    recipe: Recipe,
+    shard: Shard,
+    batches: Iterable[pa.RecordBatch],
+    account: Account,
+    describing: ThreadPoolExecutor,
+    found: _Found,
+) -> Iterator[tuple[int, Rows]]:
+    """The parts of a shard, each with its first row; one is read while the one before it is described."""
+    experiment, before = recipe.of_shard(shard), None
+    for part, table in stored_parts(recipe, shard, batches):
+        row = (part.first - shard.first) * experiment.steps
+        missing = list(nulls(table))
+        found.add("nulls", row, missing)
+        if missing:
+            continue
+        floats = float_columns(experiment, table)
+        after = row, part, table, floats, describing.submit(account.add, part, floats)
+        if before:
+            yield before[0], _rows(experiment, *before[1:])
+        before = after
+    if before:
+        yield before[0], _rows(experiment, *before[1:])
+
+
+def _rows(
+    experiment: Experiment, part: Shard, table: pa.Table, floats: Columns, described: Future[Moments]
+) -> Rows:
+    whole = described.result()
+    known = dict(zip(floats.names, floats.table, strict=True))
+    for name in ("episode", "step", "terminated", "truncated"):
+        known[name] = table[name].to_numpy()
+    known["policy"] = _labels(table["policy"], experiment.labels)
+    ranges = {
+        name: (float(whole.low[i]), float(whole.high[i]))
+        for i, name in enumerate(floats.names)
+        if np.isfinite(whole.squares[i])
+    }
+    return Rows(experiment, part, columns(experiment), known, ranges)
+
+
+def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
+    """The numbers of labels; -1 for another text."""
+    texts = pa.array(labels, pa.string())
+    parts = []
+    for chunk in column.chunks:
+        chunk = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
+        number = pc.fill_null(pc.index_in(chunk.dictionary.cast(pa.string()), value_set=texts), -1).to_numpy()
+        parts.append(number[chunk.indices.to_numpy()])
+    return np.concatenate(parts)
+
+
+def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
+    """How the columns of a file are others than they should be."""
+    pairs = zip_longest(
+        [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
+    )
+    wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
+    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
+
+
+def _plain_type(kind: pa.DataType) -> str:
+    """The type of a column as info.json names it."""
+    if pa.types.is_dictionary(kind):
+        return "string"
+    return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))

@@ -1,0 +1,234 @@
+"""What must hold of the rows of a dataset; each rule yields what it finds broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from ibdata.dataset.history import stacked
+from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.experiment import Experiment
+from ibdata.experiment.plan import Shard
+from ibdata.policies.base import Policy
+from ibdata.simulation.variables import Column
+from ibdata.writing.arrow import index_columns, policy_numbers
+
+Array = npt.NDArray[Any]
+
+
+class Problem(NamedTuple):
+    """One broken rule: the file, the row in it if there is one, the rule, what was found and expected."""
+
+    path: str
+    row: int | None
+    rule: str
+    message: str
+
+    def __str__(self) -> str:
+        place = self.path if self.row is None else f"{self.path}: row {self.row}"
+        return f"{place}: {self.rule}: {self.message}"
+
+
+class Broken(NamedTuple):
+    """The first broken row, what is wrong with it, and how many such rows there are."""
+
+    row: int
+    message: str
+    rows: int
+
+
+Found = Iterator[Broken]
+
+
+class Rows(NamedTuple):
+    """Whole episodes of one experiment that follow each other in a shard."""
+
+    experiment: Experiment
+    part: Shard
+    described: list[Column]
+    columns: dict[str, Array]  # (rows,) each; of the policy, numbers of the experiment's labels
+    ranges: dict[str, tuple[float, float]]  # of the columns of floats that are finite
+
+    def group(self, role: str) -> list[str]:
+        """The names of the columns with a role."""
+        return [column.name for column in self.described if column.role == role]
+
+    def stack(self, role: str) -> Array:
+        """The columns with a role (rows, columns)."""
+        return np.stack([self.columns[name] for name in self.group(role)], axis=1)
+
+    @property
+    def inner(self) -> Array:
+        """Whether each row but the last has its successor in the next one (rows - 1,)."""
+        steps = np.arange(len(self.columns["step"]) - 1) % self.experiment.steps
+        return steps < self.experiment.steps - 1
+
+    @property
+    def tolerance(self) -> float:
+        """How far values in [0, 100] lie apart that differ only by the rounding of what is stored."""
+        return 2.0**-16 if self.experiment.output.dtype == "float32" else 2.0**-44
+
+
+def finite(rows: Rows) -> Found:
+    """Every float is finite; action_log_prob may be NaN, where a custom policy knows no density."""
+    for column in rows.described:
+        name = column.name
+        if column.dtype.startswith("float") and column.role != "log_prob" and name not in rows.ranges:
+            yield from _where(~np.isfinite(rows.columns[name]), name, rows, "a finite number")
+
+
+def bounds(rows: Rows) -> Found:
+    """Every number lies within the bounds of its column."""
+    for column in rows.described:
+        if column.dtype in ("bool", "string"):
+            continue
+        name, low, high = column.name, column.low, column.high
+        least, greatest = rows.ranges.get(name, (-np.inf, np.inf))
+        if low is not None and least < low:
+            yield from _where(rows.columns[name] < low, name, rows, f"at least {low:g}")
+        if high is not None and greatest > high:
+            yield from _where(rows.columns[name] > high, name, rows, f"at most {high:g}")
+
+
+def indices(rows: Rows) -> Found:
+    """Episodes follow each other whole, and steps count from 0 within each."""
+    expected = index_columns(rows.experiment, rows.part)
+    for name, text in (
+        ("episode", "the episode of episodes.parquet"),
+        ("step", "steps from 0 within each episode"),
+    ):
+        yield from _where(rows.columns[name] != expected[name], name, rows, text)
+
+
+def flags(rows: Rows) -> Found:
+    """terminated is never set; truncated is set on the last row of an episode, and there only."""
+    expected = index_columns(rows.experiment, rows.part)
+    for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
+        yield from _where(rows.columns[name] != expected[name], name, rows, text)
+
+
+def policy(rows: Rows) -> Found:
+    """Every row has the label of its episode's policy."""
+    labels = rows.experiment.labels
+    numbers = policy_numbers(rows.experiment, rows.part)
+    found, expected = rows.columns["policy"], np.repeat(numbers, rows.experiment.steps)
+    broken = found != expected
+    if broken.any():
+        row = int(np.argmax(broken))
+        shown = labels[found[row]] if found[row] >= 0 else "another label"
+        count = int(np.count_nonzero(broken))
+        yield Broken(row, f"found {shown}, expected {labels[expected[row]]}", count)
+
+
+def continuity(rows: Rows) -> Found:
+    """What is said of t + 1 in one row is said of t in the next row of the episode."""
+    for name in rows.group("next_observation") + rows.group("next_latent"):
+        after, now = rows.columns[name][:-1], rows.columns[name.removeprefix("next_")][1:]
+        yield from _where((after != now) & rows.inner, name, rows, "the next row's value at t")
+
+
+def reward(rows: Rows) -> Found:
+    """reward = -c - 3 f of the next observation, but for the rounding of float32."""
+    c, f, r = (
+        rows.columns[name].astype(np.float64)
+        for name in ("next_obs_consumption", "next_obs_fatigue", "reward")
+    )
+    tolerance = 2.0**-23 * (np.abs(c) + 3.0 * np.abs(f) + np.abs(r))
+    yield from _where(
+        np.abs(r + c + 3.0 * f) > tolerance, "reward", rows, "-consumption - 3 fatigue at t + 1"
+    )
+
+
+def setpoint(rows: Rows) -> Found:
+    """A constant setpoint is that of the episode's cell."""
+    experiment, part = rows.experiment, rows.part
+    if experiment.drifting:
+        return
+    cells = np.arange(part.first, part.stop) // experiment.episodes
+    low = int(cells[0])
+    known = np.array([cell.setpoint for cell in experiment.cells[low : int(cells[-1]) + 1]])
+    expected = np.repeat(known[cells - low], experiment.steps).astype(experiment.output.dtype)
+    for name in ("obs_setpoint", "next_obs_setpoint"):
+        yield from _where(rows.columns[name] != expected, name, rows, "the episode's setpoint")
+
+
+def steering(rows: Rows) -> Found:
+    """Velocity, gain and shift follow from the action (Hein et al. 2017, Eqs. 2 to 4)."""
+    for name, size in (("velocity", D_V), ("gain", D_G), ("shift", D_H)):
+        x, action, after = (
+            rows.columns[column].astype(np.float64)
+            for column in (f"obs_{name}", f"act_{name}", f"next_obs_{name}")
+        )
+        wrong = np.abs(np.clip(x + size * action, 0.0, 100.0) - after) > rows.tolerance
+        yield from _where(wrong, f"next_obs_{name}", rows, f"what follows from act_{name}")
+
+
+def shift_register(rows: Rows) -> Found:
+    """The operational cost of k steps ago is, a step later, that of k + 1 steps ago."""
+    if "latent_theta_1" not in rows.columns:
+        return
+    for lag in range(2, 10):
+        name = f"latent_theta_{lag}"
+        before, now = rows.columns[f"latent_theta_{lag - 1}"][:-1], rows.columns[name][1:]
+        wrong = np.r_[False, (before != now) & rows.inner]
+        yield from _where(wrong, name, rows, f"latent_theta_{lag - 1} of the row before")
+
+
+def density(rows: Rows) -> Found:
+    """The log density of the action is what the policy says, unless the policy is somebody's code."""
+    experiment, steps = rows.experiment, rows.experiment.steps
+    policies = policy_numbers(experiment, rows.part)
+    cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
+    wrong = np.zeros(len(rows.columns["step"]), dtype=np.bool_)
+    for low, high in pairwise(cuts):
+        behaviour = experiment.policies[policies[low]]
+        if behaviour.code_target is None:
+            own = slice(low * steps, high * steps)
+            found = rows.columns["action_log_prob"][own]
+            expected = _log_prob(behaviour, rows, own).astype(found.dtype)
+            wrong[own] = ~np.isclose(found, expected, rtol=1e-6, atol=1e-6, equal_nan=True)
+    yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
+
+
+def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
+    """The log densities of the actions of some whole episodes, which one policy took."""
+    observations, after = (
+        rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
+    )
+    actions = rows.stack("action")[own].astype(np.float32)
+    n, frames = len(actions), behaviour.frames
+    if not frames:
+        return behaviour.log_prob(np.empty((n, 0, 6), dtype=np.float32), actions)
+    step = np.arange(n) % rows.experiment.steps
+    seen = stacked(observations, after, step, frames)[0]
+    return behaviour.log_prob(np.ascontiguousarray(seen).reshape(n, frames, 6), actions)
+
+
+RULES: dict[str, Callable[[Rows], Found]] = {
+    rule.__name__.replace("_", " "): rule
+    for rule in (
+        finite, bounds, indices, flags, policy, continuity, reward, setpoint, steering, shift_register,
+        density,
+    )
+}  # fmt: skip
+
+
+def nulls(table: pa.Table) -> Found:
+    """No value is missing."""
+    for name in table.column_names:
+        if table[name].null_count:
+            row = int(np.argmax(table[name].is_null().to_numpy()))
+            yield Broken(row, f"{name}: found no value, expected one", table[name].null_count)
+
+
+def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:
+    """The first broken row of a column, and how many there are."""
+    count = int(np.count_nonzero(broken))
+    if count:
+        row = int(np.argmax(broken))
+        yield Broken(row, f"{name}: found {rows.columns[name][row]}, expected {expected}", count)

@@ -1,0 +1,65 @@
+"""Rows that are stored, in the parts in which they were simulated: so no more of a file is in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from ibdata.dataset import parquet
+from ibdata.errors import DatasetError
+from ibdata.experiment import Experiment
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.simulation.rollout import Columns, parts
+from ibdata.simulation.variables import layout
+from ibdata.writing.summary import Content, describe
+
+BATCH_ROWS = 65_536
+
+
+def stored_parts(
+    recipe: Recipe, shard: Shard, batches: Iterable[pa.RecordBatch]
+) -> Iterator[tuple[Shard, pa.Table]]:
+    """The parts of a shard, of whose rows these are the batches in order.
+
+    Raises DatasetError where the rows end before the shard does.
+    """
+    steps, source = recipe.of_shard(shard).steps, iter(batches)
+    waiting: list[pa.RecordBatch] = []
+    for first, stop in parts(recipe.of_shard(shard), shard.first, shard.stop):
+        rows = (stop - first) * steps
+        while sum(batch.num_rows for batch in waiting) < rows:
+            batch = next(source, None)
+            if batch is None:
+                raise DatasetError(f"{shard.stem}: found fewer rows than listed; see ibdata validate")
+            waiting.append(batch)
+        table = pa.Table.from_batches(waiting)
+        yield shard._replace(first=first, stop=stop), table.slice(0, rows)
+        waiting = table.slice(rows).to_batches()
+
+
+def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
+    """The float columns of rows as a rollout gives them."""
+    names = layout(experiment).names
+    values = np.empty((len(names), table.num_rows), dtype=experiment.output.dtype)
+    for out, name in zip(values, names, strict=True):
+        row = 0
+        for chunk in table[name].chunks:
+            out[row : row + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
+            row += len(chunk)
+    return Columns(names, values, 0)
+
+
+def stored_content(recipe: Recipe, shard: Shard, path: Path) -> Content:
+    """The content of a shard that is in a file.
+
+    Raises DatasetError where the file cannot be read as that shard.
+    """
+    experiment = recipe.of_shard(shard)
+    rows = (shard.stop - shard.first) * experiment.steps
+    batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)
+    made = ((part, float_columns(experiment, table)) for part, table in stored_parts(recipe, shard, batches))
+    return describe(recipe, shard, made)

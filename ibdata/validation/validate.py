@@ -1,0 +1,155 @@
+"""Whether a dataset is what its manifest says: files, metadata, and every rule of its rows."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.errors import BusyError, DatasetError
+from ibdata.experiment.recipe import recipe_in
+from ibdata.system import object_store
+from ibdata.system.atomic_files import FileEntry, file_sha256
+from ibdata.system.lock import is_locked
+from ibdata.validation.consistency import check_plan, checks, proven_root
+from ibdata.validation.rows import check_shard
+from ibdata.validation.rules import Problem
+from ibdata.writing.metadata import as_json
+from ibdata.writing.shard_writer import Written
+from ibdata.writing.summary import content_of
+
+THREADS = os.cpu_count() or 1
+TRIES = 5  # while the dataset is being replaced
+LATE = (manifest.CARD, manifest.REPORT)  # take their places after the manifest, in a replacement
+PATIENCE = 10.0  # seconds for a writer to end the moves of a replacement
+
+
+def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
+    """Every problem of the dataset in a folder or at a URL; none means that it is whole.
+
+    Runs no code of the dataset. At a URL, files that are not listed are not looked for.
+
+    quick compares the SHA-256 of every file only. Else also: every rule of the rows (schema, no nulls,
+    finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
+    costs, densities), episode digests, content root, and whether all other files are those that follow from
+    experiment and rows.
+
+    Raises BusyError where the dataset is being replaced all the time.
+    """
+    path = object_store.folder_of(folder)
+    for _ in range(TRIES):
+        _wait_for_moves(path)
+        try:
+            listed = manifest.read(path)
+        except DatasetError as error:
+            return [*_unsettled(path), Problem(manifest.PATH, None, "manifest", str(error))]
+        try:
+            problems = [*_unsettled(path), *_problems(path, listed, quick)]
+            manifest.refuse_replaced(path, listed)
+        except manifest.ReplacedError:
+            continue
+        if not problems or not _moving(path):
+            return problems
+    raise BusyError(f"{object_store.name_of(path)}: being replaced; wait for the writer, then validate again")
+
+
+def _moving(folder: Path) -> bool:
+    """Whether a writer that lives is replacing the dataset right now."""
+    return _unsettled_here(folder) and is_locked(folder)
+
+
+def _wait_for_moves(folder: Path) -> None:
+    until = time.monotonic() + PATIENCE
+    while _moving(folder) and time.monotonic() < until:
+        time.sleep(0.02)
+
+
+def _unsettled_here(folder: Path) -> bool:
+    return os.path.lexists(folder / manifest.NEW)
+
+
+def _unsettled(folder: Path) -> Iterator[Problem]:
+    if _unsettled_here(folder) and not is_locked(folder):
+        message = f"found a replacement that was interrupted; ibdata repair {folder} finishes it"
+        yield Problem(manifest.NEW, None, "unsettled", message)
+
+
+def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Problem]:
+    if manifest.content(folder, manifest.PATH) != as_json(listed):
+        message = "found the content in other bytes, expected those that ibdata writes"
+        yield Problem(manifest.PATH, None, "manifest", message)
+        return
+    problems = list(check_files(folder, listed))
+    yield from problems
+    if not quick:
+        late = LATE if _unsettled_here(folder) else ()
+        yield from _contents(folder, listed, {*late, *(problem.path for problem in problems)})
+
+
+def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
+    """Files that are missing, changed, or not listed."""
+    late = LATE if _unsettled_here(folder) else ()
+    entries = [entry for entry in listed["files"] if entry["path"] not in late]
+    paths = [manifest.locate(folder, entry["path"]) for entry in entries]
+    with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
+        hashes = list(threads.map(file_sha256, paths))
+    for entry, found in zip(entries, hashes, strict=True):
+        if found is None:
+            yield Problem(
+                entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
+            )
+        elif found != entry["sha256"]:
+            message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
+            yield Problem(entry["path"], None, "hash", message)
+    if _unsettled_here(folder):
+        return  # what is in data/ may be the new dataset's already
+    known = {entry["path"] for entry in listed["files"]}
+    for path in sorted((folder / "data").glob("*")):
+        name = f"data/{path.name}"
+        if name not in known and not path.name.startswith("."):
+            yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
+
+
+def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
+    try:
+        recipe = recipe_in(folder, listed)
+    except DatasetError as error:
+        yield Problem(manifest.PATH, None, "manifest", str(error))
+        return
+    plan = list(check_plan(recipe, listed))
+    yield from plan
+    if any(problem.rule in ("experiments", "files") for problem in plan):
+        return
+    written: list[Written] = []
+    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+    for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+        if one["path"] in damaged:
+            continue
+        content, problems = check_shard(recipe, shard, manifest.locate(folder, one["path"]), one["path"])
+        yield from problems
+        if content is not None:
+            written.append(Written(shard, entries[one["path"]], content))
+            if content_of(content.digests) != one["content"]:
+                message = "found other content than the manifest lists"
+                yield Problem(one["path"], None, "digest", message)
+    root = proven_root(recipe, listed, written)
+    if root != listed["content_root"]:
+        message = f"found {listed['content_root']}, expected {root}"
+        yield Problem(manifest.PATH, None, "content root", message)
+    for path, check in checks(folder, listed, recipe, written, root):
+        if path not in damaged:
+            yield from _read(path, check)
+
+
+def _read(path: str, check: Iterator[Problem]) -> Iterator[Problem]:
+    """The problems of a file, also where it cannot be read."""
+    try:
+        yield from check
+    except manifest.ReplacedError:
+        raise
+    except DatasetError as error:
+        yield Problem(path, None, "metadata", str(error))

@@ -1,0 +1,1 @@
+"""A dataset's columns and metadata, written to files."""

@@ -1,0 +1,125 @@
+"""The dataset card: README.md with Hugging Face front matter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ibdata.errors import UsageError
+from ibdata.experiment import Experiment
+from ibdata.experiment.recipe import Recipe
+from ibdata.numerics.naming import exact, yaml_name
+from ibdata.writing.metadata import splits
+from ibdata.writing.shard_writer import Written
+
+SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
+SOURCES = {
+    "siemens": "the authors' published Python code",
+    "paper": "the equations as the paper prints them",
+}
+ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
+BEGINNING = "---\npretty_name: Industrial Benchmark, "
+LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether a file in the place of the card is somebody's own text; a link there is none."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(BEGINNING)) != BEGINNING.encode()
+
+
+def refuse_foreign(path: Path) -> None:
+    """UsageError where somebody has put a text of their own in the place of the card."""
+    if is_foreign(path):
+        raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
+
+
+def card(recipe: Recipe, written: list[Written], root: str) -> bytes:
+    """The card of a dataset."""
+    return f"{_front_matter(recipe, written)}\n{_text(recipe, written, root)}".encode()
+
+
+def facts(recipe: Recipe) -> list[tuple[str, str]]:
+    """What a dataset is made of, each with its name; code in backticks."""
+    experiments = recipe.experiments
+    dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
+    setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
+    shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
+    steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
+    return [
+        ("dynamics", "; ".join(dynamics)),
+        ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
+        ("policies", ", ".join(recipe.labels)),
+        ("episodes", f"{recipe.episodes} of {steps} steps"),
+        ("rows", f"{recipe.rows}"),
+    ]
+
+
+def _front_matter(recipe: Recipe, written: list[Written]) -> str:
+    size = next((name for limit, name in (*SIZES, *LARGER) if recipe.rows < limit), "n>1B")
+    lines = [
+        "---",
+        f"pretty_name: Industrial Benchmark, {recipe.name}",
+        "tags: [reinforcement-learning, offline-rl, industrial-benchmark]",
+        f"size_categories: [{size}]",
+        "configs:",
+        "  - config_name: default",
+        "    default: true",
+        "    data_files: data/*.parquet",
+    ]
+    for name, split in splits(recipe, written).items():
+        if split["files"] is None:
+            continue  # Hugging Face knows splits that are whole files
+        lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
+        lines += [f"      - {file}" for file in split["files"]]
+    return "\n".join([*lines, "---", ""])
+
+
+def _text(recipe: Recipe, written: list[Written], root: str) -> str:
+    made = [
+        f"# {recipe.name}",
+        "",
+        ABOUT,
+        "",
+        "| | |",
+        "|---|---|",
+        *(f"| {name} | {value} |" for name, value in facts(recipe)),
+        f"| content root | `{root}` |",
+        "",
+        "A row is (o, a, o′, r) with the latent state; `meta/info.json` describes every column. Rewards are",
+        "-consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of an",
+        "episode, a time limit; `terminated` is always false.",
+        "",
+        "```python",
+        "import pandas as pd",
+        'data = pd.read_parquet("data")',
+        "```",
+        "",
+        *_again(recipe),
+        "",
+    ]
+    per_split = splits(recipe, written)
+    if per_split:
+        made += ["| split | episodes | rows |", "|---|---|---|"]
+        made += [f"| {name} | {s['episodes']} | {s['rows']} |" for name, s in per_split.items()] + [""]
+    return "\n".join(made)
+
+
+def _dynamics(experiment: Experiment) -> str:
+    """The name of the dynamics, and where they come from."""
+    if isinstance(experiment.dynamics, str):
+        return f"`{experiment.dynamics}`: {SOURCES[experiment.dynamics]}"
+    return "`custom`: a published variant with fields replaced, see meta/"
+
+
+def _again(recipe: Recipe) -> list[str]:
+    if len(recipe.experiments) > 1:
+        return [
+            f"It was merged from {len(recipe.experiments)} experiments, `meta/experiment-*.yaml`;",
+            "`ibdata reproduce` makes every episode again and compares.",
+        ]
+    return [
+        "`meta/experiment.yaml` is all it takes to make the dataset again, bit for bit:",
+        "`ibdata generate --config meta/experiment.yaml --out ../again`.",
+    ]

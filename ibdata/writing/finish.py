@@ -1,0 +1,134 @@
+"""Finishing a dataset: card, metadata and, last, the manifest."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pyarrow as pa
+
+from ibdata.dataset import manifest
+from ibdata.dataset.digest import content_root
+from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.recipe import Recipe
+from ibdata.simulation.variables import columns
+from ibdata.system.atomic_files import FileEntry, write
+from ibdata.version import __version__
+from ibdata.writing import metadata
+from ibdata.writing.card import card, refuse_foreign
+from ibdata.writing.shard_writer import Written
+from ibdata.writing.summary import content_of
+
+
+def finish(
+    recipe: Recipe,
+    written: list[Written],
+    folder: Path,
+    reproducible: bool,
+    code: Sequence[Mapping[str, str | None]] = (),
+    clipped: int | None = None,
+) -> dict[str, Any]:
+    """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from.
+
+    Raises UsageError where somebody has put a text of their own in the place of the card.
+    """
+    refuse_foreign(folder / manifest.CARD)
+    written = sorted(written, key=lambda w: w.shard.number)
+    root = root_of(recipe, ((w.shard, w.content.digests) for w in written))
+    entries = [w.entry for w in written]
+    entries += [write(folder, path, make()) for path, make in documents(recipe, written, root).items()]
+    made_manifest = _manifest(recipe, written, entries, root)
+    made_manifest["reproducible"] = "same-environment" if code and reproducible else reproducible
+    made_manifest["code"] = list(code)
+    if clipped is not None:
+        made_manifest["clipped_actions"] = clipped
+    made_manifest["checksum"] = manifest.checksum(made_manifest)
+    write(folder, manifest.PATH, metadata.as_json(made_manifest))
+    return made_manifest
+
+
+def documents(recipe: Recipe, written: list[Written], root: str) -> dict[str, Callable[[], bytes]]:
+    """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
+    return {
+        "meta/info.json": lambda: metadata.as_json(metadata.info(recipe, written)),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(recipe, written),
+        "meta/stats.json": lambda: metadata.as_json(metadata.stats(recipe, written)),
+        **{path: partial(as_yaml, e) for path, e in experiment_files(recipe).items()},
+        manifest.CARD: lambda: card(recipe, written, root),
+    }
+
+
+def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
+    """The resolved experiments by their paths; a merged dataset has several."""
+    if len(recipe.experiments) == 1:
+        return {manifest.EXPERIMENT: recipe.experiments[0]}
+    return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(recipe.experiments)}
+
+
+def renewed(listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
+    """The manifest of a dataset some of whose files are others now."""
+    files = [entry._asdict() for entry in entries.values()]
+    content = {key: value for key, value in listed.items() if key != "checksum"}
+    if files != listed["files"]:
+        content |= {"files": files, "versions": versions()}
+    content |= changes
+    content["checksum"] = manifest.checksum(content)
+    return metadata.as_json(content)
+
+
+def versions() -> dict[str, str]:
+    """What the bytes of files may depend on; the content does not."""
+    return {
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "ibdata": __version__,
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "pyarrow": pa.__version__,
+    }
+
+
+def root_of(recipe: Recipe, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
+    """The content root of shards in order, given the digests of the episodes of each."""
+    return content_root(
+        ((c.name, c.dtype) for c in columns(recipe.experiments[0])),
+        (episode for shard, digests in shards for episode in addressed(recipe, shard, digests)),
+    )
+
+
+def addressed(recipe: Recipe, shard: Shard, digests: list[bytes]) -> Iterator[tuple[bytes, int, bytes]]:
+    """Cell, index in the cell and digest of each episode of a shard."""
+    experiment = recipe.of_shard(shard)
+    for i, digest in enumerate(digests, shard.first):
+        yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
+
+
+def _manifest(recipe: Recipe, written: list[Written], entries: list[FileEntry], root: str) -> dict[str, Any]:
+    return {
+        "format": manifest.FORMAT,
+        "version": manifest.VERSION,
+        "data_version": manifest.DATA_VERSION,
+        "content_root": root,
+        **recipe.plain(),
+        "rows": recipe.rows,
+        "clipped_actions": sum(w.content.clipped for w in written),
+        "shards": [
+            {
+                "path": w.entry.path,
+                "rows": (w.shard.stop - w.shard.first) * recipe.of_shard(w.shard).steps,
+                "experiment": w.shard.experiment,
+                "episodes": [w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset],
+                "splits": list(w.shard.splits),
+                "content": content_of(w.content.digests),
+            }
+            for w in written
+        ],
+        "files": [entry._asdict() for entry in entries],
+        "versions": versions(),
+    }

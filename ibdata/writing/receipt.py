@@ -1,0 +1,89 @@
+"""What is kept of each shard of a run that is not finished yet, so that it can be resumed.
+
+Only experiments are run like that, and those have no later splits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ibdata.dataset import manifest
+from ibdata.experiment.plan import Shard
+from ibdata.system.atomic_files import TOKEN, FileEntry, file_sha256, plain_bytes, write
+from ibdata.writing.shard_writer import Written, file_of
+from ibdata.writing.statistics import Moments
+from ibdata.writing.summary import Content
+
+FOLDER = manifest.RUN
+MAX_BYTES = 2**32
+NO_RECEIPT = (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.BadZipFile, EOFError)
+
+
+def path_of(shard: Shard) -> str:
+    """The receipt's path inside the dataset's folder."""
+    return f"{FOLDER}/part-{shard.number:05d}.receipt"
+
+
+def put(folder: Path, identity: str, written: Written) -> None:
+    """Commit the receipt of a shard that is on the disk."""
+    content = written.content
+    header = {
+        "identity": identity,
+        "shard": list(written.shard),
+        "entry": list(written.entry),
+        "rows": content.moments.rows,
+        "clipped": content.clipped,
+    }
+    body = io.BytesIO()
+    np.savez(
+        body,
+        header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8),
+        digests=np.frombuffer(b"".join(content.digests), dtype=np.uint8).reshape(-1, 32),
+        returns=content.returns,
+        moments=np.stack(content.moments[1:]),
+        sample=content.sample,
+    )
+    data = body.getvalue()
+    write(folder, path_of(written.shard), hashlib.sha256(data).digest() + data)
+
+
+def get(folder: Path, identity: str, shard: Shard) -> Written | None:
+    """The shard as its receipt has it, if receipt and file are whole and of this experiment; else None."""
+    try:
+        data = plain_bytes(folder / path_of(shard), MAX_BYTES)
+        if hashlib.sha256(data[32:]).digest() != data[:32]:
+            return None
+        written = _parsed(data[32:], identity, shard)
+    except NO_RECEIPT:
+        return None
+    if written is None or file_sha256(folder / written.entry.path) != written.entry.sha256:
+        return None
+    return written
+
+
+def _parsed(body: bytes, identity: str, shard: Shard) -> Written | None:
+    """What a receipt says, if it is of this shard."""
+    with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
+        header: dict[str, Any] = json.loads(arrays["header"].tobytes())
+        entry = FileEntry(*header["entry"])
+        content = Content(
+            [bytes(digest) for digest in arrays["digests"]],
+            arrays["returns"],
+            Moments(header["rows"], *arrays["moments"]),
+            arrays["sample"],
+            header["clipped"],
+            {},
+        )
+    same = header["identity"] == identity and header["shard"] == json.loads(json.dumps(shard))
+    count = shard.stop - shard.first
+    named = re.fullmatch(re.escape(file_of(shard)).replace(re.escape(TOKEN), "[0-9a-f]{8}"), entry.path)
+    fits = len(content.digests) == len(content.returns) == count and named is not None
+    return Written(shard, entry, content) if same and fits else None

@@ -1,0 +1,282 @@
+"""Strict YAML: plain data, its places, and one kind of error for everything else."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ibdata.experiment.yaml import Document, StrictYamlError, scalar
+
+examples = settings(derandomize=True, deadline=None, max_examples=400)
+
+ANCHOR = "found an anchor or alias, expected plain data"
+MERGE = "found a merge key, expected plain data"
+KEY = "found a list or mapping as a key, expected text"
+LEVELS = "found more than 20 levels, expected fewer"
+TAB = "not valid YAML: found character '\\t' that cannot start any token"
+DOCUMENT = "found a second document, expected one"
+
+REFUSED = {
+    "an anchor": ("a: &x 1", "1:4", ANCHOR),
+    "an anchor on a list": ("a: &x [1]", "1:4", ANCHOR),
+    "an anchor at the top": ("&x {a: 1}", "1:1", ANCHOR),
+    "an alias": ("a: 1\nb: *x", "2:4", ANCHOR),
+    "a merge key": ("a:\n  <<: {b: 1}", "2:3", MERGE),
+    "a merge key as a value": ("a: <<", "1:4", MERGE),
+    "a tag": ("a: !foo 3", "1:4", "found the tag !foo, expected plain data"),
+    "the tag of a type": ("a: !!int 3", "1:4", "found the tag tag:yaml.org,2002:int, expected plain data"),
+    "a tag without a value": ("!!int ", "1:1", "found the tag tag:yaml.org,2002:int, expected plain data"),
+    "a tag on a mapping": ("!!map {a: 1}", "1:1", "found the tag tag:yaml.org,2002:map, expected plain data"),
+    "the tag of a Python object": (
+        "!!python/object:os.system x",
+        "1:1",
+        "found the tag tag:yaml.org,2002:python/object:os.system, expected plain data",
+    ),
+    "the tag that says nothing": ("a: ! 3", "1:4", "found the tag !, expected plain data"),
+    "a key twice": ("a: 1\nb: 2\na: 3", "3:1", "a: found twice, expected once"),
+    "a key twice inside": ("a:\n  b: {c: 1, c: 1}", "2:13", "c: found twice, expected once"),
+    "a key twice, once quoted": ("1: 1\n'1': 2", "2:1", "1: found twice, expected once"),
+    "a second document": ("a: 1\n---\nb: 2", "2:1", DOCUMENT),
+    "a second document after dots": ("a: 1\n...\n---\nb: 2", "3:1", DOCUMENT),
+    "a list as a key": ("[1]: 2", "1:1", KEY),
+    "a mapping as a key": ("a:\n  {b: 1}: 2", "2:3", KEY),
+    "a list as a long key": ("? [a, b]\n: 1", "1:3", KEY),
+    "21 levels": ("[" * 21 + "]" * 21, "1:21", LEVELS),
+    "21 levels of both kinds": ("- " * 10 + "{a: " * 11 + "1" + "}" * 11, "1:61", LEVELS),
+    "a tab before a key": ("a: 1\n\tb: 2", "2:1", TAB),
+    "a tab after a key": ("a: 1\nb:\t2", "2:3", TAB),
+    "a bracket left open": ("a: [1, 2", "1:9", "not valid YAML: expected ',' or ']', but got '<stream end>'"),
+    "two colons": ("a: b: c", "1:5", "not valid YAML: mapping values are not allowed here"),
+}  # fmt: skip
+
+
+def error_of(text):
+    with pytest.raises(StrictYamlError) as caught:
+        Document(text)
+    assert str(caught.value) == f"{caught.value.line}:{caught.value.column}: {caught.value.message}"
+    return caught.value
+
+
+@pytest.mark.parametrize(("text", "place", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_is_not_plain_data_is_refused_with_its_place(text, place, message):
+    assert str(error_of(text)) == f"{place}: {message}"
+    assert str(error_of(text.encode())) == f"{place}: {message}"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [("\0a: 1", 1), ("a: 1\nb: x\0y\n", 2), ("a: 1\n\nb: \x07", 3), ("a: 1\nb: \x7f", 2)],
+)
+def test_a_control_character_is_refused_in_its_line(text, line):
+    assert "special characters are not allowed" in error_of(text).message
+    assert error_of(text).line == line
+
+
+@pytest.mark.parametrize(
+    ("data", "line"),
+    [(b"\xff", 1), (b"a: 1\nb: \xe9\n", 2), ("a: 1\n".encode("utf-16"), 1), (b"\xed\xa0\x80", 1)],
+)
+def test_what_is_not_utf_8_is_refused_in_its_line(data, line):
+    error = error_of(data)
+    assert (error.line, error.message) == (line, "found bytes that are not UTF-8, expected UTF-8 text")
+
+
+@pytest.mark.parametrize("text", ['a: "\\ud800"', '"\\udfff": 1'], ids=["value", "key"])
+def test_half_a_character_is_refused_since_it_can_be_neither_printed_nor_stored(text):
+    assert error_of(text).line == 1
+
+
+def test_a_byte_order_mark_is_accepted():
+    assert Document(b"\xef\xbb\xbfa: 1\n").data == {"a": 1}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_any_line_ending_is_accepted_and_counted(end):
+    document = Document(f"a: 1{end}b: 2{end}".encode())
+    assert document.data == {"a": 1, "b": 2}
+    assert document.keys[("b",)] == (2, 1)
+
+
+def test_20_levels_are_accepted():
+    assert Document("[" * 20 + "]" * 20).values[(0,) * 19] == (1, 20)
+
+
+def test_at_most_a_mebibyte_is_read():
+    assert Document("#" + "x" * (2**20 - 1)).data is None
+    for text in ("#" + "x" * 2**20, b"#" + b"x" * 2**20):
+        assert str(error_of(text)) == "1:1: found 1048577 bytes, expected at most 1048576"
+
+
+def test_at_most_100_000_values_are_read():
+    # The list itself is one of them; item i stands in column 2 i.
+    assert str(error_of("[" + "1," * 100_000 + "]")) == (
+        "1:200000: found more than 100000 values, expected fewer"
+    )
+    assert len(Document("[" + "1," * 20_000 + "]").data) == 20_000
+
+
+def doubling(first, again):
+    """Thirty lines, each of which holds the one before it twice or more."""
+    letters = [f"a{i}" for i in range(30)]
+    return f"{letters[0]}: &{letters[0]} {first}\n" + "".join(
+        f"{b}: &{b} {again.format(a)}\n" for a, b in pairwise(letters)
+    )
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        doubling("[x, x]", "[*{0}, *{0}]"),
+        doubling("{x: 1}", "{{<<: [*{0}, *{0}]}}"),
+        "[" * 5000,
+        "[" * 5000 + "]" * 5000,
+        "{a: " * 5000,
+        "- " * 5000,
+        "? " * 5000,
+    ],
+    ids=["aliases", "merge keys", "open brackets", "brackets", "braces", "dashes", "questions"],
+)
+def test_a_bomb_is_refused_at_once(bomb):
+    start = time.process_time()
+    assert error_of(bomb).message in (ANCHOR, LEVELS)
+    assert time.process_time() - start < 2.0
+
+
+def test_keys_and_values_have_their_places_from_1():
+    document = Document('a: 1\nb:\n  - x\n  - {c: "y", d: [2, 3]}\n"e f": |\n  text\n')
+    assert document.data == {"a": 1, "b": ["x", {"c": "y", "d": [2, 3]}], "e f": "text\n"}
+    assert document.values == {
+        (): (1, 1),
+        ("a",): (1, 4),
+        ("b",): (3, 3),
+        ("b", 0): (3, 5),
+        ("b", 1): (4, 5),
+        ("b", 1, "c"): (4, 9),
+        ("b", 1, "d"): (4, 17),
+        ("b", 1, "d", 0): (4, 18),
+        ("b", 1, "d", 1): (4, 21),
+        ("e f",): (5, 8),
+    }
+    assert document.keys == {
+        ("a",): (1, 1),
+        ("b",): (2, 1),
+        ("b", 1, "c"): (4, 6),
+        ("b", 1, "d"): (4, 14),
+        ("e f",): (5, 1),
+    }
+
+
+def test_a_path_has_the_place_of_its_value_or_key_or_nearest_parent():
+    document = Document("a: 1\nb:\n  c: [x]\n")
+    assert document.place(("b", "c")) == (3, 6)
+    assert document.place(("b", "c"), key=True) == (3, 3)
+    assert document.place(("b", "c", 7, "d")) == (3, 6)
+    assert document.place(("z", "y"), key=True) == (1, 1)
+    assert Document("").place(("a",)) == (1, 1)
+
+
+@pytest.mark.parametrize("text", ["a:\n  b:\nc: 1\n", "a:\n  b: # nothing\n\n\nc: 1\n", "a:\n  b:"])
+def test_a_value_that_is_left_out_has_its_place_in_the_line_of_its_key(text):
+    document = Document(text)
+    assert document.data["a"] == {"b": None}
+    assert document.values[("a", "b")][0] == 2
+
+
+SCALARS = {
+    # what PyYAML or YAML 1.1 takes for something else
+    "1e-1": 0.1, "1e3": 1000.0, "on": "on", "NO": "NO", "no": "no", "yes": "yes", "off": "off", "y": "y",
+    "12:30": "12:30", "1:30": "1:30", "010": 10, "0123": 123, "1_000": "1_000", "2001-99-99": "2001-99-99",
+    "0x10": "0x10", "0o17": "0o17", "0b1": "0b1",
+    ".nan": ".nan", ".NaN": ".NaN", ".inf": ".inf", "-.inf": "-.inf",
+    "nan": "nan", "inf": "inf", "True": "True", "TRUE": "TRUE", "Null": "Null", "١٢": "١٢", "²": "²",
+    # words and numbers
+    "true": True, "false": False, "null": None, "~": None, "": None,
+    "0": 0, "-0": 0, "+5": 5, "-17": -17, "18446744073709551616": 2**64,
+    "0.5": 0.5, ".5": 0.5, "5.": 5.0, "-1.5E+2": -150.0, "1e400": math.inf, "1.e3": 1000.0,
+    ".": ".", "+": "+", "1e": "1e", "e3": "e3", "1.2.3": "1.2.3", "--1": "--1", "1 2": "1 2",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "value"), SCALARS.items(), ids=[repr(x) for x in SCALARS])
+def test_a_plain_scalar_is_a_json_number_or_one_of_three_words_or_text(text, value):
+    for found in (scalar(text), Document(f"a: {text}").data["a"]):
+        assert (type(found), found) == (type(value), value)
+
+
+@pytest.mark.parametrize("text", SCALARS, ids=repr)
+def test_a_quoted_scalar_is_text(text):
+    assert Document(f"a: '{text}'").data == {"a": text}
+    assert Document(f'a: "{text}"').data == {"a": text}
+
+
+def test_keys_are_text_as_they_are_written():
+    assert list(Document("1: a\ntrue: b\nnull: c\n'<<': d\n1e3: e").data) == [
+        "1",
+        "true",
+        "null",
+        "<<",
+        "1e3",
+    ]
+
+
+def test_a_number_of_absurd_length_is_text():
+    assert scalar("9" * 400) == 10**400 - 1
+    for text in ("9" * 401, "0." + "1" * 400):
+        assert scalar(text) == text
+
+
+@pytest.mark.parametrize("text", ["%YAML 1.1\n---\na: on", "%YAML 1.2\n---\na: on", "---\na: on\n...\n"])
+def test_a_directive_changes_no_value(text):
+    assert Document(text).data == {"a": "on"}
+
+
+def plain(value):
+    if isinstance(value, dict):
+        return all(type(key) is str and plain(child) for key, child in value.items())
+    if isinstance(value, list):
+        return all(map(plain, value))
+    return value is None or type(value) in (bool, int, float, str)
+
+
+yaml_like = st.text(alphabet="ab01.-+e:,[]{}\"'#&*!|>?%@`~<\\ \n\t\r\0\ufeff\x85é", max_size=40)
+
+
+def read(text):
+    """The data of a text, or the error."""
+    try:
+        return Document(text).data
+    except StrictYamlError as error:
+        return error
+
+
+@examples
+@given(st.one_of(yaml_like, st.text(max_size=60), st.binary(max_size=40)))
+def test_any_text_gives_plain_data_or_the_one_error(text):
+    found = read(text)
+    if isinstance(found, StrictYamlError):
+        assert min(found.line, found.column) >= 1
+        assert found.message
+    else:
+        assert plain(found)
+
+
+words = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), max_size=10)
+numbers = st.one_of(st.integers(), st.floats(allow_nan=False, allow_infinity=False))
+
+
+@examples
+@given(
+    st.recursive(
+        st.one_of(st.none(), st.booleans(), numbers, words),
+        lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(words, inner, max_size=4)),
+        max_leaves=10,
+    )
+)
+def test_json_is_read_as_what_it_says(value):
+    assert repr(Document(json.dumps(value, ensure_ascii=False)).data) == repr(value)

@@ -1,0 +1,406 @@
+"""What a run began with, code and bits, is noted, and nothing else goes on with it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.errors import IbdataError, UsageError
+from ibdata.simulation import self_check
+
+pytestmark = pytest.mark.slow
+
+PLAIN = {
+    "name": "own",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "custom", "target": "mine:Own", "uniforms": 3, "files": ["weights.txt"]}],
+    "episodes": 2,
+    "steps": 4,
+    "output": {"shard_rows": 4},
+}
+FILES = {
+    "mine.py": """
+        import pathlib
+        import helper
+
+        class Own:
+            def __init__(self):
+                self.size = float(pathlib.Path("weights.txt").read_text())
+
+            def act(self, history, u):
+                from lazy import SIGN
+                if history[0, 0, 0] > 50:
+                    for path in pathlib.Path().glob("at-70-*.py"):
+                        exec(path.read_text())
+                return SIGN * helper.SIZE * self.size * (2.0 * u - 1.0)
+        """,
+    "helper.py": "SIZE = 0.25",
+    "lazy.py": "SIGN = -1.0",
+    "weights.txt": "0.5",
+    "own.yaml": json.dumps(PLAIN),
+    "at-70-stop.py": "raise RuntimeError('stopped')",
+}
+MODULES = ("mine", "helper", "lazy")
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The current folder, with the policy's files; its modules are forgotten before and afterwards."""
+    for path, text in FILES.items():
+        (tmp_path / path).write_text(textwrap.dedent(text))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    forget()
+    yield tmp_path
+    forget()
+
+
+def forget():
+    for name in MODULES:
+        sys.modules.pop(name, None)
+
+
+def generate(out="out", **options):
+    """Generate as a new process would, with one worker."""
+    forget()
+    return ibdata.generate("own.yaml", out, allow_code=True, **{"workers": 1, **options})
+
+
+def stopped(**options):
+    """A run that stops in the third of four shards."""
+    with pytest.raises(IbdataError, match="RuntimeError: stopped"):
+        generate(**options)
+    Path("at-70-stop.py").unlink()
+    assert len(list(Path("out").rglob("*.receipt"))) == 2
+
+
+def sha256(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [("mine.py", "mine:Own"), *((path, path) for path in ("helper.py", "lazy.py", "weights.txt"))],
+)
+def test_a_run_is_resumed_with_the_code_that_it_began_with_only(here, path, named):
+    stopped()
+    was = (here / path).read_bytes()
+    (here / path).write_bytes(was + b"\n")
+    before = sorted(Path("out").rglob("*"))
+    with pytest.raises(UsageError) as error:
+        generate(resume=True)
+    assert str(error.value) == (
+        f"out: found other code than the run began with, in {named}; put back what was there and --resume, "
+        "or start again with --overwrite or another --out"
+    )
+    assert error.value.exit_code == 2
+    assert sorted(Path("out").rglob("*")) == before
+    (here / path).write_bytes(was)
+    assert generate(resume=True).content_root == generate("whole").content_root
+
+
+def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):
+    stopped()
+    (here / "helper.py").write_text("SIZE = 0.125")
+    assert generate(overwrite=True).content_root == generate("whole").content_root
+
+
+def test_a_replacement_that_was_stopped_is_begun_again_where_the_code_is_another(here):
+    (here / "at-70-stop.py").rename("later")
+    generate()
+    (here / "later").rename("at-70-stop.py")
+    stopped(overwrite=True)
+    (here / "helper.py").write_text("SIZE = 0.125")
+    made = generate(overwrite=True)
+    assert made.content_root == generate("whole").content_root
+    assert made.manifest["code"][0]["files"]["helper.py"] == sha256("helper.py")
+
+
+def test_another_version_of_an_installed_library_is_refused(here, monkeypatch):
+    (here / "lazy.py").write_text("import numpy\nSIGN = -1.0")
+    stopped()
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "0.0.1")
+    with pytest.raises(UsageError, match="other code than the run began with, in the version of numpy;"):
+        generate(resume=True)
+
+
+def test_what_is_edited_during_the_run_is_recorded_as_it_was_before(here):
+    (here / "at-70-stop.py").unlink()
+    before = {path: sha256(path) for path in FILES if (here / path).exists()}
+    plain = generate("plain").content_root
+    edit = "pathlib.Path({!r}).write_text('SIZE = 0.125; SIGN = 1.0; Own = None')"
+    (here / "at-70-edit.py").write_text("\n".join(edit.format(path) for path in ("mine.py", "helper.py")))
+    made = generate()
+    assert made.content_root == plain
+    (code,) = made.manifest["code"]
+    assert sha256("mine.py") != before["mine.py"] == code["sha256"]
+    files = ("helper.py", "lazy.py", "weights.txt")
+    assert code["files"] == {path: before[path] for path in files}
+
+
+EDITED = """
+    from pathlib import Path
+    from ibdata.generation import local
+    from ibdata.simulation import self_check
+
+    begin = local._start
+
+    def start(*args):  # what a worker does first
+        {}
+        begin(*args)
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ("Path('helper.py').write_text('SIZE = 0.125')", "other code than the run began with, in helper.py;"),
+        (
+            "self_check.digest = lambda: '0' * 64",
+            "a machine that computes other bits than the one on which",
+        ),
+    ],
+)
+def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypatch, change, found):
+    (here / "at-70-stop.py").unlink()
+    (here / "edited.py").write_text(textwrap.dedent(EDITED).format(change))
+    monkeypatch.syspath_prepend(here)
+    monkeypatch.setattr("ibdata.generation.local._start", importlib.import_module("edited").start)
+    try:
+        with pytest.raises(UsageError, match=f": found {found}"):
+            generate(workers=2)
+    finally:
+        del sys.modules["edited"]
+    assert not (here / "out").exists()
+
+
+def test_what_this_process_has_imported_must_be_what_the_files_hold(here):
+    (here / "at-70-stop.py").unlink()
+    root = generate().content_root
+    (here / "helper.py").write_text("SIZE = 0.125")
+    with pytest.raises(UsageError, match=r"helper\.py: was changed after this process had imported it"):
+        ibdata.generate("own.yaml", "other", workers=1, allow_code=True)
+    importlib.reload(sys.modules["helper"])
+    reloaded = ibdata.generate("own.yaml", "other", workers=1, allow_code=True)
+    assert reloaded.manifest["code"][0]["files"]["helper.py"] == sha256("helper.py")
+    assert reloaded.content_root != root
+
+
+# --- bits
+
+
+def test_a_run_goes_on_where_the_bits_are_those_it_began_with_only(here, monkeypatch):
+    with monkeypatch.context() as other:
+        other.setattr(self_check, "digest", lambda: "0" * 64)
+        stopped()
+    with pytest.raises(
+        UsageError, match=r"^out: found a machine that computes other bits than .* --resume on"
+    ):
+        generate(resume=True)
+    monkeypatch.setattr(self_check, "digest", lambda: "0" * 64)
+    assert generate(resume=True).manifest["reproducible"] is False
+
+
+# --- finishing
+
+
+PACKAGE = """
+    import pathlib
+    pathlib.Path("imported").touch()
+
+    class Own:
+        def act(self, history, u):
+            return 2.0 * u - 1.0
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noted", [True, False])
+def test_finalize_imports_nothing(here, noted, ibdata):
+    (here / "package").mkdir()
+    (here / "package/__init__.py").write_text(textwrap.dedent(PACKAGE))
+    (here / "package/module.py").write_text("from package import Own")
+    policy = {"kind": "custom", "target": "package.module:Own", "uniforms": 3}
+    (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
+    args = ("--config", "own.yaml", "--out", "out", "--shards", "1/1", "--allow-code")
+    assert ibdata("generate", *args).returncode == 0
+    (here / "imported").unlink()
+    if not noted:
+        (here / "out/.run/run.json").unlink()
+    done = ibdata("finalize", "out", env={**os.environ, "PYTHONPATH": str(here)})
+    assert not (here / "imported").exists()
+    if noted:
+        assert done.returncode == 0, done.stderr
+        (code,) = json.loads((here / "out/meta/manifest.json").read_text())["code"]
+        assert code["sha256"] == sha256("package/module.py")
+        assert code["files"] == {"package/__init__.py": sha256("package/__init__.py")}
+    else:
+        assert done.returncode == 2
+        assert done.stderr.startswith("out/.run/run.json: missing or damaged, so nobody knows what code made")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"[1]", b" " * 2**20 + b"{}", b'{"known_answer": "0", "code": []}', None]
+)
+def test_a_note_that_is_missing_or_damaged_is_one_line(here, content):
+    stopped()
+    (here / "out/.run/run.json").unlink()
+    if content is not None:
+        (here / "out/.run/run.json").write_bytes(content)
+    for call in (lambda: generate(resume=True), lambda: ibdata.finalize("out")):
+        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so nobody knows"):
+            call()
+    assert generate(overwrite=True).content_root == generate("whole").content_root
+
+
+# --- declared files
+
+
+def test_declared_files_lie_beside_the_yaml_or_in_the_current_folder(here):
+    (here / "at-70-stop.py").unlink()
+    (here / "beside").mkdir()
+    (here / "own.yaml").rename("beside/own.yaml")
+    (here / "beside/weights.txt").write_text("0.75")
+    made = ibdata.generate("beside/own.yaml", "out", workers=2, allow_code=True)
+    assert made.manifest["code"][0]["files"]["weights.txt"] == sha256("beside/weights.txt")
+    (here / "beside/weights.txt").unlink()
+    made = ibdata.generate("beside/own.yaml", "other", workers=1, allow_code=True)
+    assert made.manifest["code"][0]["files"]["weights.txt"] == sha256("weights.txt")
+    (here / "weights.txt").unlink()
+    with pytest.raises(
+        UsageError, match=r"^mine:Own: files: found no file 'weights.txt', expected it beside"
+    ):
+        ibdata.generate("beside/own.yaml", "third", workers=1, allow_code=True)
+    assert not (here / "third").exists()
+
+
+def test_declared_files_are_no_part_of_what_the_data_hang_on():
+    block = PLAIN["policies"][0]
+    bare = {key: value for key, value in block.items() if key != "files"}
+    for wrap in (dict, lambda own: {"kind": "epsilon_greedy", "base": own, "epsilon": 0.5}):
+        declared, plain = (
+            Experiment.model_validate({**PLAIN, "policies": [wrap(own)]}) for own in (block, bare)
+        )
+        assert [cell.digest for cell in declared.cells] == [cell.digest for cell in plain.cells]
+        assert "files" in str(declared.plain())
+        assert "files" not in str(plain.plain())
+
+
+def test_where_an_experiment_was_loaded_from_is_no_part_of_it(here):
+    loaded = ibdata.load("own.yaml")
+    assert loaded.folder == here
+    assert loaded.model_copy(update={"seed": 1}).folder == here
+    assert loaded == Experiment.model_validate(PLAIN)
+
+
+# --- code that goes astray
+
+
+def test_a_policy_of_the_script_itself_is_refused(here):
+    experiment = Experiment.model_validate(
+        {**PLAIN, "policies": [{"kind": "custom", "target": "__main__:X"}]}
+    )
+    with pytest.raises(UsageError, match="found the target __main__:X, which is in the script itself"):
+        ibdata.generate(experiment, "out", workers=2, allow_code=True)
+
+
+ENDING = """
+    import sys, multiprocessing
+    {module}
+    class Own:
+        def __init__(self):
+            {made}
+        def act(self, history, u):
+            {act}
+            return 2.0 * u - 1.0
+        def log_prob(self, history, action):
+            {log_prob}
+            return action[:, 0]
+"""
+AT_70 = "sys.exit(0) if history[0, 0, 0] > 50 else None"
+PLAYED = "policy custom: episode 2: step 0: found SystemExit: 0, expected "
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize(
+    ("place", "code", "line"),
+    [
+        ("module", "sys.exit(0)", "mine:Own: cannot be loaded: SystemExit: 0"),
+        ("made", "sys.exit(0)", "mine:Own: cannot be loaded: SystemExit: 0"),
+        ("act", AT_70, f"{PLAYED}actions of shape (1, 3)"),
+        ("log_prob", AT_70, f"{PLAYED}log densities of shape (1,)"),
+    ],
+)
+def test_a_policy_that_exits_is_an_error_that_names_it(here, ibdata, workers, place, code, line):
+    parts = {**dict.fromkeys(("module", "made", "act", "log_prob"), "pass"), place: code}
+    (here / "mine.py").write_text(textwrap.dedent(ENDING).format(**parts))
+    done = ibdata(
+        "generate", "-q", "--config", "own.yaml", "--out", "out", "--allow-code", "--workers", workers
+    )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.removeprefix("ibdata: ").replace("episode 3", "episode 2") == line
+    assert done.stdout == ""
+
+
+ASTRAY = """
+    import os
+    print("imported")
+    {module}
+
+    class Own:
+        def __init__(self):
+            print("made")
+        def act(self, history, u):
+            {act}
+            print("acts")
+            return 2.0 * u - 1.0
+        def log_prob(self, history, action):
+            print("judges")
+            return action[:, 0]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("place", ["module", "act"])
+@pytest.mark.parametrize("way", ["whole", "range"])
+def test_code_that_goes_to_another_folder_leaves_the_dataset_where_it_was_asked_for(
+    here, place, workers, way
+):
+    (here / "elsewhere").mkdir()
+    go = "os.chdir('elsewhere') if os.path.isdir('elsewhere') else None"
+    (here / "mine.py").write_text(
+        textwrap.dedent(ASTRAY).format(**{"module": "pass", "act": "pass", place: go})
+    )
+    if way == "whole":
+        made = generate(workers=workers)
+    else:
+        ibdata.generate_shards("own.yaml", "1/1", "out", workers=workers, allow_code=True)
+        made = ibdata.finalize("out")
+    assert made.path == Path("out")
+    assert Path.cwd() == here
+    assert list((here / "elsewhere").iterdir()) == []
+    assert ibdata.validate("out") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_what_a_policy_prints_does_not_come_between_what_a_command_answers(here, workers, command):
+    (here / "mine.py").write_text(textwrap.dedent(ASTRAY).format(module="pass", act="pass"))
+    args = ["generate", "-q", "--json", "--config", "own.yaml", "--allow-code", "--workers", workers]
+    done = subprocess.run([command, *args], capture_output=True, text=True, timeout=120)
+    assert json.loads(done.stdout)["rows"] == 16
+    assert {"imported", "made", "acts", "judges"} <= set(done.stderr.split())

@@ -1,0 +1,130 @@
+"""Datasets that several tests read, and a plain second implementation of episode digests."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import ibdata
+from ibdata import Dataset, Experiment
+
+Digests = Callable[[pa.Table], dict[int, bytes]]
+Root = Callable[[Dataset, pa.Table], str]
+
+
+@pytest.fixture(scope="session")
+def describe() -> Callable[..., Experiment]:
+    """An experiment of 12 episodes of 40 steps, with changes."""
+
+    def make(**changes: Any) -> Experiment:
+        plain = {
+            "name": "small",
+            "setpoints": [20.0, 70.0],
+            "policies": [{"kind": "random"}, {"kind": "safe", "name": "calm"}],
+            "episodes": 3,
+            "steps": 40,
+        }
+        return Experiment.model_validate({**plain, **changes})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def declared(describe) -> Experiment:
+    """The experiment of `dataset`: splits, several shards, every kind of latent column but the derived."""
+    return describe(
+        output={"latent": "next", "shard_rows": 100},
+        splits={"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}},
+    )
+
+
+@pytest.fixture(scope="session")
+def dataset(declared, tmp_path_factory) -> Dataset:
+    return ibdata.generate(declared, tmp_path_factory.mktemp("dataset") / "small", workers=1)
+
+
+@pytest.fixture(scope="session")
+def moving(describe, tmp_path_factory) -> Dataset:
+    """Moving setpoints, derived values, float64, another variant and a burn-in."""
+    experiment = describe(
+        dynamics="paper",
+        setpoints={"drifting": [0.5, 99.5]},
+        start={"burn_in": [0, 9]},
+        seed=7,
+        output={"latent": "full", "dtype": "float64"},
+    )
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("dataset") / "moving", workers=1)
+
+
+@pytest.fixture(scope="session")
+def large(describe, tmp_path_factory) -> Dataset:
+    """120,000 rows in one file: more than a row group and more than the rows that quantiles use."""
+    experiment = describe(name="large", episodes=30, steps=1000, output={"latent": False})
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("dataset") / "large", workers=1)
+
+
+@pytest.fixture(params=["dataset", "moving"])
+def either(request) -> Dataset:
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture
+def copied(dataset, tmp_path) -> Path:
+    """A copy of the folder of `dataset` that a test may damage."""
+    folder = tmp_path / "copied"
+    for path in dataset.path.rglob("*"):
+        if path.is_file():
+            target = folder / path.relative_to(dataset.path)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(path.read_bytes())
+    return folder
+
+
+@pytest.fixture(scope="session")
+def plain_digests() -> Digests:
+    """Digest of every episode of a table, by its number, from the words of the documentation."""
+
+    def as_bytes(column: pa.ChunkedArray) -> bytes:
+        if pa.types.is_dictionary(column.type):
+            (value,) = set(column.to_pylist())
+            return struct.pack("<Q", len(value.encode())) + value.encode()
+        values = np.array(column.to_pylist(), dtype=column.type.to_pandas_dtype())
+        return values.astype(values.dtype.newbyteorder("<")).tobytes()
+
+    def digests(table: pa.Table) -> dict[int, bytes]:
+        numbers = np.array(table["episode"])
+        out = {}
+        for episode in np.unique(numbers).tolist():
+            rows = table.filter(pa.array(numbers == episode))
+            hasher = hashlib.sha256(struct.pack("<Q", rows.num_rows))
+            for name in rows.column_names:
+                if name != "episode":
+                    hasher.update(as_bytes(rows[name]))
+            out[episode] = hasher.digest()
+        return out
+
+    return digests
+
+
+@pytest.fixture(scope="session")
+def plain_root(plain_digests) -> Root:
+    """The content root of a table whose episodes are those of a dataset, from its episodes.parquet."""
+
+    def root(dataset: Dataset, table: pa.Table) -> str:
+        found = plain_digests(table)
+        types = {c["name"]: c["dtype"] for c in dataset.info["columns"]}
+        head = "".join(f"{name}:{types[name]}\n" for name in table.column_names if name != "episode")
+        rows = dataset.episodes
+        keys = zip(rows["cell"], rows["index"], rows["episode"], strict=True)
+        members = sorted((bytes.fromhex(cell), index, found[episode]) for cell, index, episode in keys)
+        body = b"".join(cell + struct.pack("<Q", index) + digest for cell, index, digest in members)
+        return hashlib.sha256(head.encode() + body).hexdigest()
+
+    return root

@@ -1,0 +1,265 @@
+"""`ibdata card`: a card and a report that stand on their own, and a dataset that stays whole."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.dataset import manifest
+from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.maintenance.card import card
+from ibdata.plots import drawn, plots
+from ibdata.system import lock
+from ibdata.validation.validate import validate
+
+pytestmark = pytest.mark.slow
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "constant", "action": [0, 0, 0], "name": "still"}],
+    "episodes": 3,
+    "steps": 20,
+    "output": {"shard_rows": 60},
+    "splits": {"source": {"setpoint": 20}},
+}
+VOID = {"meta", "img"}
+
+
+class Page(HTMLParser):
+    """Elements that are closed in order, their attributes, and the text of each kind."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: list[tuple[str, str, str | None]] = []
+        self.texts: dict[str, list[str]] = {}
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes += [(tag, name, value) for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.texts.setdefault(self.open[-1], []).append(data)
+
+    def all(self, tag, name):
+        return [value for t, n, value in self.attributes if (t, n) == (tag, name)]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("card") / "tiny"
+    return ibdata.generate(Experiment.model_validate(PLAIN), folder, workers=1)
+
+
+@pytest.fixture(scope="module")
+def carded(plain, tmp_path_factory):
+    return card(shutil.copytree(plain.path, tmp_path_factory.mktemp("carded") / "tiny"))
+
+
+@pytest.fixture
+def copied(carded, tmp_path) -> Path:
+    return Path(shutil.copytree(carded.path, tmp_path / "copied"))
+
+
+def test_only_the_report_and_the_manifest_change_and_the_dataset_is_valid(plain, carded):
+    before, after = contents(plain.path), contents(carded.path)
+    changed = {path for path in after if before.get(path) != after[path]}
+    assert changed == {manifest.REPORT, manifest.PATH}
+    assert set(before) <= set(after)
+    assert ibdata.validate(carded.path) == []
+    assert carded.content_root == plain.content_root
+    keep = [key for key in plain.manifest if key not in ("files", "checksum")]
+    assert {key: carded.manifest[key] for key in keep} == {key: plain.manifest[key] for key in keep}
+
+
+def test_the_card_is_written_anew_and_the_same_dataset_gets_the_same_bytes(copied):
+    before = contents(copied)
+    with (copied / "README.md").open("a") as readme:
+        readme.write("more")
+    card(copied)
+    assert contents(copied) == before
+
+
+def test_a_text_of_somebody_in_the_place_of_the_card_stays(copied):
+    (copied / "README.md").write_text("mine")
+    before = contents(copied)
+    with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write; move it away"):
+        card(copied)
+    assert contents(copied) == before
+
+
+def test_the_report_is_whole_html_that_loads_nothing(carded):
+    text = (carded.path / manifest.REPORT).read_text()
+    page = Page(text)
+    assert text.startswith("<!DOCTYPE html>\n")
+    assert "://" not in text
+    assert {name for _, name, _ in page.attributes} & {"href", "srcset", "onload", "action", "data"} == set()
+    assert not {tag for tag, *_ in page.attributes} & {"script", "link", "iframe", "object"}
+    assert all(value.startswith("data:image/png;base64,") for value in page.all("img", "src"))
+    assert page.all("html", "lang") == ["en"]
+    assert any("default-src 'none'" in value for value in page.all("meta", "content"))
+    assert any("width=device-width" in value for value in page.all("meta", "content"))
+
+
+def test_the_report_has_the_pictures_and_names_each(carded):
+    page = Page((carded.path / manifest.REPORT).read_text())
+    shown = {base64.b64decode(value.partition(",")[2]) for value in page.all("img", "src")}
+    assert shown == set(drawn(carded).values())
+    assert len(shown) == len(plots()) == len(set(page.all("img", "alt")))
+
+
+def test_the_report_says_what_the_dataset_is(carded):
+    page = Page((carded.path / manifest.REPORT).read_text())
+    cells, code = page.texts["td"], "".join(page.texts["code"])
+    reward = carded.statistics()["reward"]
+    at = cells.index("reward")
+    numbers = [*(reward[key] for key in ("mean", "std", "min", "max")), reward["quantiles"]["0.5"]]
+    assert cells[at + 1 : at + 6] == [f"{x:.6g}" for x in numbers]
+    assert (carded.path / manifest.EXPERIMENT).read_text() in code
+    assert carded.content_root in code
+    for column in carded.info["columns"]:
+        assert column["description"] in cells
+    for shard in carded.manifest["shards"]:
+        assert shard["path"] in cells
+    for value in ("240", "12 of 20 steps", "random, still", "source", *carded.manifest["versions"].values()):
+        assert value in cells
+
+
+def test_what_it_says_of_loading_is_true(carded):
+    code = next(
+        text for text in Page((carded.path / manifest.REPORT).read_text()).texts["code"] if "import" in text
+    )
+    done = subprocess.run([sys.executable, "-c", f"{code}\nprint(len(data), len(ds))"], cwd=carded.path,
+                          capture_output=True, text=True, check=True)  # fmt: skip
+    assert done.stdout == "240 240\n"
+
+
+def test_texts_of_a_dataset_cannot_become_elements(copied, sign):
+    info = json.loads((copied / "meta/info.json").read_text())
+    info["columns"][0]["description"] = "<script>alert('\"')</script> & more"
+    (copied / "meta/info.json").write_text(json.dumps(info))
+    sign(copied, "meta/info.json")
+    page = Page((card(copied).path / manifest.REPORT).read_text())
+    assert info["columns"][0]["description"] in "".join(page.texts["td"])
+    assert "script" not in page.texts
+
+
+def test_the_command_prints_the_files(ibdata, copied):
+    done = ibdata("card", str(copied))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{copied}/README.md\n{copied}/report.html\n"
+    said = json.loads(ibdata("card", str(copied), "--json").stdout)
+    assert said["files"] == ["README.md", "report.html"]
+
+
+@pytest.mark.parametrize("how", ["missing", "changed"])
+def test_a_damaged_report_is_taken_away_by_repair_and_can_be_made_again(ibdata, carded, copied, how):
+    report = copied / manifest.REPORT
+    report.unlink() if how == "missing" else report.write_text("<p>else")
+    assert [problem.path for problem in validate(copied)] == [manifest.REPORT]
+    done = ibdata("repair", str(copied))
+    assert f"removed report.html; ibdata card {copied} makes it again\n" in done.stdout
+    assert not report.exists()
+    assert validate(copied) == []
+    card(copied)
+    assert contents(copied) == contents(carded.path)
+
+
+def test_other_files_are_repaired_and_the_report_stays(carded, copied, shard_file):
+    for path in ("README.md", "meta/stats.json", shard_file(copied, 1)):
+        (copied / path).unlink()
+    ibdata.repair(copied, workers=1)
+    assert contents(copied) == contents(carded.path)
+
+
+def test_without_its_manifest_a_dataset_is_repaired_without_a_report(copied):
+    """Nobody can tell whose report.html is: it stays, and is none of the dataset's files any more."""
+    report = (copied / manifest.REPORT).read_bytes()
+    (copied / manifest.PATH).unlink()
+    ibdata.repair(copied, workers=1)
+    assert manifest.REPORT not in [file["path"] for file in ibdata.open(copied).manifest["files"]]
+    assert (copied / manifest.REPORT).read_bytes() == report
+    assert ibdata.validate(copied) == []
+
+
+def test_new_splits_take_the_report_away(copied):
+    split = ibdata.split(copied, "policy")
+    assert not (copied / manifest.REPORT).exists()
+    assert ibdata.validate(copied) == []
+    assert "still" in Page((card(copied).path / manifest.REPORT).read_text()).texts["td"]
+    assert list(split.info["splits"]) == ["source", "random", "still"]
+
+
+def test_copies_have_no_report(copied, plain, tmp_path):
+    files = ibdata.split(copied, "policy", materialize=tmp_path / "files")
+    other = ibdata.generate(Experiment.model_validate({**PLAIN, "seed": 1}), tmp_path / "other", workers=1)
+    both = ibdata.merge([copied, other.path], tmp_path / "both")
+    for made in (files, both):
+        assert not (made.path / manifest.REPORT).exists()
+        card(made.path)
+        assert ibdata.validate(made.path) == []
+
+
+def test_overwriting_a_dataset_takes_the_report_away(copied):
+    ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, overwrite=True)
+    assert not (copied / manifest.REPORT).exists()
+    assert ibdata.validate(copied) == []
+
+
+def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
+    before = contents(copied)
+    with lock.locked(copied), pytest.raises(BusyError):
+        card(copied)
+
+    def fail(*_, **__):
+        raise RuntimeError("full")
+
+    monkeypatch.setattr("ibdata.maintenance.card.renewed", fail)
+    with pytest.raises(RuntimeError):
+        card(copied)
+    assert contents(copied) == before
+    with pytest.raises(DatasetError, match="no finished dataset here"):
+        card(copied / "meta")
+
+
+def test_what_a_killed_run_left_is_taken_away(carded, copied):
+    (copied / manifest.NEXT).mkdir()
+    for name in (manifest.CARD, manifest.REPORT):
+        shutil.copy(copied / name, copied / manifest.NEXT)
+        (copied / manifest.NEXT / f".tmp-123456789abc-{name}.part").write_text("half")
+    card(copied)
+    assert contents(copied) == contents(carded.path)
+
+
+def test_a_dataset_that_changes_meanwhile_is_left_alone(copied, monkeypatch):
+    def draw(dataset):
+        pictures = drawn(dataset)
+        ibdata.split(copied, "policy")
+        return pictures
+
+    monkeypatch.setattr("ibdata.maintenance.card.drawn", draw)
+    with pytest.raises(manifest.ReplacedError, match="replaced while it was read; open it again"):
+        card(copied)
+    assert ibdata.validate(copied) == []

@@ -1,0 +1,211 @@
+"""Merging: all episodes, none twice, every promise kept."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, UsageError
+from ibdata.maintenance import merge as merging
+from ibdata.maintenance.repair import repair
+from ibdata.simulation.variables import columns
+
+PLAIN = {
+    "name": "a",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}],
+    "episodes": 3,
+    "steps": 4,
+    "output": {"shard_rows": 8},
+    "splits": {"low": {"setpoint": 20}},
+}
+
+
+@pytest.fixture
+def make(tmp_path):
+    def make(name, **changes):
+        experiment = Experiment.model_validate({**PLAIN, "name": name, **changes})
+        return ibdata.generate(experiment, tmp_path / name, workers=1)
+
+    return make
+
+
+@pytest.fixture
+def pair(make):
+    """Two datasets that differ in seed, policy, length of episodes, shards and splits."""
+    return make("a"), make(
+        "b",
+        seed=1,
+        steps=5,
+        policies=[{"kind": "safe"}, {"kind": "random"}],
+        splits={"high": {"setpoint": 70}},
+    )
+
+
+def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, tmp_path):
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    assert merged.digests == [digest for d in pair for digest in d.digests]
+    assert merged.episodes["episode"].tolist() == list(range(6 + 12))
+    assert merged.episodes["length"].tolist() == [4] * 6 + [5] * 12
+    frame = merged.to_pandas()
+    assert frame["episode"].drop_duplicates().tolist() == list(range(18))
+    rewards = [x for d in pair for x in d.to_pandas()["reward"]]
+    assert frame["reward"].tolist() == rewards
+    assert merged.info["counts"] | {"data_bytes": 0} == {
+        "rows": 84, "episodes": 18, "steps": None, "cells": 4, "shards": 7 + 12 - 6, "data_bytes": 0,
+    } | {"shards": len(merged.manifest["shards"])}  # fmt: skip
+    assert merged.info["splits"]["low"]["episodes"] == 3
+    assert merged.info["splits"]["high"]["episodes"] == 6
+    assert ibdata.validate(merged.path) == []
+    assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
+
+
+def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    assert ibdata.reproduce(merged.path) == (18, [])
+    assert ibdata.reproduce(merged.path, "4-9") == (6, [])
+    assert ibdata.reproduce(merged.path, 7) == (7, [])
+
+
+@pytest.mark.parametrize(
+    "damage", ["first shard", "last shard", "meta/experiment-00001.yaml", manifest.PATH, "stats"]
+)
+def test_a_merged_dataset_is_repaired(pair, tmp_path, damage):
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    shards = merged.manifest["shards"]
+    names = {"first shard": shards[0]["path"], "last shard": shards[-1]["path"], "stats": "meta/stats.json"}
+    path = merged.path / names.get(damage, damage)
+    whole = path.read_bytes()
+    path.unlink()
+    assert str(path.relative_to(merged.path)) in repair(merged.path, workers=1)
+    if damage != manifest.PATH:
+        assert path.read_bytes() == whole
+    assert ibdata.open(merged.path).content_root == merged.content_root
+    assert ibdata.validate(merged.path) == []
+
+
+def test_merging_in_another_order_or_in_two_steps_gives_the_same_root(make, tmp_path):
+    a, b, c = (make(name, seed=i).path for i, name in enumerate("abc"))
+    roots = {
+        ibdata.merge([a, b, c], tmp_path / "abc").content_root,
+        ibdata.merge([c, a, b], tmp_path / "cab").content_root,
+        ibdata.merge([ibdata.merge([a, b], tmp_path / "ab").path, c], tmp_path / "ab-c").content_root,
+    }
+    assert len(roots) == 1
+
+
+def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
+    a, b = make("a"), make("b", seed=1)
+    ibdata.split(a.path, by="episode", fractions=(2 / 3, 1 / 3))
+    merged = ibdata.merge([a.path, b.path], tmp_path / "both")
+    splits = merged.info["splits"]
+    assert {name: split["episodes"] for name, split in splits.items()} == {"low": 6, "train": 4, "test": 2}
+    assert all(split["files"] for split in splits.values())
+    assert ibdata.validate(merged.path) == []
+
+
+def test_a_merged_dataset_can_be_split_by_setpoint(pair, tmp_path):
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    split = ibdata.split(merged.path, source=[20], target=[70], shots=1)
+    assert split.info["splits"]["target"]["episodes"] == 3
+    assert ibdata.validate(merged.path) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({}, "setpoint 20, policy random: found episodes that are also in"),
+        ({"steps": 9}, "setpoint 20, policy random: found episodes that are also in"),
+        (
+            {"episodes": 1, "policies": [{"kind": "random", "name": "other"}]},
+            "policy other: found episodes that",
+        ),
+        (
+            {"seed": 1, "output": {"latent": False}},
+            "column latent_theta_1: found none, expected float32 as in",
+        ),
+        ({"seed": 1, "output": {"dtype": "float64"}}, "column obs_setpoint: found float64, expected float32"),
+        (
+            {"seed": 1, "setpoints": "drifting", "splits": {}, "output": {"latent": False}},
+            "column latent_theta_1: found none",
+        ),
+    ],
+)
+def test_datasets_that_share_episodes_or_differ_in_columns_are_refused(make, tmp_path, change, line):
+    a, b = make("a"), make("b", **change)
+    with pytest.raises(UsageError) as error:
+        ibdata.merge([a.path, b.path], tmp_path / "both")
+    assert line in str(error.value)
+    assert not (tmp_path / "both").exists()
+
+
+def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_exactly(make, tmp_path):
+    first = make("a", setpoints=[20.0000001, 20.0000002], splits={})
+    third = make("c", setpoints=[20.0000002, 70.0], splits={})
+    with pytest.raises(UsageError) as error:
+        ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
+    assert str(error.value).startswith(f"{third.path}: setpoint 20.0000002, policy random: found episodes")
+    assert f"also in {first.path}, expected others" in str(error.value)
+
+
+def test_a_dataset_more_is_one_comparison_more(make, tmp_path, monkeypatch):
+    made = [make(f"d{i}", seed=i).path for i in range(5)]
+    asked = []
+    monkeypatch.setattr(merging, "columns", lambda e: asked.append(e) or columns(e))
+    ibdata.merge(made, tmp_path / "all")
+    assert len(asked) <= 2 * len(made)
+
+
+@pytest.mark.parametrize("name", ["both\n", "Both", "a b", "x" * 65])
+def test_a_folder_name_that_names_no_dataset_gives_another_name(make, tmp_path, name):
+    merged = ibdata.merge([make("a").path, make("b", seed=1).path], tmp_path / name)
+    assert merged.info["name"] == "merged"
+    assert ibdata.validate(merged.path) == []
+    again = ibdata.merge([merged.path, make("c", seed=2).path], tmp_path / "again")
+    assert again.info["name"] == "again"
+
+
+def test_moving_and_constant_setpoints_do_not_mix(make, tmp_path):
+    a = make("a", output={"latent": False})
+    b = make("b", output={"latent": False}, setpoints="drifting", splits={})
+    with pytest.raises(UsageError, match="found moving setpoints, expected constant ones as in"):
+        ibdata.merge([a.path, b.path], tmp_path / "both")
+
+
+def test_a_source_that_is_damaged_is_an_error_and_leaves_nothing(pair, shard_file, tmp_path):
+    path, other = (pair[1].path / shard_file(pair[1].path, number) for number in (1, 2))
+    path.write_bytes(other.read_bytes())
+    with pytest.raises(DatasetError, match="found other content than it lists"):
+        ibdata.merge([d.path for d in pair], tmp_path / "both")
+    assert not (tmp_path / "both").exists()
+
+
+def test_one_dataset_or_a_folder_that_holds_something_is_refused(pair, tmp_path):
+    with pytest.raises(UsageError, match="found 1 dataset, expected at least 2"):
+        ibdata.merge([pair[0].path], tmp_path / "both")
+    with pytest.raises(UsageError, match="exists already; choose another --out"):
+        ibdata.merge([d.path for d in pair], pair[0].path)
+
+
+def test_what_a_killed_merge_left_is_taken_away_by_the_next(pair, tmp_path):
+    left = tmp_path / "both" / manifest.NEXT
+    (left / "data").mkdir(parents=True)
+    (left / "data/part-00000-1a2b3c4d.parquet").write_bytes(b"whole")
+    (left / ".tmp-123456789abc-part-00001.part").write_bytes(b"half")
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    assert ibdata.validate(merged.path) == []
+    assert sorted(path.name for path in merged.path.iterdir()) == ["README.md", "data", "meta"]
+
+
+def test_the_difference_of_a_merged_dataset_counts_what_only_one_has(pair, tmp_path):
+    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+    from ibdata.dataset.difference import difference
+
+    lines = difference(merged, pair[0])
+    assert "experiments: 2 and 1" in lines
+    assert any("only the first has: " in line for line in lines)
+    assert json.loads((merged.path / "meta/info.json").read_text())["counts"]["steps"] is None

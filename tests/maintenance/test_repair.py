@@ -1,0 +1,232 @@
+"""Repairing, reproducing and comparing datasets."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.dataset import manifest
+from ibdata.dataset.difference import difference
+from ibdata.errors import DatasetError, UsageError
+from ibdata.maintenance.repair import repair
+from ibdata.maintenance.reproduce import reproduce
+from ibdata.validation.validate import validate
+from ibdata.writing.metadata import as_json
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 3,
+    "steps": 20,
+    "output": {"shard_rows": 40},
+    "splits": {"source": {"setpoint": 20}},
+}
+FILES = [
+    "shard 0",
+    "shard 3",
+    "meta/info.json",
+    "meta/episodes.parquet",
+    "meta/stats.json",
+    "meta/experiment.yaml",
+    "README.md",
+]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return ibdata.generate(
+        Experiment.model_validate(PLAIN), tmp_path_factory.mktemp("made") / "tiny", workers=1
+    )
+
+
+@pytest.fixture
+def copied(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made.path, tmp_path / "copied"))
+
+
+@pytest.fixture
+def file(copied, shard_file) -> Callable[[str], str]:
+    """The path of a file in the copy: of a shard, given as `shard 0`, or the path itself."""
+
+    def path(what: str) -> str:
+        return shard_file(copied, int(what.removeprefix("shard "))) if what.startswith("shard ") else what
+
+    return path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def damage(path: Path, how: str) -> None:
+    if how == "missing":
+        path.unlink()
+        return
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data[: len(data) // 2] if how == "cut" else data)
+
+
+@pytest.mark.parametrize("what", [*FILES, manifest.PATH])
+@pytest.mark.parametrize("how", ["missing", "cut", "flipped"])
+def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
+    before, path = contents(copied), file(what)
+    damage(copied / path, how)
+    assert repair(copied, workers=1) == [path]
+    assert contents(copied) == before
+    assert validate(copied) == []
+
+
+def test_several_files_are_made_again_at_once(copied, file):
+    before, paths = contents(copied), [file(what) for what in FILES]
+    for path in paths:
+        damage(copied / path, "missing")
+    assert sorted(repair(copied, workers=1)) == sorted(paths)
+    assert contents(copied) == before
+
+
+def test_manifest_and_a_shard_are_made_again_from_the_experiment(copied, file):
+    before, shard = contents(copied), file("shard 1")
+    damage(copied / manifest.PATH, "flipped")
+    damage(copied / shard, "cut")
+    found, made = repair(copied, workers=1)
+    assert found == manifest.PATH
+    assert re.fullmatch(r"data/part-00001-[0-9a-f]{8}\.parquet", made)
+    assert (copied / made).read_bytes() == before[shard]
+    assert contents(copied).keys() ^ before.keys() == {made, shard}
+    assert validate(copied) == []
+
+
+def test_a_whole_dataset_is_left_alone(copied):
+    before = {path: path.stat().st_mtime_ns for path in copied.rglob("*") if path.is_file()}
+    assert repair(copied, workers=1) == []
+    assert {path: path.stat().st_mtime_ns for path in copied.rglob("*") if path.is_file()} == before
+
+
+def test_what_is_made_again_with_other_content_changes_nothing(copied, file):
+    """The manifest is of another seed than its experiment says."""
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    listed["experiments"][0]["seed"] = 1
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_bytes(as_json(listed))
+    damage(copied / file("shard 0"), "cut")
+    before = contents(copied)
+    with pytest.raises(DatasetError, match="found other content when made again"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+def test_a_manifest_is_not_made_again_for_shards_of_another_experiment(copied):
+    path = copied / "meta/experiment.yaml"
+    path.write_text(path.read_text().replace("seed: 0", "seed: 1"))
+    (copied / manifest.PATH).unlink()
+    before = contents(copied)
+    with pytest.raises(DatasetError, match=r"found no shard with the content of meta/experiment\.yaml"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+def test_there_is_nothing_to_repair_where_no_dataset_is(tmp_path):
+    with pytest.raises(DatasetError, match="no dataset here: meta is missing"):
+        repair(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("episodes", "count"), [(None, 12), ("5", 5), ("3-7", 5), ("100", 12), ("11-11", 1)])
+def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
+    assert reproduce(made.path, episodes) == (count, [])
+
+
+def test_an_episode_that_is_not_reproduced_is_named(copied, file):
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    listed["experiments"][0]["seed"] = 1
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_bytes(as_json(listed))
+    count, problems = reproduce(copied, "4-5")
+    assert count == 2
+    assert [(p.path, p.row, p.message) for p in problems] == [
+        (file("shard 2"), 20, "episode 4: found other content when made again"),
+        (file("shard 3"), 0, "episode 5: found other content when made again"),
+    ]
+
+
+@pytest.mark.parametrize("episodes", ["x", "-3", "3-", "7-3", "0-12", "٣"])
+def test_episodes_that_are_none_are_refused(made, episodes):
+    with pytest.raises(UsageError, match="--episodes: found "):
+        reproduce(made.path, episodes)
+
+
+def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
+    other = Experiment.model_validate({**PLAIN, "output": {"shard_rows": 1000}})
+    assert difference(made, ibdata.generate(other, tmp_path / "other", workers=1)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"seed": 1}, "experiment.seed: 0 and 1"),
+        ({"seed": 1}, "episode 0 and 0: step 0: "),
+        ({"dynamics": "paper"}, "experiment.dynamics: siemens and paper"),
+        ({"episodes": 4}, "episodes: 12 and 16"),
+        ({"episodes": 4}, "episodes of cells or indices that only the second has: 4"),
+        ({"steps": 30}, "rows: 240 and 360"),
+        ({"output": {"dtype": "float64"}}, "column reward: float32 and float64"),
+        ({"output": {"latent": False}}, "column latent_theta_1: float32 and none"),
+    ],
+)
+def test_a_difference_is_named(made, tmp_path, change, line):
+    other = ibdata.generate(Experiment.model_validate({**PLAIN, **change}), tmp_path / "other", workers=1)
+    assert any(found.startswith(line) for found in difference(made, other)), difference(made, other)
+
+
+def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
+    shard = file("shard 1")
+    (copied / shard).unlink()
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; ibdata repair"):
+        ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)
+
+
+def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copied, monkeypatch):
+    """As on a machine with other bits, or with a custom policy that was changed since."""
+
+    def simulate(*_, **__):
+        raise AssertionError("simulated")
+
+    before = contents(copied)
+    for module in ("ibdata.simulation.rollout", "ibdata.writing.summary", "ibdata.generation.warm_up"):
+        monkeypatch.setattr(f"{module}.rollout", simulate)
+    for path in ("meta/episodes.parquet", "meta/stats.json"):
+        damage(copied / path, "cut")
+        assert repair(copied, workers=1) == [path]
+        assert contents(copied) == before
+
+
+def test_metadata_are_not_made_again_from_rows_that_are_not_those_listed(copied, shard_file):
+    table = pq.read_table(copied / shard_file(copied, 1))
+    name = "latent_mu_v"
+    changed = table.set_column(table.column_names.index(name), table.schema.field(name), table["latent_mu_g"])
+    pq.write_table(changed, copied / shard_file(copied, 1))
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    data = (copied / shard_file(copied, 1)).read_bytes()
+    for file in listed["files"]:
+        if file["path"] == shard_file(copied, 1):
+            file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_bytes(as_json(listed))
+    (copied / "meta/episodes.parquet").write_bytes(b"x")
+    before = contents(copied)
+    with pytest.raises(
+        DatasetError, match=r"found other content .*expected what the manifest lists; nothing"
+    ):
+        repair(copied, workers=1)
+    assert contents(copied) == before

@@ -1,0 +1,175 @@
+"""The transcendental functions against mpmath at 50 digits, and their bits."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow
+
+mp = mpmath.mp.clone()
+mp.dps = 50
+EPSILON = 2.0**-52
+SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
+
+examples = settings(derandomize=True, deadline=None, max_examples=300)
+
+
+def exact(x: float) -> mpmath.mpf:
+    return mp.mpf(float(x))
+
+
+def ulps(got: float, want: mpmath.mpf) -> float:
+    """The error of a result in units in the last place of the true value."""
+    return float(abs(exact(got) - want)) / math.ulp(float(want))
+
+
+def relative(got: float, want: mpmath.mpf) -> float:
+    return float(abs((exact(got) - want) / want))
+
+
+def uniforms(rng: np.random.Generator) -> np.ndarray:
+    """A grid (without ½, whose normal is 0), both tails down to 2⁻⁵³, and the joints of AS 241."""
+    grid = np.arange(1, 200)[np.arange(1, 200) != 100] / 200.0
+    tails = 10.0 ** rng.uniform(-15.9, -1.0, 250)
+    joints = np.array([0.075, 0.925, math.exp(-25.0)])
+    near = np.concatenate([joints * (1.0 + x) for x in (-1e-9, 0.0, 1e-9)])
+    return np.concatenate([[SMALLEST, LARGEST], grid, tails, 1.0 - tails, near])
+
+
+def test_exp_is_within_one_unit_in_the_last_place():
+    rng = np.random.default_rng(1)
+    x = [np.linspace(-708.0, 709.0, 1418), rng.uniform(-40.0, 40.0, 1500), rng.uniform(0.0, 8.5, 1500)]
+    assert max(ulps(exp(x), mp.exp(exact(x))) for x in np.concatenate(x)) <= 1.0
+
+
+def test_log_is_within_two_units_in_the_last_place():
+    rng = np.random.default_rng(2)
+    near_one = 1.0 + np.concatenate([rng.uniform(-0.01, 0.01, 1000), 10.0 ** rng.uniform(-15.0, -1.0, 500)])
+    near_fold = math.sqrt(2.0) * (1.0 + rng.uniform(-1e-3, 1e-3, 500))
+    x = [10.0 ** rng.uniform(-300.0, 300.0, 1000), rng.uniform(0.0, 1.0, 1500), near_one, near_fold]
+    assert max(ulps(log(x), mp.log(exact(x))) for x in np.concatenate(x)) <= 2.0
+
+
+def test_pow_carries_the_error_of_the_logarithm_times_the_exponent():
+    rng = np.random.default_rng(3)
+    for x, y in zip(10.0 ** rng.uniform(-17.0, 0.3, 1500), rng.uniform(1.25, 1.87, 1500), strict=True):
+        bound = EPSILON * (1.0 + 2.0 * abs(y * math.log(x)))
+        assert relative(pow(x, y), mp.power(exact(x), exact(y))) <= bound, (x, y)
+
+
+def test_logistic_is_within_two_and_a_half_units_in_the_last_place():
+    rng = np.random.default_rng(4)
+    x = np.concatenate([rng.uniform(-708.0, 708.0, 800), rng.uniform(-6.0, 6.0, 1500)])
+    assert max(ulps(logistic(x), 1 / (1 + mp.exp(-exact(x)))) for x in x) <= 2.5
+
+
+def test_exponential_is_within_two_units_in_the_last_place():
+    u = uniforms(np.random.default_rng(5))
+    assert max(ulps(exponential(x), -mp.log(exact(x))) for x in u) <= 2.0
+
+
+def test_normal_is_within_a_relative_error_of_2e_15():
+    u = uniforms(np.random.default_rng(6))
+    assert max(relative(normal(x), mp.sqrt(2) * mp.erfinv(2 * exact(x) - 1)) for x in u) <= 2e-15
+
+
+@pytest.mark.parametrize("u", [SMALLEST, LARGEST])
+def test_the_extreme_uniforms_give_finite_variates(u):
+    # Φ⁻¹(2⁻⁵³) = -8.2095; -log 2⁻⁵³ = 53 · 0.693147 = 36.7368, -log(1 - 2⁻⁵³) = 1.1102e-16.
+    assert abs(normal(u)) == pytest.approx(8.209536151601387, rel=1e-15)
+    assert exponential(u) == pytest.approx(36.7368005696771 if u < 0.5 else 2.0**-53, rel=1e-14)
+
+
+@pytest.mark.parametrize("x", [-700.0, -1.0, 0.0, 0.34657359027997264, 1.0, 8.5, 700.0])
+def test_exp_never_falls_between_neighbouring_doubles(x):
+    """0.3466 = ln 2 / 2 is where the power of two changes."""
+    values = [exp(y) for y in neighbours(x)]
+    assert values == sorted(values)
+
+
+@pytest.mark.parametrize("x", [1e-300, 0.5, 1.0, 1.4142135623730951, 2.0, 1e300])
+def test_log_never_falls_between_neighbouring_doubles(x):
+    """√2 is where the power of two changes."""
+    values = [log(y) for y in neighbours(x)]
+    assert values == sorted(values)
+
+
+def neighbours(x: float) -> list[float]:
+    """The 1000 doubles from 500 below x on."""
+    for _ in range(500):
+        x = math.nextafter(x, -math.inf)
+    run = [x]
+    for _ in range(1000):
+        run.append(math.nextafter(run[-1], math.inf))
+    return run
+
+
+def test_normal_and_logistic_grow_strictly_on_a_grid():
+    grid = np.arange(1, 4000) / 4000.0
+    assert np.all(np.diff([normal(u) for u in grid]) > 0.0)
+    assert np.all(np.diff([logistic(x) for x in 20.0 * grid - 10.0]) > 0.0)
+
+
+def test_exponential_falls_strictly_on_a_grid():
+    assert np.all(np.diff([exponential(u) for u in np.arange(1, 4000) / 4000.0]) < 0.0)
+
+
+@examples
+@given(st.integers(1, 2**53 - 1))
+def test_normal_is_odd_about_one_half(k):
+    u = k * 2.0**-53
+    assert normal(1.0 - u) == -normal(u)
+
+
+@examples
+@given(st.floats(-700.0, 700.0))
+def test_logistic_of_x_and_minus_x_sum_to_one(x):
+    assert logistic(x) + logistic(-x) == pytest.approx(1.0, abs=3e-16)
+
+
+@examples
+@given(st.integers(-1020, 1022))
+def test_the_logarithm_of_a_power_of_two_is_within_one_unit_in_the_last_place(k):
+    assert ulps(log(2.0**k), k * mp.log(2)) <= 1.0 if k else log(1.0) == 0.0
+
+
+# From python -c "from ibdata.numerics.exact import exp; print(exp(-1.0).hex())", and so on, at 157c922 with
+# numba 0.68.1 and numpy 2.4.6; with NUMBA_DISABLE_JIT=1 the bits were the same.
+GOLDEN = [
+    ((exp, -1.0), "0x1.78b56362cef38p-2"),
+    ((exp, 4.25), "0x1.186bf136d679dp+6"),
+    ((exp, -707.5), "0x1.39b42358bdf31p-1021"),
+    ((exp, 8.5), "0x1.332c4d2b7c4a1p+12"),
+    ((log, 3.0), "0x1.193ea7aad030bp+0"),
+    ((log, 0.1), "-0x1.26bb1bbb55515p+1"),
+    ((log, 1e-300), "-0x1.5963447f87fb5p+9"),
+    ((pow, 0.3, 1.5), "0x1.50854f2c3d221p-3"),
+    ((pow, 1.25, 1.74), "0x1.797414a78f7c6p+0"),
+    ((logistic, 0.005), "0x1.00a3d6f3ded4dp-1"),
+    ((logistic, 2.4), "0x1.d56a636946e58p-1"),
+    ((logistic, -30.0), "0x1.a56e0c2ac7cbfp-44"),
+    ((exponential, 0.1), "0x1.26bb1bbb55515p+1"),
+    ((exponential, 0.999), "0x1.064670d979b73p-10"),
+    ((normal, 0.3), "-0x1.0c7e39582c5fap-1"),
+    ((normal, 0.01), "-0x1.29c5c4630ff0ep+1"),
+    ((normal, 1e-13), "-0x1.d652ace3a0130p+2"),
+    ((normal, 0.975), "0x1.f5c0331eeff82p+0"),
+]
+
+
+@pytest.mark.parametrize(("x", "bound"), [(-708.5, -708.0), (-1e300, -708.0), (709.5, 709.0), (1e300, 709.0)])
+def test_exp_is_held_at_the_ends_of_its_range(x, bound):
+    assert exp(x) == exp(bound)
+    assert 0.0 < exp(x) < math.inf
+
+
+@pytest.mark.parametrize(("call", "bits"), GOLDEN)
+def test_the_bits_are_those_of_the_first_release(call, bits):
+    function, *arguments = call
+    assert float(function(*arguments)).hex() == bits

@@ -1,0 +1,109 @@
+"""Names and numbers are read by others as they are meant: setpoints, splits, the front matter of the card."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import string
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+from ruamel.yaml import YAML
+
+from ibdata.experiment import Experiment, load
+from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.scalars import SplitName
+from ibdata.experiment.split_schemes import leave_one_out
+from ibdata.experiment.template import write_template
+from ibdata.numerics.naming import exact, yaml_name
+from ibdata.system.atomic_files import TOKEN, FileEntry
+from ibdata.writing.card import card
+from ibdata.writing.shard_writer import Written, file_of
+from ibdata.writing.summary import UNREAD
+
+SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
+CLOSE = [50.0, 50.0000001, 50.0000002, 60.0, 12.5]
+WORDS = [
+    *("y", "n", "yes", "no", "on", "off", "true", "false", "null", "inf", "nan", "train", "a-1", "e3"),
+    *("0", "10", "017", "0x10", "0x_1", "0o17", "0b11", "12_3", "1_000", "1e3", "1st"),
+    *("2020-01-01", "2020-1-1", "1-2"),
+]
+SHORT = ["".join(letters) for n in (1, 2)
+         for letters in itertools.product(string.ascii_lowercase + string.digits + "_-", repeat=n)
+         if letters[0] not in "_-"]  # fmt: skip
+
+
+def described(**changes):
+    plain = {"name": "x", "setpoints": 50.0, "policies": [{"kind": "random"}], "steps": 2}
+    return Experiment.model_validate({**plain, **changes})
+
+
+def readers():
+    """What reads YAML 1.2, and what reads YAML 1.1 as PyYAML and with it Hugging Face does."""
+    newer, older = YAML(typ="safe", pure=True), YAML(typ="safe", pure=True)
+    older.version = (1, 1)
+    return newer, older
+
+
+@given(SETPOINTS)
+@settings(derandomize=True, deadline=None)
+def test_a_setpoint_is_written_as_what_it_is(p):
+    assert float(exact(p)) == p
+    if float(f"{p:g}") == p:
+        assert exact(p) == f"{p:g}"
+
+
+@pytest.mark.parametrize("reader", readers(), ids=["1.2", "1.1"])
+def test_every_reader_of_yaml_finds_the_names_as_text(reader):
+    names = [*SHORT, *WORDS]
+    found = reader.load("".join(f"- {yaml_name(name)}\n" for name in names))
+    assert found == names
+
+
+def test_names_that_are_text_to_all_stay_as_they_are():
+    for name in ("train", "test", "target-rest", "test-50", "e3", "nan", "a1"):
+        assert yaml_name(name) == name
+
+
+@pytest.mark.parametrize("reader", readers(), ids=["1.2", "1.1"])
+def test_the_front_matter_of_a_card_names_splits_by_text(reader):
+    splits = {name: {"overlap": True} for name in WORDS}
+    recipe = Recipe.of(described(name="1", splits=splits))
+    written = [
+        Written(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
+        for shard in recipe.shards
+    ]
+    _, front, text = card(recipe, written, "0" * 64).decode().split("---\n", 2)
+    matter = reader.load(front)
+    assert matter["pretty_name"] == "Industrial Benchmark, 1"
+    assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]
+    assert "| no | 1 | 2 |" in text
+
+
+@pytest.mark.parametrize("name", ["1", "null", "true", "1e3", "0x10", "no"])
+def test_an_experiment_that_is_begun_under_such_a_name_is_valid(tmp_path, name):
+    write_template(tmp_path / f"{name}.yaml")
+    assert load(tmp_path / f"{name}.yaml").name == name
+
+
+def test_close_setpoints_are_left_out_one_by_one():
+    folds = leave_one_out(Recipe.of(described(setpoints=CLOSE)))
+    assert list(folds) == [
+        f"{part}-{name}"
+        for name in ("12_5", "50", "50_0000001", "50_0000002", "60")
+        for part in ("train", "test")
+    ]
+    assert folds["test-50_0000001"].setpoint == [50.0000001]
+    assert folds["train-50_0000001"].setpoint == [12.5, 50.0, 50.0000002, 60.0]
+
+
+@given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))
+@settings(derandomize=True, deadline=None)
+def test_no_two_folds_have_one_name_and_each_may_name_a_split(setpoints):
+    folds = leave_one_out(Recipe.of(described(setpoints=setpoints)))
+    assert len(folds) == 2 * len(setpoints)
+    for name in folds:
+        assert TypeAdapter(SplitName).validate_python(name) == name
+        assert re.fullmatch("(train|test)-[0-9][0-9_e-]*", name)

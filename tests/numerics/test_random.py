@@ -1,0 +1,260 @@
+"""Random numbers by address.
+
+The golden numbers were printed by
+
+    python -c "import hashlib; from ibdata.numerics.random import *;
+    key = stream_key(7, hashlib.sha256(b'golden').digest());
+    print([hex(x) for x in key.tolist()]);
+    print([hex(x) for x in integers(key[None], np.array([3]), Purpose.POLICY, 5, 1, 8)[0, :, 0].tolist()])"
+
+with numpy 2.4.6; Philox's integers and SHA-256 are the same in every version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ibdata.numerics import exact
+from ibdata.numerics.random import Purpose, integers, slots, standard_normal, stream_key, uniform, uniforms
+from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise, drift_noise, standard_noise
+
+examples = settings(derandomize=True, deadline=None, max_examples=200)
+
+CELL = hashlib.sha256(b"golden").digest()
+OTHER_CELL = hashlib.sha256(b"other").digest()
+GOLDEN_KEY = ["0xd22f8da3cafac0de", "0x9ab1da974e4d3384"]
+GOLDEN_RAW = [
+    "0x7ca627192591b474",
+    "0x7c163de0af7079",
+    "0xaf27ef0ce7218592",
+    "0x6cc9d1da9255d381",
+    "0x6439049567ddf7e1",
+    "0xb4594e440b42c8bb",
+    "0xf05ac669a49a37ee",
+    "0x81af38be4b44223c",
+]
+
+# The slot of every field, and what makes the field of the slot's uniform.
+STANDARD = {
+    "exp_v": (0, exact.exponential),
+    "exp_g": (1, exact.exponential),
+    "bernoulli_v": (2, float),
+    "bernoulli_g": (3, float),
+    "uniform_v": (4, float),
+    "uniform_g": (5, float),
+    "normal_alpha": (6, exact.normal),
+    "normal_consumption": (7, exact.normal),
+}
+DRIFT = {
+    "uniform_drift_length": 0,
+    "uniform_drift_rate": 1,
+    "uniform_drift_zero": 2,
+    "uniform_drift_flip": 3,
+}
+DRAWS = 200_000
+# Mean, variance and fourth central moment: Exp(1), U(0, 1), N(0, 1).
+MOMENTS = {"exp": (1.0, 1.0, 9.0), "uniform": (1 / 2, 1 / 12, 1 / 80), "normal": (0.0, 1.0, 3.0)}
+MOMENTS["bernoulli"] = MOMENTS["uniform"]
+
+
+def raw(seed=7, cell=CELL, index=3, purpose=Purpose.POLICY, step=5, steps=1, count=8):
+    return lane(stream_key(seed, cell), index, purpose, step, steps, count)
+
+
+def lane(key, index, purpose, step, steps, count):
+    """The integers (steps, count) of one episode."""
+    return integers(key[None], np.array([index]), purpose, step, steps, count)[:, :, 0]
+
+
+def by_numpy(key, index, purpose, step, steps, count):
+    """The same integers from a new generator: word 0 of the counter is the number of the block."""
+    counter = [step * count // 4, int(purpose), index, 0]
+    return np.random.Philox(key=key, counter=counter).random_raw(steps * count).reshape(steps, count)
+
+
+def some_raw(*shape):
+    return np.random.Philox(key=1).random_raw(int(np.prod(shape))).reshape(shape)
+
+
+def test_the_key_of_an_address_never_changes():
+    assert [hex(x) for x in stream_key(7, CELL).tolist()] == GOLDEN_KEY
+
+
+def test_the_integers_of_an_address_never_change():
+    assert [hex(x) for x in raw()[0].tolist()] == GOLDEN_RAW
+
+
+def test_the_purposes_have_the_numbers_that_datasets_were_made_with():
+    assert {purpose.name: purpose.value for purpose in Purpose} == {
+        "DYNAMICS": 0,
+        "DRIFT": 1,
+        "POLICY": 2,
+        "START": 3,
+        "BURN_IN_DYNAMICS": 4,
+        "BURN_IN_DRIFT": 5,
+        "BURN_IN_POLICY": 6,
+    }
+
+
+def test_a_key_is_the_first_half_of_a_hash_of_seed_and_cell():
+    digest = hashlib.sha256(b"ibdata noise 1\0" + (258).to_bytes(8, "little") + CELL).digest()
+    expected = [int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:16], "little")]
+    assert stream_key(258, CELL).tolist() == expected
+
+
+@examples
+@given(
+    seed=st.integers(0, 2**64 - 1),
+    index=st.integers(0, 2**48 - 1),
+    purpose=st.sampled_from(Purpose),
+    step=st.integers(0, 2**31 - 1),
+    steps=st.integers(1, 5),
+    blocks=st.integers(1, 3),
+)
+def test_integers_are_those_of_a_new_philox_at_the_key_and_counter(seed, index, purpose, step, steps, blocks):
+    key = stream_key(seed, CELL)
+    np.testing.assert_array_equal(
+        lane(key, index, purpose, step, steps, 4 * blocks),
+        by_numpy(key, index, purpose, step, steps, 4 * blocks),
+    )
+
+
+@pytest.mark.parametrize("count", [4, 8, 12])
+@pytest.mark.parametrize("start", [0, 1, 7, 39, 40, 59])
+def test_steps_drawn_alone_are_rows_of_the_whole_episode(start, count):
+    whole = raw(step=0, steps=60, count=count)
+    for steps in (1, 60 - start):
+        alone = raw(step=start, steps=steps, count=count)
+        np.testing.assert_array_equal(alone, whole[start : start + steps])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 8},
+        {"seed": 7 + 2**63},
+        {"cell": OTHER_CELL},
+        {"index": 4},
+        {"index": 3 + 2**32},
+        {"purpose": Purpose.DYNAMICS},
+        {"step": 6},
+        {"step": 5 + 2**30},
+    ],
+    ids=lambda change: "-".join(f"{k}-{v}" for k, v in change.items() if k != "cell") or "cell",
+)
+def test_every_part_of_the_address_changes_every_integer(change):
+    assert not np.intersect1d(raw(**change), raw()).size
+
+
+def test_two_runs_draw_the_same():
+    np.testing.assert_array_equal(raw(steps=100), raw(steps=100))
+
+
+def test_lanes_are_the_episodes_side_by_side_whatever_their_order():
+    keys = np.array([stream_key(0, CELL), stream_key(0, OTHER_CELL), stream_key(0, CELL)])
+    indices = np.array([5, 0, 2**47])
+    lanes = integers(keys, indices, Purpose.DYNAMICS, 3, 10, 8)
+    assert lanes.shape == (10, 8, 3)
+    for i, (key, index) in enumerate(zip(keys, indices.tolist(), strict=True)):
+        np.testing.assert_array_equal(lanes[:, :, i], by_numpy(key, index, Purpose.DYNAMICS, 3, 10, 8))
+    turned = integers(keys[::-1], indices[::-1], Purpose.DYNAMICS, 3, 10, 8)
+    np.testing.assert_array_equal(turned[:, :, ::-1], lanes)
+
+
+def test_a_policy_without_draws_takes_no_integers():
+    assert raw(steps=10, count=0).shape == (10, 0)
+
+
+def test_no_purpose_shares_an_integer_with_another():
+    streams = [raw(purpose=purpose, step=0, steps=500) for purpose in Purpose]
+    assert np.unique(np.concatenate(streams)).size == len(Purpose) * 500 * 8
+
+
+def test_no_two_of_20_000_episodes_begin_alike():
+    cells = [hashlib.sha256(bytes([i])).digest() for i in range(10)]
+    keys = [stream_key(seed, cell) for seed, cell in product((0, 1), cells)]
+    firsts = {lane(key, index, Purpose.DYNAMICS, 0, 1, 4).tobytes() for key in keys for index in range(1000)}
+    assert len(firsts) == 20_000
+
+
+@pytest.mark.parametrize(("draws", "count"), [(0, 0), (1, 4), (3, 4), (4, 4), (5, 8), (8, 8), (9, 12)])
+def test_slots_are_the_next_whole_number_of_blocks(draws, count):
+    assert slots(draws) == count
+
+
+@examples
+@given(st.integers(0, 2**64 - 1))
+def test_a_uniform_is_the_upper_52_bits_and_a_half_exactly(integer):
+    u = float(uniform(np.uint64(integer)))
+    assert u * 2**53 == 2 * (integer >> 12) + 1
+    assert 0.0 < u < 1.0
+
+
+def test_the_extreme_uniforms_are_strictly_inside():
+    assert float(uniform(np.uint64(0))) == 2.0**-53
+    assert float(uniform(np.uint64(2**64 - 1))) == 1.0 - 2.0**-53
+
+
+def test_uniforms_fill_lanes_and_draws_from_the_slots_in_order():
+    drawn, out = some_raw(6, 8, 3), np.full((6, 3, 5), np.nan)
+    uniforms(drawn, out)
+    expected = ((drawn[:, :5] >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+    np.testing.assert_array_equal(out, expected.transpose(0, 2, 1))
+
+
+def test_policies_get_the_normal_of_the_dynamics():
+    for u in (2.0**-53, 0.01, 0.3, 0.7, 1.0 - 2.0**-53):
+        assert standard_normal(u) == exact.normal(u)
+
+
+def test_standard_noise_puts_each_slot_through_its_transform_into_its_field():
+    drawn, noise = some_raw(DYNAMICS_SLOTS, 500), blank_noise(500)
+    standard_noise(drawn, noise)
+    for field, (slot, transform) in STANDARD.items():
+        expected = [transform(uniform(x)) for x in drawn[slot]]
+        assert getattr(noise, field).tolist() == expected, field
+    assert all(not getattr(noise, field).any() for field in DRIFT)
+
+
+def test_drift_noise_puts_each_slot_into_its_field_and_leaves_the_others():
+    drawn, noise = some_raw(DRIFT_SLOTS, 5), blank_noise(5)
+    drift_noise(drawn, noise)
+    for field, slot in DRIFT.items():
+        assert getattr(noise, field).tolist() == [uniform(x) for x in drawn[slot]], field
+    assert all(not getattr(noise, field).any() for field in STANDARD)
+
+
+def test_every_field_of_the_noise_comes_from_a_slot():
+    assert {*STANDARD, *DRIFT} == set(blank_noise(1)._fields)
+    assert (len(STANDARD), len(DRIFT)) == (DYNAMICS_SLOTS, DRIFT_SLOTS)
+
+
+@pytest.fixture(scope="module")
+def many_draws():
+    """One step of 200,000 lanes: 200 episodes of 1000 steps, one after another."""
+    keys = np.tile(stream_key(0, CELL), (200, 1))
+    drawn = integers(keys, np.arange(200), Purpose.DYNAMICS, 0, 1000, DYNAMICS_SLOTS)
+    noise = blank_noise(DRAWS)
+    standard_noise(np.ascontiguousarray(drawn.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, DRAWS), noise)
+    return noise
+
+
+@pytest.mark.parametrize("field", STANDARD)
+def test_mean_and_variance_are_within_5_standard_errors(many_draws, field):
+    """A scale or place that is wrong by 2 % is found in every field."""
+    mean, variance, fourth = MOMENTS[field.split("_")[0]]
+    x = getattr(many_draws, field)
+    assert abs(x.mean() - mean) < 5 * np.sqrt(variance / DRAWS)
+    assert abs(((x - mean) ** 2).mean() - variance) < 5 * np.sqrt((fourth - variance**2) / DRAWS)
+
+
+def test_no_two_fields_are_correlated(many_draws):
+    x = np.array([getattr(many_draws, field) for field in STANDARD])
+    beside = np.corrcoef(x) - np.eye(len(x))
+    assert np.abs(beside).max() < 5 / np.sqrt(DRAWS)

@@ -1,0 +1,247 @@
+"""A rollout is a plain simulation with noise from documented addresses, whatever the blocks it runs in."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from ibdata.dynamics import Noise, initial_state, step
+from ibdata.experiment import Experiment
+from ibdata.numerics.exact import exponential, normal
+from ibdata.simulation.rollout import rollout
+from ibdata.simulation.variables import columns
+
+DYNAMICS, DRIFT, POLICY, START, BURN_IN_DYNAMICS, BURN_IN_DRIFT, BURN_IN_POLICY = range(7)
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+DERIVED = (
+    "convolved_cost", "penalty", "expected_consumption", "effective_shift", "effective_velocity",
+    "effective_gain", "alpha", "basic_fatigue",
+)  # fmt: skip
+CONSTANT, MOVING = [0.0, 33.0, 100.0], {"drifting": [0.5, 50.0, 99.5]}
+STEPS = 30
+
+
+def described(**changes):
+    plain = {
+        "name": "tested",
+        "setpoints": CONSTANT,
+        "policies": [{"kind": "random"}, {"kind": "safe"}],
+        "episodes": 2,
+        "steps": STEPS,
+        "output": {"dtype": "float64"},
+    }
+    return Experiment.model_validate({**plain, **changes})
+
+
+def played(experiment, first=0, stop=None):
+    """The columns of episodes by name, each (episodes, steps)."""
+    stop = len(experiment.cells) * experiment.episodes if stop is None else stop
+    made = rollout(experiment, first, stop)
+    return {
+        name: x.reshape(stop - first, experiment.steps)
+        for name, x in zip(made.names, made.table, strict=True)
+    }
+
+
+def assert_same(a, b):
+    assert list(a) == list(b)
+    for name in a:
+        assert a[name].tobytes() == b[name].tobytes(), name
+
+
+# --- the second simulation
+
+
+def uniform(experiment, cell, index, purpose, t, slots):
+    """The uniforms (slots,) at an address."""
+    message = b"ibdata noise 1\0" + experiment.seed.to_bytes(8, "little") + cell.digest
+    key = np.frombuffer(hashlib.sha256(message).digest()[:16], dtype="<u8")
+    counter = np.array([t * slots // 4, purpose, index, 0], dtype=np.uint64)
+    raw = np.random.Philox(key=key, counter=counter).random_raw(slots)
+    return np.array([((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw])
+
+
+def noise(experiment, cell, index, t, dynamics=DYNAMICS, drift=DRIFT):
+    u = uniform(experiment, cell, index, dynamics, t, 8)
+    d = uniform(experiment, cell, index, drift, t, 4) if experiment.drifting else np.zeros(4)
+    drawn = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7]), *d]
+    return Noise(*(np.array([x]) for x in drawn))
+
+
+def started(experiment, cell, index):
+    """The state in which the first recorded observation is made."""
+    u = uniform(experiment, cell, index, START, 0, 4)
+    steerings = 100.0 * u[:3] if experiment.start == "uniform" else np.full(3, 50.0)
+    state = initial_state(cell.setpoint, *steerings, drifting=experiment.drifting)
+    state = step(state, np.zeros((1, 3)), noise(experiment, cell, index, 0), experiment.variant)
+    if isinstance(experiment.start, str):
+        return state
+    low, high = experiment.start.burn_in
+    for t in range(low + int((high - low + 1) * u[0])):
+        action = 2.0 * uniform(experiment, cell, index, BURN_IN_POLICY, t, 4)[:3] - 1.0
+        drawn = noise(experiment, cell, index, t, BURN_IN_DYNAMICS, BURN_IN_DRIFT)
+        state = step(state, action.astype(np.float32)[None], drawn, experiment.variant)
+    return state
+
+
+def seen(state):
+    return np.array([[getattr(state, name)[0] for name in OBSERVATION]], dtype=np.float32)
+
+
+def resimulated(experiment, cell, index):
+    """States 0 … steps, actions (steps, 3) and their log densities (steps,) of one episode."""
+    states, actions, log_prob = [started(experiment, cell, index)], [], []
+    for t in range(experiment.steps):
+        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.draws // 4) * 4)
+        history = seen(states[-1])[None]
+        proposed = cell.policy.act(history, u[None, : cell.policy.draws])
+        action = np.clip(proposed, -1.0, 1.0).astype(np.float32)
+        log_prob.append(cell.policy.log_prob(history, action)[0])
+        actions.append(action[0])
+        states.append(step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.variant))
+    return states, np.array(actions), np.array(log_prob)
+
+
+def expected_latents(states, experiment, prefix):
+    hidden = {f"theta_{lag}": [s.operational_cost[0, 9 - lag] for s in states] for lag in range(1, 10)}
+    names = ["domain", "response", "direction", "mu_v", "mu_g"]
+    names += ["drift_rate", "drift_left"] if experiment.drifting else []
+    hidden |= {name: [getattr(s, name)[0] for s in states] for name in names}
+    return {f"{prefix}{name}": values for name, values in hidden.items()}
+
+
+def expected_columns(experiment, cell, index):
+    """Float columns (steps,) by name, from the words of the documentation."""
+    states, actions, log_prob = resimulated(experiment, cell, index)
+    now, after = states[:-1], states[1:]
+    made = {f"obs_{name}": [getattr(s, name)[0] for s in now] for name in OBSERVATION}
+    made |= {f"act_{name}": actions[:, j] for j, name in enumerate(("velocity", "gain", "shift"))}
+    made["reward"] = [s.reward[0] for s in after]
+    made |= {f"next_obs_{name}": [getattr(s, name)[0] for s in after] for name in OBSERVATION}
+    if experiment.output.latent:
+        made |= expected_latents(now, experiment, "latent_")
+    if experiment.output.latent == "full":
+        made |= {f"latent_{name}": [getattr(s, name)[0] for s in now] for name in DERIVED}
+    if experiment.output.latent == "next":
+        made |= expected_latents(after, experiment, "next_latent_")
+    made["action_log_prob"] = log_prob
+    return {name: np.array(x, dtype=experiment.output.dtype) + 0.0 for name, x in made.items()}
+
+
+def assert_resimulated(experiment):
+    found = played(experiment)
+    for i in range(len(experiment.cells) * experiment.episodes):
+        cell, index = experiment.cells[i // experiment.episodes], i % experiment.episodes
+        assert_same({name: x[i] for name, x in found.items()}, expected_columns(experiment, cell, index))
+
+
+@pytest.mark.parametrize("start", ["default", "uniform", {"burn_in": [0, 4]}], ids=str)
+@pytest.mark.parametrize("setpoints", [CONSTANT, MOVING], ids=["constant", "moving"])
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_every_value_is_that_of_a_plain_simulation(dynamics, setpoints, start):
+    output = {"dtype": "float64", "latent": "full"}
+    assert_resimulated(described(dynamics=dynamics, setpoints=setpoints, start=start, output=output))
+
+
+@pytest.mark.parametrize("setpoints", [CONSTANT, MOVING], ids=["constant", "moving"])
+@pytest.mark.parametrize("latent", [False, True, "next"])
+def test_every_latent_setting_holds_the_same_simulation(latent, setpoints):
+    assert_resimulated(described(setpoints=setpoints, output={"dtype": "float64", "latent": latent}))
+
+
+def test_replaced_fields_of_the_dynamics_reach_the_rollout():
+    experiment = described(dynamics={"base": "siemens", "consumption_noise": 0.04, "alpha_threshold": 1.2})
+    assert_resimulated(experiment)
+    assert (played(experiment)["reward"] != played(described())["reward"]).any()
+
+
+def test_a_dataset_in_float32_is_the_rounded_one_in_float64():
+    exact = played(described(setpoints=MOVING, output={"dtype": "float64", "latent": "full"}))
+    rounded = played(described(setpoints=MOVING, output={"dtype": "float32", "latent": "full"}))
+    assert_same(rounded, {name: x.astype(np.float32) for name, x in exact.items()})
+
+
+def test_actions_are_float32_within_bounds_in_float64_datasets_too():
+    made = played(described())
+    for name in ("act_velocity", "act_gain", "act_shift"):
+        assert (made[name] == made[name].astype(np.float32)).all()
+        assert np.abs(made[name]).max() <= 1.0
+
+
+def test_the_next_observation_is_the_observation_of_the_next_row():
+    made = played(described(setpoints=MOVING, output={"latent": "next"}))
+    names = [name for name in made if name.startswith("next_")]
+    assert len(names) == 6 + 16
+    for name in names:
+        assert (made[name][:, :-1] == made[name.removeprefix("next_")][:, 1:]).all(), name
+
+
+def test_a_burn_in_of_no_steps_is_the_default_start():
+    skipped = described(start={"burn_in": [0, 0]})
+    states = [started(e, e.cells[0], 0) for e in (skipped, described())]
+    assert [s.velocity[0] for s in states] == [50.0, 50.0]
+    assert (played(skipped)["obs_velocity"][:, 0] == 50.0).all()
+
+
+def test_burn_ins_differ_in_length_between_episodes():
+    made = played(described(start={"burn_in": [0, 4]}, episodes=20, steps=1))
+    assert 0.05 < (made["obs_velocity"] == 50.0).mean() < 0.5
+
+
+# --- what an episode does not depend on
+
+WIDE = described(setpoints=MOVING, start={"burn_in": [1, 3]}, episodes=7, output={"latent": "full"})
+
+
+@pytest.fixture(scope="module")
+def usual():
+    return played(WIDE)
+
+
+@pytest.mark.parametrize(("lanes", "chunk"), [(1, 7), (3, 1), (16, 1000), (256, 128), (5, 29), (256, 30)])
+def test_blocks_and_chunks_change_nothing(monkeypatch, usual, lanes, chunk):
+    monkeypatch.setattr("ibdata.simulation.rollout.LANES", lanes)
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", chunk)
+    assert_same(played(WIDE), usual)
+
+
+@pytest.mark.parametrize(("first", "stop"), [(0, 1), (13, 14), (41, 42), (5, 23)])
+def test_some_episodes_alone_are_those_of_the_whole(usual, first, stop):
+    assert_same(played(WIDE, first, stop), {name: x[first:stop] for name, x in usual.items()})
+
+
+@pytest.mark.parametrize("steps", [1, 2, 29])
+def test_longer_episodes_begin_with_the_shorter_ones(usual, steps):
+    shorter = WIDE.model_copy(update={"steps": steps})
+    assert_same(played(shorter), {name: x[:, :steps] for name, x in usual.items()})
+
+
+def test_more_episodes_begin_with_the_fewer_in_every_cell(usual):
+    fewer = played(WIDE.model_copy(update={"episodes": 3}))
+    kept = [i for i in range(42) if i % 7 < 3]
+    assert_same(fewer, {name: x[kept] for name, x in usual.items()})
+
+
+def test_other_cells_and_names_do_not_change_an_episode(usual):
+    alone = WIDE.model_dump(mode="json", exclude_none=True)
+    alone |= {"setpoints": {"drifting": [50.0]}, "policies": [{"kind": "safe", "name": "other"}]}
+    alone |= {"name": "renamed"}
+    found = played(Experiment.model_validate(alone))
+    assert_same(found, {name: x[28:35] for name, x in usual.items()})
+
+
+def test_seeds_cells_and_episodes_share_no_noise():
+    def rewards(seed):
+        return {bytes(row) for row in played(described(seed=seed))["reward"]}
+
+    made = [rewards(seed) for seed in (0, 1, 2**64 - 1)]
+    assert [len(x) for x in made] == [12, 12, 12]
+    assert len(set().union(*made)) == 36
+
+
+def test_the_columns_of_a_rollout_are_the_float_columns_in_order():
+    experiment = described(setpoints=MOVING, output={"latent": "next"})
+    floats = [column.name for column in columns(experiment) if column.dtype == "float32"]
+    assert list(rollout(experiment, 0, 1).names) == floats

@@ -1,0 +1,266 @@
+"""What a policy sees, and what becomes of its actions."""
+
+from __future__ import annotations
+
+import itertools
+from typing import ClassVar, Literal
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata.experiment import Experiment
+from ibdata.policies import Policy
+from ibdata.policies.checked import PolicyError
+from ibdata.policies.optimized import MEAN, STD
+from ibdata.simulation.rollout import rollout
+
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+MOVING = {"drifting": [0.5, 50.0, 99.5]}
+STEPS = 30
+
+
+def described(**changes):
+    plain = {
+        "name": "tested",
+        "setpoints": [0.0, 33.0, 100.0],
+        "policies": [{"kind": "random"}, {"kind": "safe"}],
+        "episodes": 2,
+        "steps": STEPS,
+        "start": "uniform",
+        "output": {"dtype": "float64"},
+    }
+    return Experiment.model_validate({**plain, **changes})
+
+
+def with_policies(*policies, **changes):
+    return described(**changes).model_copy(update={"policies": list(policies)})
+
+
+def played(experiment):
+    """The columns by name, each (episodes, steps)."""
+    made = rollout(experiment, 0, len(experiment.cells) * experiment.episodes)
+    return {name: x.reshape(-1, STEPS) for name, x in zip(made.names, made.table, strict=True)}
+
+
+class Watching(Policy):
+    """Records what it sees; acts by the velocity that it saw two steps ago."""
+
+    frames: ClassVar[int] = 3
+    seen: ClassVar[list[np.ndarray]] = []
+    writeable: ClassVar[list[bool]] = []
+
+    kind: Literal["watching"] = "watching"
+
+    def act(self, history, u):
+        self.seen.append(history.copy())
+        self.writeable.append(history.flags.writeable)
+        return np.stack([history[:, 2, 1] / 50.0 - 1.0, np.ones(len(history)), u.sum(axis=1)], axis=1)
+
+
+class Scripted(Policy):
+    """Good actions up to a call, then what the test gives."""
+
+    calls: ClassVar[itertools.count] = itertools.count()
+    bad: ClassVar[object] = None
+    at: ClassVar[int] = 0
+
+    kind: Literal["scripted"] = "scripted"
+
+    def act(self, history, u):
+        good = np.zeros((len(history), 3))
+        return self.bad(good) if next(self.calls) == self.at else good
+
+
+class Returning(Policy):
+    """The answers that the test gives."""
+
+    answer: ClassVar[object] = None
+    density: ClassVar[object] = staticmethod(np.zeros)
+
+    kind: Literal["returning"] = "returning"
+
+    def act(self, history, u):
+        return self.answer(len(history))
+
+    def log_prob(self, history, action):
+        return self.density(len(action))
+
+
+class Meddling(Policy):
+    """Changes the actions it is asked the density of."""
+
+    kind: Literal["meddling"] = "meddling"
+
+    def act(self, history, u):
+        return np.zeros((len(history), 3))
+
+    def log_prob(self, history, action):
+        action[:] = 5.0
+        return np.zeros(len(action))
+
+
+def test_a_policy_sees_the_stored_observations_newest_first(monkeypatch):
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr(Watching, "seen", [])
+    monkeypatch.setattr(Watching, "writeable", [])
+    made = played(with_policies(Watching(), setpoints=MOVING, output={"dtype": "float32"}))
+    stored = np.stack([made[f"obs_{name}"] for name in OBSERVATION], axis=2)
+    assert len(Watching.seen) == STEPS
+    for t, history in enumerate(Watching.seen):
+        assert history.dtype == np.float32
+        assert history.shape == (6, 3, 6)
+        for frame in range(3):
+            assert (history[:, frame] == stored[:, max(0, t - frame)]).all()
+    assert not any(Watching.writeable)
+
+
+def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
+    """What optimized does of the stored observations, k steps ago or the first; by the printed formula."""
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.5}
+    made = played(described(policies=[greedy, {"kind": "optimized"}], output={"dtype": "float32"}))
+    z = {
+        name: (made[f"obs_{name}"].astype(np.float64) - mean) / std
+        for name, mean, std in zip(OBSERVATION, MEAN, STD, strict=True)
+    }
+    now = np.arange(STEPS)
+    p, v, f, h3, h4 = (
+        z[name][:, np.maximum(0, now - k)]
+        for name, k in (("setpoint", 0), ("velocity", 5), ("fatigue", 3), ("shift", 3), ("shift", 4))
+    )
+    proposed = np.stack([-v - 0.91, 2.0 * f - p + 1.43, -3.48 * h3 - h4 + 2.0 * p + 0.81], axis=2)
+    base = np.clip(proposed, -1.0, 1.0).astype(np.float32)
+    action = np.stack([made[f"act_{name}"] for name in ("velocity", "gain", "shift")], axis=2)
+    same = (action == base).all(axis=2)
+    assert same[6:].all()
+    assert 0.3 < same[:6].mean() < 0.7  # 180 actions: ½ ± 5.4 standard errors
+    density = made["action_log_prob"][:6]
+    assert (density[same[:6]] == np.float32(np.log(0.5))).all()
+    assert (density[~same[:6]] < np.log(0.5 / 8) + 1e-6).all()
+
+
+def test_a_policy_cannot_change_the_action_it_is_asked_about():
+    with pytest.raises((PolicyError, ValueError)):
+        played(with_policies(Meddling()))
+
+
+def test_densities_that_a_policy_does_not_know_are_nan():
+    assert np.isnan(played(with_policies(Watching()))["action_log_prob"]).all()
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        (lambda good: np.where(np.arange(6)[:, None] == 5, np.nan, good), "episode 11: step 3: found action"),
+        (lambda good: np.where(np.arange(6)[:, None] == 2, np.inf, good), "episode 8: step 3: found action"),
+        (lambda good: good[:, :2], "episode 6: step 3: found actions of shape (6, 2), expected (6, 3)"),
+        (lambda good: good[:1], "episode 6: step 3: found actions of shape (1, 3), expected (6, 3)"),
+        (lambda good: None, "episode 6: step 3: found"),
+        (lambda good: [[0.0, 0.0, 0.0], [0.0]], "episode 6: step 3: found"),
+        (lambda good: [["left"] * 3] * 6, "episode 6: step 3: found"),
+    ],
+    ids=["nan", "infinite", "columns", "lanes", "none", "ragged", "texts"],
+)
+def test_an_action_that_is_none_is_an_error_that_names_its_place(monkeypatch, bad, named):
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 2)
+    monkeypatch.setattr(Scripted, "calls", itertools.count())
+    monkeypatch.setattr(Scripted, "bad", staticmethod(bad))
+    monkeypatch.setattr(Scripted, "at", 3)
+    experiment = with_policies(Returning(), Scripted(name="odd"))
+    monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
+    with pytest.raises(PolicyError) as error:
+        rollout(experiment, 0, 12)
+    assert str(error.value).startswith(f"policy odd: {named}")
+    assert error.value.exit_code == 1
+
+
+@pytest.mark.parametrize("shape", [(6, 3), (1,), ()], ids=str)
+def test_a_density_of_another_shape_is_an_error_that_names_its_place(monkeypatch, shape):
+    monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
+    monkeypatch.setattr(Returning, "density", staticmethod(lambda n: np.zeros(shape)))
+    with pytest.raises(PolicyError, match=r"^policy returning: episode 0: step 0: "):
+        rollout(with_policies(Returning()), 0, 6)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        lambda n: [[1, 0, -1]] * n,
+        lambda n: np.array([[1.0, 0.0, -1.0]] * n, dtype=np.float32),
+        lambda n: np.broadcast_to(np.array([1.0, -0.0, -1.0]), (n, 3)),
+        lambda n: np.array([[1e300, -1e-60, -1.0000001]] * n),
+    ],
+    ids=["integers", "float32", "read-only", "out of range"],
+)
+def test_actions_in_any_form_are_clipped_rounded_and_without_negative_zeros(monkeypatch, answer):
+    monkeypatch.setattr(Returning, "answer", staticmethod(answer))
+    made = played(with_policies(Returning()))
+    expected = [np.full((6, STEPS), x) for x in (1.0, 0.0, -1.0)]
+    for name, values in zip(("act_velocity", "act_gain", "act_shift"), expected, strict=True):
+        assert made[name].tobytes() == values.tobytes()
+
+
+def test_clipped_actions_are_counted_once_a_row(monkeypatch):
+    def answer(n):
+        action = np.zeros((n, 3))
+        action[0], action[1, 2], action[2] = 2.0, -1.5, 1.0
+        return action
+
+    monkeypatch.setattr(Returning, "answer", staticmethod(answer))
+    assert rollout(with_policies(Returning()), 0, 6).clipped == 2 * STEPS
+    assert rollout(described(), 0, 6).clipped == 0  # random actions
+    assert rollout(described(), 0, 12).clipped == rollout(described(), 6, 12).clipped > 0
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_there_is_no_negative_zero(dynamics, dtype):
+    experiment = described(
+        dynamics=dynamics,
+        setpoints={"drifting": [0.0, 100.0]},
+        policies=[{"kind": "constant", "action": (-0.0, 0.0, -0.0)}, {"kind": "random"}],
+        episodes=20,
+        steps=100,
+        start="default",
+        output={"dtype": dtype, "latent": "full"},
+    )
+    table = rollout(experiment, 0, 80).table
+    assert (table == 0.0).any()
+    assert not ((table == 0.0) & np.signbit(table)).any()
+
+
+def test_an_error_in_a_policy_is_an_error_that_names_its_place(monkeypatch):
+    def act(self, history, u):
+        raise KeyError("velocity")
+
+    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    with pytest.raises(PolicyError) as error:
+        rollout(ibdata.load("random", ["steps=3"]), 0, 2)
+    assert str(error.value) == (
+        "policy random: episode 0: step 0: found KeyError: 'velocity', expected actions of shape (6, 3)"
+    )
+
+
+def test_an_action_of_a_policy_that_sees_nothing_is_an_error_that_names_episode_and_step(monkeypatch):
+    """It acts for all lanes of several steps in one call: here episode 1 at step 2 + 3."""
+    calls = itertools.count()
+
+    def act(self, history, u):
+        assert history.shape == (8, 0, 6)
+        return np.where(np.arange(8)[:, None] == 1 * 2 + 1, np.nan, u) if next(calls) == 1 else u
+
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
+        rollout(ibdata.load("random", ["steps=8"]), 0, 2)
+
+
+@pytest.mark.parametrize("kind", ["random", "constant"])
+def test_a_policy_that_sees_nothing_acts_as_one_that_is_asked_at_every_step(monkeypatch, kind):
+    experiment = ibdata.load("random", [f"policies=[{{kind: {kind}}}]", "steps=70"])
+    before = rollout(experiment, 0, 3)
+    monkeypatch.setattr(type(experiment.cells[0].policy), "frames", 1)
+    after = rollout(experiment, 0, 3)
+    np.testing.assert_array_equal(after.table, before.table)
+    assert after.clipped == before.clipped

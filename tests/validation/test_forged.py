@@ -1,0 +1,214 @@
+"""Datasets changed by somebody who makes all hashes right again: what must follow is compared."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import ibdata
+from ibdata.dataset import manifest
+from ibdata.dataset.digest import content_root
+from ibdata.errors import DatasetError
+from ibdata.experiment.recipe import recipe_in
+from ibdata.maintenance.reproduce import reproduce
+from ibdata.system.atomic_files import FileEntry
+from ibdata.validation.stored import stored_content
+from ibdata.validation.validate import validate
+from ibdata.writing.finish import finish
+from ibdata.writing.metadata import as_json
+from ibdata.writing.shard_writer import Written
+
+Json = dict[str, Any]
+
+
+def seal(folder: Path, change: Callable[[Json], object] = lambda listed: None) -> None:
+    """Give the manifest the hashes of all files as they are, then change it, then give it its checksum."""
+    listed = json.loads((folder / manifest.PATH).read_bytes())
+    for file in listed["files"]:
+        data = (folder / file["path"]).read_bytes()
+        file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    change(listed)
+    listed["checksum"] = manifest.checksum(listed)
+    (folder / manifest.PATH).write_bytes(as_json(listed))
+
+
+def swap(data: Json, a: str, b: str) -> None:
+    data[a], data[b] = data[b], data[a]
+
+
+def column(info: Json, name: str) -> Json:
+    return next(column for column in info["columns"] if column["name"] == name)
+
+
+INFO = {
+    "groups swapped": lambda i: swap(i["groups"], "observation", "next_observation"),
+    "actions in another order": lambda i: i["groups"]["action"].reverse(),
+    "a latent value seen": lambda i: i["groups"]["observation"].append("latent_mu_v"),
+    "a role": lambda i: column(i, "next_obs_gain").update(role="latent"),
+    "a bound": lambda i: column(i, "obs_gain").update(high=None),
+    "dynamics": lambda i: i.update(dynamics="paper"),
+    "start": lambda i: i.update(start="uniform"),
+    "name": lambda i: i.update(name="other"),
+    "cells": lambda i: i["counts"].update(cells=1),
+    "steps": lambda i: i["counts"].update(steps=20),
+    "bytes": lambda i: i["counts"].update(data_bytes=1),
+    "drifting": lambda i: i.update(drifting=True),
+    "split files": lambda i: i["splits"]["source"]["files"].pop(),
+}
+
+
+@pytest.mark.parametrize("change", INFO.values(), ids=INFO)
+def test_info_that_does_not_follow_from_the_experiment_is_named(copied, change):
+    path = copied / "meta/info.json"
+    info = json.loads(path.read_bytes())
+    change(info)
+    path.write_bytes(as_json(info))
+    seal(copied)
+    assert {problem.path for problem in validate(copied)} == {"meta/info.json"}
+
+
+STATS = {
+    "quantiles": lambda s: s["all"]["reward"]["quantiles"].update({"0.5": 1e6}),
+    "a column more": lambda s: s["all"].update(more=s["all"]["reward"]),
+    "a quantile more": lambda s: s["all"]["reward"]["quantiles"].update({"0.6": 0.0}),
+    "of a split": lambda s: s["splits"]["source"]["reward"]["quantiles"].update({"0.5": 1e6}),
+    "split gone": lambda s: s["splits"].pop("source"),
+}
+
+
+@pytest.mark.parametrize("change", STATS.values(), ids=STATS)
+def test_statistics_that_do_not_follow_from_the_rows_are_named(copied, change):
+    path = copied / "meta/stats.json"
+    stats = json.loads(path.read_bytes())
+    change(stats)
+    path.write_bytes(as_json(stats))
+    seal(copied)
+    assert {problem.path for problem in validate(copied)} == {"meta/stats.json"}
+
+
+@pytest.mark.parametrize(
+    ("path", "change"),
+    [
+        ("README.md", lambda text: text + "\nThese data are the best.\n"),
+        ("README.md", lambda text: text.replace("content root", "root of content")),
+        ("meta/experiment.yaml", lambda text: text.replace("seed: 0", "seed: 5")),
+        ("meta/experiment.yaml", lambda text: text + "# a remark\n"),
+    ],
+)
+def test_a_text_that_does_not_follow_from_the_experiment_is_named(copied, path, change):
+    text = (copied / path).read_text()
+    assert change(text) != text
+    (copied / path).write_text(change(text))
+    seal(copied)
+    assert {problem.path for problem in validate(copied)} == {path}
+
+
+MANIFEST = {
+    "a setpoint less": lambda m: m["experiments"][0].update(setpoints=[20.0], splits={}),
+    "steps": lambda m: m["experiments"][0].update(steps=20),
+    "data version": lambda m: m.update(data_version=99),
+    "clipped actions": lambda m: m.update(clipped_actions=10**9),
+    "code": lambda m: m["code"].append({"target": "a:b", "version": None, "sha256": None}),
+    "another experiment": lambda m: m["shards"][1].update(experiment=1),
+    "other episodes": lambda m: m["shards"][1].update(episodes=[0, 1]),
+    "a split": lambda m: m["shards"][0].update(splits=[]),
+    "a file that is not listed": lambda m: m["files"].pop(),
+}
+
+
+@pytest.mark.parametrize("change", MANIFEST.values(), ids=MANIFEST)
+def test_a_manifest_that_does_not_follow_from_its_experiment_is_named(copied, change):
+    seal(copied, change)
+    assert manifest.PATH in {problem.path for problem in validate(copied)}
+
+
+@pytest.mark.parametrize("name", ["a setpoint less", "other episodes", "another experiment"])
+def test_a_manifest_with_another_plan_is_neither_reproduced_nor_repaired_nor_split(copied, name):
+    seal(copied, MANIFEST[name])
+    for use in (reproduce, ibdata.repair, lambda folder: ibdata.split(folder, by="policy")):
+        if use is ibdata.repair:
+            (copied / "README.md").unlink()
+        with pytest.raises(DatasetError, match="see ibdata validate"):
+            use(copied)
+
+
+EPISODES = {
+    "cells rotated": lambda columns: columns.update(cell=columns["cell"][3:] + columns["cell"][:3]),
+    "all of index 0": lambda columns: columns.update(index=[0] * len(columns["index"])),
+}
+
+
+@pytest.mark.parametrize("change", EPISODES.values(), ids=EPISODES)
+def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied, change):
+    path = copied / "meta/episodes.parquet"
+    table = pq.read_table(path)
+    columns = table.to_pydict()
+    change(columns)
+    pq.write_table(pa.table(columns, schema=table.schema), path)
+    info = json.loads((copied / "meta/info.json").read_bytes())
+    described = [(c["name"], c["dtype"]) for c in info["columns"]]
+    addressed = zip(map(bytes.fromhex, columns["cell"]), columns["index"], columns["digest"], strict=True)
+    root = content_root(described, addressed)
+    seal(copied, lambda listed: listed.update(content_root=root))
+    assert (manifest.PATH, "content root") in {(p.path, p.rule) for p in validate(copied)}
+    _, problems = reproduce(copied)
+    assert (manifest.PATH, "reproduce") in {(p.path, p.rule) for p in problems}
+
+
+def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change the rows of every shard, and make everything else of the dataset again for them."""
+    listed = manifest.read(folder)
+    recipe = recipe_in(folder, listed)
+    written = []
+    for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+        path = folder / one["path"]
+        table = pq.read_table(path)
+        columns = {name: table[name].to_numpy() for name in table.column_names if name != "policy"}
+        change(columns)
+        arrays = [
+            table[field.name] if field.name == "policy" else pa.array(columns[field.name], field.type)
+            for field in table.schema
+        ]
+        pq.write_table(pa.table(arrays, schema=table.schema), path)
+        data = path.read_bytes()
+        entry = FileEntry(one["path"], len(data), hashlib.sha256(data).hexdigest())
+        written.append(Written(shard, entry, stored_content(recipe, shard, path)))
+    finish(recipe, written, folder, True)
+
+
+ACTIONS = ("act_velocity", "act_gain", "act_shift")
+ROWS = {
+    "operational costs swapped": (lambda c: swap(c, "latent_theta_3", "latent_theta_4"), "shift register"),
+    "actions negated": (lambda c: c.update({name: -c[name] for name in ACTIONS}), "steering"),
+    "actions swapped": (lambda c: swap(c, "act_velocity", "act_gain"), "steering"),
+    "actions late": (lambda c: c.update({n: np.roll(c[n], 1) for n in ACTIONS}), "steering"),
+    "density 0": (lambda c: c.update(action_log_prob=np.zeros_like(c["action_log_prob"])), "density"),
+    "density 50": (lambda c: c.update(action_log_prob=np.full_like(c["action_log_prob"], 50)), "density"),
+    "setpoint after": (lambda c: c.update(next_obs_setpoint=c["next_obs_setpoint"] + 1), "setpoint"),
+}
+
+
+@pytest.mark.parametrize(("change", "rule"), ROWS.values(), ids=ROWS)
+def test_forged_rows_break_a_rule_and_are_not_reproduced(copied, change, rule):
+    forge(copied, change)
+    assert rule in {problem.rule for problem in validate(copied)}
+    assert len(reproduce(copied)[1]) == 12
+
+
+def test_rows_that_keep_every_rule_are_found_by_reproduce(copied):
+    forge(copied, lambda columns: swap(columns, "latent_mu_v", "latent_mu_g"))
+    assert len(reproduce(copied)[1]) == 12
+
+
+def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):
+    forge(copied, lambda columns: None)
+    assert validate(copied) == []
+    assert reproduce(copied) == (12, [])

@@ -1,0 +1,43 @@
+"""What is stored is read in the parts in which it was simulated, however large a file is."""
+
+from __future__ import annotations
+
+import ibdata
+from ibdata.maintenance import reproduce, rewrite
+from ibdata.simulation.rollout import rollout
+from ibdata.validation import rows, stored
+from ibdata.validation.stored import float_columns
+
+PART = 400  # rows
+
+
+def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe, tmp_path, monkeypatch):
+    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 10)
+    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", PART)
+    made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)
+    assert len(made.manifest["shards"]) == 1
+    held: list[int] = []
+
+    def seen(real):
+        def columns(*args):
+            found = real(*args)
+            held.append(found.table.shape[1])
+            return found
+
+        return columns
+
+    for module in (rows, stored, rewrite):
+        monkeypatch.setattr(module, "float_columns", seen(float_columns))
+    monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
+    uses = {
+        "validate": lambda: ibdata.validate(made.path),
+        "split": lambda: ibdata.split(made.path, by="policy"),
+        "materialize": lambda: ibdata.split(made.path, by="policy", materialize=tmp_path / "copy"),
+        "repair": lambda: (made.path / "meta/stats.json").unlink() or ibdata.repair(made.path, workers=1),
+        "reproduce": lambda: reproduce.reproduce(made.path),
+    }
+    for name, use in uses.items():
+        held.clear()
+        use()
+        assert sum(held) == len(made), name
+        assert max(held) <= PART, name

@@ -1,0 +1,180 @@
+"""Moments that merge, quantiles from an even sample, and sums in a fixed order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ibdata
+from ibdata.writing import statistics
+from ibdata.writing.statistics import Moments, described, merged, moments, sample_stride, sums
+
+seeds = st.integers(0, 2**32 - 1)
+sizes = st.integers(1, 400)
+exact = settings(derandomize=True, deadline=None, max_examples=60)
+
+
+def drawn(seed, rows, dtype=np.float64):
+    """Columns of unlike sizes, one far from 0 and one constant."""
+    rng = np.random.default_rng(seed)
+    scale, offset = 10.0 ** rng.uniform(-3, 3, 4), 10.0 ** rng.uniform(-2, 4, 4)
+    table = rng.normal(size=(4, rows)) * scale[:, None] + offset[:, None]
+    table[3] = offset[3]
+    return table.astype(dtype)
+
+
+def assert_numpys(found, table):
+    exact = table.astype(np.float64)
+    assert found.rows == table.shape[1]
+    assert (found.low == exact.min(axis=1)).all()
+    assert (found.high == exact.max(axis=1)).all()
+    np.testing.assert_allclose(found.mean, exact.mean(axis=1), rtol=1e-13)
+    squares = ((exact - exact.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
+    magnitude = table.shape[1] * np.abs(exact).max(axis=1) ** 2
+    np.testing.assert_array_less(np.abs(found.squares - squares), 1e-10 * squares + 1e-26 * magnitude)
+
+
+@exact
+@given(seed=seeds, rows=sizes, dtype=st.sampled_from([np.float32, np.float64]))
+def test_moments_are_those_of_numpy(seed, rows, dtype):
+    table = drawn(seed, rows, dtype)
+    assert_numpys(moments(table), table)
+
+
+@exact
+@given(seed=seeds, cuts=st.lists(sizes, min_size=1, max_size=6))
+def test_merged_moments_are_those_of_all_rows(seed, cuts):
+    table = drawn(seed, sum(cuts))
+    parts = [moments(np.ascontiguousarray(x)) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1)]
+    found = parts[0]
+    for part in parts[1:]:
+        found = merged(found, part)
+    assert_numpys(found, table)
+
+
+@exact
+@given(
+    value=st.floats(-1e4, 1e4, allow_subnormal=False),
+    cuts=st.lists(sizes, min_size=1, max_size=4),
+    dtype=st.sampled_from([np.float32, np.float64]),
+)
+def test_a_constant_column_has_a_standard_deviation_of_exactly_zero(value, cuts, dtype):
+    found = moments(np.full((1, cuts[0]), value, dtype=dtype))
+    for rows in cuts[1:]:
+        found = merged(found, moments(np.full((1, rows), value, dtype=dtype)))
+    assert described(("x",), found, [np.full((1, 3), value)], [3])["x"]["std"] == 0.0
+    assert found.mean[0] == dtype(value)
+
+
+@exact
+@given(seed=seeds, episodes=st.integers(1, 5), length=st.integers(1, 50))
+def test_sums_are_made_from_the_first_value_to_the_last(seed, episodes, length):
+    rewards = drawn(seed, episodes * length)[0]
+    expected = [0.0] * episodes
+    for i, value in enumerate(rewards.tolist()):
+        expected[i // length] += value
+    assert sums(rewards, length).tolist() == expected
+
+
+def test_sums_of_float32_are_made_in_float64():
+    assert sums(np.array([2.0**24, 1.0, 1.0], dtype=np.float32), 3).tolist() == [2.0**24 + 2.0]
+
+
+def test_values_that_are_not_finite_show_in_the_squares():
+    table = np.array([[1.0, np.nan, 2.0], [1.0, np.inf, 2.0], [1.0, 1.0, 2.0]])
+    assert np.isfinite(moments(table).squares).tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("rows", "total", "stride"),
+    [
+        (1, 1, 1),
+        (100_000, 100_000, 1),
+        (1, 100_001, 1),
+        (100_001, 100_001, 3),
+        (10**6, 10**6, 11),
+        (10**6, 10**9, 5001),
+        (1000, 10**9, 5),
+        (100, 10**9, 1),
+    ],
+)
+def test_a_shard_gives_every_row_or_every_odd_number_of_rows(rows, total, stride):
+    assert sample_stride(rows, total) == stride
+    assert math.ceil(rows / stride) <= max(statistics.SAMPLE_ROWS, statistics.SAMPLE_LEAST)
+
+
+def test_described_statistics_are_plain_numbers():
+    table = np.array([[4.0, 1.0, 3.0, 2.0]])
+    found = described(("x",), moments(table), [table], [4])["x"]
+    assert found.pop("quantiles") == {
+        "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 4.0, "0.99": 4.0,
+    }  # fmt: skip
+    assert found == {"count": 4, "mean": 2.5, "std": math.sqrt(1.25), "min": 1.0, "max": 4.0}
+    assert {type(value) for value in found.values()} == {int, float}
+
+
+def test_the_standard_deviation_is_that_of_the_population():
+    parts = Moments(3, np.array([2.0]), np.array([2.0]), np.array([1.0]), np.array([3.0]))
+    assert described(("x",), parts, [np.array([[2.0]])], [3])["x"]["std"] == math.sqrt(2 / 3)
+
+
+def test_a_sample_stands_for_the_rows_of_its_shard():
+    """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
+    samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
+    parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
+    quantiles = described(("x",), parts, samples, [300, 1])["x"]["quantiles"]
+    assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("at", [0, 5, 9])
+@pytest.mark.parametrize("odd", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_shows_wherever_it_is_and_however_the_rows_are_cut(at, odd):
+    table = np.arange(10.0).reshape(1, 10)
+    table[0, at] = odd
+    whole, parts = moments(table), [moments(np.ascontiguousarray(table[:, i : i + 5])) for i in (0, 5)]
+    for found in (whole, merged(*parts)):
+        assert not np.isfinite(found.squares[0])
+        assert np.isnan([found.low[0], found.high[0]]).all()
+
+
+def test_no_rows_have_no_moments():
+    found = moments(np.empty((2, 0)))
+    assert found.rows == 0
+    assert all(np.isnan(part).all() for part in found[1:])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 99, 100, 101, 1000])
+def test_quantiles_are_those_of_numpy(n):
+    """Also of a column that is constant, and of one with a value that is no number."""
+    sample = np.random.default_rng(n).normal(size=(3, n)).astype(np.float32)
+    sample[1] = 7.0
+    sample[2, n // 2] = np.nan
+    found = described(("x", "constant", "odd"), moments(sample), [sample], [n])
+    expected = np.quantile(sample[:2], statistics.QUANTILES, axis=1, method="inverted_cdf")
+    assert [*found["x"]["quantiles"].values()] == expected[:, 0].tolist()
+    assert [*found["constant"]["quantiles"].values()] == expected[:, 1].tolist()
+    assert {*found["odd"]["quantiles"].values()} == {None}
+
+
+def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypatch, describe, tmp_path):
+    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 10)
+    monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)
+    one = {"one": {"setpoint": 70, "policy": "calm", "episodes": {"start": 1, "stop": 1}}}
+    made = ibdata.generate(describe(steps=1, episodes=9, splits=one), tmp_path / "x", workers=1)
+    (row,) = made.table(split="one").to_pylist()
+    assert made.statistics("one")["reward"]["quantiles"]["0.5"] == row["reward"]
+
+
+def test_a_policy_without_density_leaves_a_dataset_with_statistics(monkeypatch, describe, tmp_path):
+    def unknown(self, history, action):
+        return np.full(len(action), np.nan)
+
+    monkeypatch.setattr("ibdata.policies.random.Random.log_prob", unknown)
+    made = ibdata.generate(describe(), tmp_path / "x", workers=1)
+    assert np.isnan(made.table()["action_log_prob"].to_numpy()[:240]).all()
+    assert made.statistics()["reward"]["count"] == 480
+    assert made.statistics()["action_log_prob"]["mean"] is None

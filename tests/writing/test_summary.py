@@ -1,0 +1,141 @@
+"""A shard that is made in parts: the same file and content as in one piece, whatever the parts."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from ibdata.experiment.fields import Split
+from ibdata.experiment.plan import plan
+from ibdata.experiment.recipe import Recipe
+from ibdata.simulation.rollout import parts, rollout
+from ibdata.system.atomic_files import HashingFile
+from ibdata.writing import arrow, shard_writer, summary, threads
+from ibdata.writing.statistics import moments
+from ibdata.writing.summary import describe
+
+STEPS, EPISODES = 20, 30
+
+
+@pytest.fixture
+def made(describe, monkeypatch):
+    """An experiment of one shard in parts of 8 episodes, 160 rows, and row groups of 100 rows."""
+    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 8)
+    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 200)
+    monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
+    experiment = describe(steps=STEPS, episodes=EPISODES // 2, policies=[{"kind": "safe"}])
+    later = {"some": Split(setpoint=[20.0, 70.0], episodes={"start": 3, "stop": 11})}
+    [whole] = plan(experiment)
+    return Recipe(experiment.name, (experiment,), later), whole
+
+
+def test_parts_are_whole_blocks(made):
+    recipe, whole = made
+    assert [*parts(recipe.of_shard(whole), 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
+
+
+def test_parts_of_long_episodes_have_some_lanes(made):
+    recipe, whole = made
+    longer = recipe.of_shard(whole).model_copy(update={"steps": 10**6})
+    assert [*parts(longer, 0, 100)] == [(0, 64), (64, 100)]
+
+
+def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
+    recipe, whole = made
+    experiment = recipe.of_shard(whole)
+    (tmp_path / "data").mkdir()
+    with threads.Threads() as two:
+        written = shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+    file = HashingFile(io.BytesIO())
+    shard_writer.encode(experiment, whole, rollout(experiment, whole.first, whole.stop), file)
+    assert (written.entry.sha256, written.entry.bytes) == (file.sha256(), file.size)
+    assert hashlib.sha256((tmp_path / written.entry.path).read_bytes()).hexdigest() == file.sha256()
+
+
+def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypatch):
+    monkeypatch.setattr(summary, "sample_stride", lambda rows, total: 7)
+    recipe, whole = made
+    experiment = recipe.of_shard(whole)
+    (tmp_path / "data").mkdir()
+    with threads.Threads() as two:
+        simulated = shard_writer.Begun(recipe, whole, tmp_path, two).finish().content
+    floats = rollout(experiment, whole.first, whole.stop)
+    described = describe(recipe, whole, summary.simulated(recipe, whole))
+    for found in (simulated, described):
+        assert found.digests == simulated.digests
+        assert found.clipped == floats.clipped
+        np.testing.assert_array_equal(found.sample, floats.table[:, ::7])
+        rewards = floats.table[floats.names.index("reward")].reshape(-1, STEPS)
+        np.testing.assert_allclose(found.returns, rewards.sum(axis=1, dtype=np.float64))
+        assert_moments(found.moments, floats.table)
+        runs = [range(first * STEPS, stop * STEPS) for first, stop, names in recipe.runs(whole) if names]
+        rows = [row for run in runs for row in run]
+        assert len(rows) == 2 * 9 * STEPS
+        assert_moments(found.labelled["some"][0], floats.table[:, rows])
+        sample = np.concatenate(found.labelled["some"][1], axis=1)
+        np.testing.assert_array_equal(sample, floats.table[:, rows[::7]])
+    assert simulated.moments.mean.tobytes() == described.moments.mean.tobytes()
+
+
+def assert_moments(found, table):
+    expected = moments(np.ascontiguousarray(table))
+    assert found.rows == expected.rows
+    for own, other in zip(found[1:], expected[1:], strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-6)
+
+
+def test_a_shard_that_is_abandoned_leaves_nothing(made, tmp_path):
+    recipe, whole = made
+    (tmp_path / "data").mkdir()
+    with threads.Threads() as two:
+        shard_writer.Begun(recipe, whole, tmp_path, two).abandon()
+    assert [path.name for path in tmp_path.rglob("*")] == ["data"]
+
+
+@pytest.mark.parametrize("thread", ["_encode", "add"])
+def test_an_error_in_a_thread_is_raised_and_leaves_nothing(made, tmp_path, monkeypatch, thread):
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(shard_writer.Begun if thread == "_encode" else summary.Account, thread, fail)
+    recipe, whole = made
+    (tmp_path / "data").mkdir()
+    with threads.Threads() as two, pytest.raises(OSError, match="No space left"):
+        shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+    assert [path.name for path in tmp_path.rglob("*")] == ["data"]
+
+
+def test_threads_work_in_order_and_no_more_than_two_parts_wait():
+    done, gate = [], threading.Event()
+
+    def first(i):
+        gate.wait()
+        done.append(i)
+
+    with threads.Threads() as two:
+        for i in range(threads.WAITING):
+            two.take(lambda i=i: first(i), lambda: None)
+        late = threading.Thread(target=two.take, args=(lambda: first(9), lambda: None))
+        late.start()
+        time.sleep(0.05)
+        assert late.is_alive()
+        gate.set()
+        late.join()
+    assert done == [0, 1, 9]
+
+
+def test_row_groups_are_full_but_the_last(made, tmp_path):
+    import pyarrow.parquet as pq
+
+    recipe, whole = made
+    (tmp_path / "data").mkdir()
+    with threads.Threads() as two:
+        written = shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+    found = pq.ParquetFile(tmp_path / written.entry.path).metadata
+    assert [found.row_group(i).num_rows for i in range(found.num_row_groups)] == [100] * 6
+    assert arrow.ROW_GROUP_ROWS == 100_000
