@@ -78,6 +78,7 @@ def generate_shards(
             ranges.locked(place, own, recipe.shards),
         ):
             target.check(place, experiment, resume=True, overwrite=False)
+            target.refuse_unsettled(place)
             mine = own.of(recipe.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
             if manifest.locate(place, manifest.PATH).is_file():
@@ -108,8 +109,9 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     refuse_busy(path)
     if os.path.isdir(path):
         target.refuse_links(path)
+    target.refuse_unsettled(path)
     if not os.path.isfile(path / target.EXPERIMENT):
-        if os.path.lexists(path / manifest.PATH) or os.path.lexists(path / manifest.NEW):
+        if os.path.lexists(path / manifest.PATH):
             return Dataset(path)
         raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
     with refusals(path), stoppable(), locked(path):

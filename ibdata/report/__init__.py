@@ -17,6 +17,7 @@ from ibdata.dataset.shard import Written
 from ibdata.engines import replacement, target
 from ibdata.engines.generate import refusals
 from ibdata.engines.signals import stoppable
+from ibdata.errors import UsageError
 from ibdata.experiment.recipe import recipe_in
 from ibdata.plots import drawn
 from ibdata.report.page import page
@@ -38,6 +39,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     lock.refuse_busy(path)
     target.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
+    _refuse_foreign_report(path, dataset)
     recipe = recipe_in(path, dataset.manifest)
     refuse_other_plan(recipe, dataset.manifest)
     report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
@@ -58,3 +60,9 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
             data = renewed(listed, entries, versions=listed["versions"])
             write(staged, manifest.PATH, data)
     return Dataset(path)
+
+
+def _refuse_foreign_report(path: Path, dataset: Dataset) -> None:
+    listed = (file["path"] for file in dataset.manifest["files"])
+    if manifest.REPORT not in listed and os.path.lexists(path / manifest.REPORT):
+        raise UsageError(f"{path / manifest.REPORT}: found a file that ibdata did not write; move it away")
