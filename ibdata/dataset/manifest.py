@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -28,6 +29,7 @@ CARD = "README.md"
 REPORT = "report.html"  # where there is one: `ibdata card` makes it
 NEXT = ".next"
 NEW = ".new"
+REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
 RUN = ".run"
 FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
 FORMAT = "ibdata-manifest"
@@ -147,11 +149,16 @@ def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
 
 
 def locate(folder: Path, path: str) -> Path:
-    """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced."""
+    """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced.
+
+    Then an empty file in its place is there to stop readers of the folder.
+    """
     object_store.ensure(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
-        if os.path.lexists(place):
-            return place
+        with suppress(OSError):
+            status = place.lstat()
+            if status.st_size or not stat.S_ISREG(status.st_mode):
+                return place
     return folder / path
 
 

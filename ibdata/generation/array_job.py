@@ -79,6 +79,7 @@ def generate_shards(
             ranges.locked(place, own, recipe.shards),
         ):
             output_folder.check(place, experiment, resume=True, overwrite=False)
+            output_folder.refuse_unsettled(place)
             mine = own.of(recipe.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
             if manifest.locate(place, manifest.PATH).is_file():
@@ -109,8 +110,9 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     refuse_busy(path)
     if os.path.isdir(path):
         output_folder.refuse_links(path)
+    output_folder.refuse_unsettled(path)
     if not os.path.isfile(path / output_folder.EXPERIMENT):
-        if os.path.lexists(path / manifest.PATH) or os.path.lexists(path / manifest.NEW):
+        if os.path.lexists(path / manifest.PATH):
             return Dataset(path)
         raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
     with refusals(path), stoppable(), locked(path):

@@ -22,7 +22,11 @@ from ibdata.writing.card import is_foreign, refuse_foreign
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
 RANGE_LOCK = f"{lock.NAME}-"
 OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
-METADATA = {manifest.FRESH, *(Path(path).name for path in (*manifest.METADATA, manifest.PATH))}
+METADATA = {
+    manifest.FRESH,
+    manifest.REPLACED,
+    *(Path(path).name for path in (*manifest.METADATA, manifest.PATH)),
+}
 
 
 def identity(experiment: Experiment) -> str:
@@ -72,11 +76,17 @@ def _counts(path: Path) -> bool:
 
 def refuse_links(folder: Path) -> None:
     """A folder of ours that is a link would lead writing and deleting out of the dataset."""
-    inner = ("data", "meta", receipt.FOLDER)
+    inner = ("data", "meta", "old-data", "old-meta", receipt.FOLDER)
     parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
     for path in (*parts[1:], *(part / name for part in parts for name in inner)):
         if (folder / path).is_symlink():
             raise UsageError(f"{folder / path}: found a link, expected a folder; remove it")
+
+
+def refuse_unsettled(folder: Path) -> None:
+    """UsageError where a replacement was interrupted, so that nobody knows what the folder holds."""
+    if os.path.lexists(folder / manifest.NEW):
+        raise UsageError(f"{folder}: a replacement was interrupted here; ibdata repair {folder} finishes it")
 
 
 def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
@@ -226,7 +236,7 @@ def discard(root: Path, keep: str = "") -> None:
             (root / name).unlink(missing_ok=True)
     _empty(root / receipt.FOLDER)
     if staged:
-        left = [path for path in sorted(root.rglob("*")) if not path.is_dir()]
+        left = [path for path in sorted(root.rglob("*")) if not path.is_dir() or not any(path.iterdir())]
         for path in left:
             if path.name != keep:
                 raise UsageError(f"{path}: found something that ibdata did not write; move it away")

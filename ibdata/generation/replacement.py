@@ -3,6 +3,8 @@
 What is new is written to `.next`, whole folders of it. Renaming that to `.new` makes it count. Then `data`,
 and after it `meta`, change places with those in `.new`, each in one system call, and what was replaced is
 removed. Shards have names of their own, so whoever listed the old folder finds no new file under an old name.
+pyarrow drops listed names that are gone when it looks at them, and would read nothing: so for a moment the
+new folder holds an empty file under an old name, on which readers fail; the old folder keeps one for good.
 A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
 """
 
@@ -11,16 +13,14 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from ibdata.dataset import manifest
-from ibdata.dataset.manifest import FRESH, NEW, NEXT
+from ibdata.dataset.manifest import FRESH, NEW, NEXT, REPLACED
 from ibdata.errors import DatasetError
 from ibdata.generation.output_folder import discard, is_ours
 from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
@@ -28,7 +28,7 @@ from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
 
 PARTS = ("data", "meta")
-TOMBSTONE = "part-99999-00000000.parquet"  # of no dataset: the name says so by its token
+PAUSE = 0.25  # seconds in which readers that have listed the old folder look at the files by name
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
@@ -60,7 +60,12 @@ def commit(folder: Path) -> None:
         raise
     for part in PARTS:
         if (root / part).is_dir():
+            (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
             (root / part / FRESH).touch()
+    if (root / "data").is_dir():
+        _bar(folder, root)
+    for part in PARTS:
+        if (root / part).is_dir():
             sync_folder(root / part)
     sync_folder(root)
     with held():
@@ -113,6 +118,7 @@ def settle(folder: Path) -> None:
                     _swap(new, folder, part)
             _place_single_files(new, folder)
             _give_back(new, folder)
+            _unbar(folder)
             for part in PARTS:
                 (folder / part / FRESH).unlink(missing_ok=True)
         elif _is_half(folder):
@@ -128,20 +134,27 @@ def _dismiss(folder: Path) -> None:
     sync_folder(folder)
     for data in (folder / NEXT / "data", folder / NEXT / "old-data"):
         if data.is_dir() and (folder / manifest.PATH).is_file():
-            _leave_name(data)
-    discard(folder / NEXT, keep=TOMBSTONE)
+            with suppress(OSError):
+                (data / REPLACED).open("xb").close()
+    discard(folder / NEXT, keep=REPLACED)
 
 
-def _leave_name(data: Path) -> None:
-    """Put a file without rows into a replaced folder, where it stays until the next replacement.
+def _bar(folder: Path, root: Path) -> None:
+    """Have an empty file in the new folder, on which a reader fails that has listed the old one."""
+    for path in _paths(folder)[:1]:
+        if is_ours(folder / path) and path.startswith("data/"):
+            (root / path).open("xb").close()
 
-    A reader that opened the folder before lists that name, and does not find it in the new folder. An empty
-    listing would pass for a dataset without rows.
-    """
-    old = next(data.glob("part-*.parquet"), None)
-    with suppress(OSError, pa.ArrowException):
-        if old is not None:
-            pq.write_table(pq.read_schema(old).empty_table(), data / TOMBSTONE)
+
+def _unbar(folder: Path) -> None:
+    """Take away what `_bar` made."""
+    listed = _paths(folder)
+    found = [path for path in (folder / "data").glob("part-*") if f"data/{path.name}" not in listed]
+    barred = [path for path in found if is_ours(path) and path.lstat().st_size == 0]
+    if barred:
+        time.sleep(PAUSE)
+    for path in barred:
+        path.unlink()
 
 
 def begun(folder: Path) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
+from ibdata.errors import UsageError
 from ibdata.experiment.recipe import recipe_in
 from ibdata.generation import output_folder, replacement
 from ibdata.generation.generate import refusals
@@ -38,6 +39,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     lock.refuse_busy(path)
     output_folder.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
+    _refuse_foreign_report(path, dataset)
     recipe = recipe_in(path, dataset.manifest)
     refuse_other_plan(recipe, dataset.manifest)
     report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
@@ -58,3 +60,9 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
             data = renewed(listed, entries, versions=listed["versions"])
             write(staged, manifest.PATH, data)
     return Dataset(path)
+
+
+def _refuse_foreign_report(path: Path, dataset: Dataset) -> None:
+    listed = (file["path"] for file in dataset.manifest["files"])
+    if manifest.REPORT not in listed and os.path.lexists(path / manifest.REPORT):
+        raise UsageError(f"{path / manifest.REPORT}: found a file that ibdata did not write; move it away")

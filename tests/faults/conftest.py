@@ -204,8 +204,11 @@ class Tools:
         return found
 
     def leftovers(self, folder: Path) -> list[str]:
-        """Files and folders of a run that should have gone."""
-        names = (".lock", ".run", ".next", ".new", ".fresh")
+        """Files and folders of a run that should have gone; a replacement leaves one name in `.next`."""
+        names = [".lock", ".run", ".next", ".new", ".fresh"]
+        kept = [path.name for path in (folder / ".next").rglob("*") if not path.is_dir()]
+        if kept == ["replaced"]:
+            names.remove(".next")
         found = [path for path in folder.rglob("*") if path.name in names or path.name.startswith(".tmp-")]
         return sorted(str(path.relative_to(folder)) for path in found)
 

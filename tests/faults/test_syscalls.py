@@ -108,10 +108,16 @@ def test_after_any_failed_or_last_operation_of_a_new_run_it_is_resumed_to_the_sa
 def seen_by_readers(
     tools: Any, out: Path, old: dict[str, Any], new: dict[str, Any], whole: bool
 ) -> list[str]:
-    """Readers that find neither the old dataset nor the new one; an error is allowed where none is whole."""
+    """Readers that find neither the old dataset nor the new one.
+
+    An error is allowed where none is whole, and readers from outside may fail on the empty file that is there
+    while the folders change places.
+    """
     bad = []
+    barred = any(path.stat().st_size == 0 for path in (out / "data").glob("part-*"))
     for name, found in tools.rewards(out).items():
-        if found not in (old[name], new[name]) and (whole or found is not None):
+        fails = found is None and (not whole or (barred and name != "ibdata"))
+        if found not in (old[name], new[name]) and not fails:
             bad.append(f"{name} found {found if found is None else len(found)} rows of neither dataset")
     return bad
 

@@ -48,8 +48,8 @@ def here(made, tmp_path, monkeypatch) -> Path:
 
 
 def names(folder: Path) -> set[str]:
-    """The files of a folder, but the name that a replacement leaves."""
-    files = {path for path in folder.rglob("*") if path.is_file() and path.name != replacement.TOMBSTONE}
+    """The files of a folder, but the one that a replacement leaves in the old folder."""
+    files = {path for path in folder.rglob("*") if path.is_file() and path.name != manifest.REPLACED}
     return {str(path.relative_to(folder)) for path in files}
 
 
@@ -85,22 +85,99 @@ def test_what_a_user_has_put_beside_the_files_stays(here, monkeypatch, exchange)
     assert len(names(here)) == len(replaced.manifest["files"]) + 1 + len(MINE)
 
 
-@pytest.mark.parametrize("exchange", [True, False])
-def test_a_reader_that_stops_between_opening_and_listing_a_folder_does_not_find_it_empty(
-    here, monkeypatch, exchange
+def test_a_reader_that_has_listed_the_old_folder_looks_for_a_file_that_is_there_and_cannot_be_read(
+    here, monkeypatch
 ):
+    old = os.listdir(here / "data")
+    looked = []
+
+    def look(seconds):  # pyarrow drops the names that it does not find
+        found = [name for name in old if (here / "data" / name).exists()]
+        for path in (here / "data", here / "data" / found[0]):
+            with pytest.raises(pa.ArrowInvalid, match="Parquet file size is 0 bytes"):
+                pq.read_table(path)
+        looked.append(seconds)
+
+    monkeypatch.setattr(replacement.time, "sleep", look)
+    ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    assert looked == [replacement.PAUSE]
+    assert pq.read_table(here / "data").num_rows == 20
+    assert rules(here) == set()
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_reader_in_the_old_folder_does_not_find_it_empty(here, monkeypatch, exchange):
     if not exchange:
         monkeypatch.setattr(replacement, "_exchanged", lambda a, b: False)
     opened = os.open(here / "data", os.O_RDONLY)
     ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
-    listed = os.listdir(opened)
+    assert os.listdir(opened) == [manifest.REPLACED]
+    with pytest.raises(pa.ArrowInvalid, match="Parquet file size is 0 bytes"):
+        pq.read_table(f"/proc/self/fd/{opened}")
     os.close(opened)
-    assert listed
-    assert not any((here / "data" / name).exists() for name in listed)
-    every = [path for path in here.rglob("*.parquet") if path.name.startswith("part-")]
-    assert pa.concat_tables([pq.read_table(path) for path in every]).num_rows == 20
+    assert sum(pq.read_table(path).num_rows for path in here.rglob("part-*.parquet")) == 20
     ibdata.generate(described(seed=2), here, workers=1, overwrite=True)
-    assert [path.name for path in here.glob(".next/*/*")] == [replacement.TOMBSTONE]
+    assert [path.name for path in here.glob(".next/*/*")] == [manifest.REPLACED]
+
+
+def test_links_where_a_replacement_writes_lead_nowhere(here, tmp_path):
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    (victim / "part-00000-00000000.parquet").write_text("mine")
+    (here / ".new").mkdir()
+    (here / ".new/old-data").symlink_to(victim)
+    with pytest.raises(UsageError, match=r"\.new/old-data: found a link, expected a folder; remove it"):
+        ibdata.repair(here)
+    (here / ".new/old-data").unlink()
+    shutil.copytree(here / "data", here / ".new/data")
+    (here / ".new/data" / manifest.REPLACED).symlink_to(victim / "part-00000-00000000.parquet")
+    ibdata.repair(here)
+    assert [path.read_text() for path in victim.iterdir()] == ["mine"]
+    assert ibdata.validate(here) == []
+
+
+def test_pipes_in_the_place_of_shards_are_replaced(here):
+    for path in (here / "data").iterdir():
+        path.unlink()
+        os.mkfifo(path)
+    ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    assert ibdata.validate(here) == []
+
+
+def test_marks_of_a_copy_of_an_unsettled_folder_do_not_mislead(here, made, monkeypatch):
+    for part in ("data", "meta"):
+        (here / part / manifest.FRESH).touch()
+    swap = replacement._swap
+
+    def killed(new, folder, part):
+        if part == "meta":
+            raise KeyboardInterrupt
+        swap(new, folder, part)
+
+    monkeypatch.setattr(replacement, "_swap", killed)
+    with pytest.raises(KeyboardInterrupt):
+        ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    monkeypatch.setattr(replacement, "_swap", swap)
+    ibdata.repair(here)
+    assert ibdata.validate(here) == []
+    assert ibdata.open(here).content_root == made[1].content_root
+
+
+def test_ranges_of_another_experiment_are_not_made_where_a_replacement_was_interrupted(here):
+    (here / ".new").mkdir()
+    for call in (
+        lambda: ibdata.generate_shards(described(seed=7), "1/1", here),
+        lambda: ibdata.finalize(here),
+    ):
+        with pytest.raises(UsageError, match="a replacement was interrupted here; ibdata repair here"):
+            call()
+
+
+def test_an_empty_folder_of_somebody_is_named_and_left(here):
+    (here / ".next/keep").mkdir(parents=True)
+    with pytest.raises(UsageError, match=r"here/\.next/keep: found something that ibdata did not write"):
+        ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
+    assert (here / ".next/keep").is_dir()
 
 
 def test_a_dataset_opened_before_is_read_or_said_to_be_replaced(here):

@@ -263,3 +263,11 @@ def test_a_dataset_that_changes_meanwhile_is_left_alone(copied, monkeypatch):
     with pytest.raises(manifest.ReplacedError, match="replaced while it was read; open it again"):
         card(copied)
     assert ibdata.validate(copied) == []
+
+
+def test_a_report_that_ibdata_did_not_write_stays(plain, tmp_path):
+    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
+    (folder / "report.html").write_text("mine")
+    with pytest.raises(UsageError, match=r"report\.html: found a file that ibdata did not write"):
+        card(folder)
+    assert (folder / "report.html").read_text() == "mine"
