@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, Variant
-from ibdata.dynamics.miscalibration import Z
+from ibdata.dynamics.miscalibration import SAFE_ZONE
 from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.dynamics.steering import D_H
 
@@ -111,7 +111,7 @@ def test_the_markers_stand_once_each_and_in_order(script):
         ("1.196 at n = 12", 5 / 3 * (1 - 0.9**12)),
         ("1.243 at n = 13", 5 / 3 * (1 - 0.9**13)),
         ("= 15.0 steps", math.log(5 / 1.2) / math.log(1.1)),
-        ("≈ 0.1294", Z),
+        ("≈ 0.1294", SAFE_ZONE),
         ("0.1309 is 15° in radians, halved", math.radians(15) / 2),
         ("≈ 5.7515", D_H),
         ("≈ 4915", operational_cost(100.0, 100.0, 100.0)),

@@ -38,7 +38,7 @@ class Dataset:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = object_store.folder_of(path)
+        self.path = object_store.local_copy(path)
         self.place = object_store.name_of(self.path)
         self.manifest: dict[str, Any] = {}
         for _ in range(TRIES):  # until manifest and info are of one dataset

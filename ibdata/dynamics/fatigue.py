@@ -73,13 +73,13 @@ def effective_gain(g: float, p: float) -> float:
 
 
 @compiled
-def event(u: float, effective: float, low: float, high: float) -> float:
+def bernoulli(u: float, effective: float, low: float, high: float) -> float:
     """The draw b ~ Binom(1, effective) as 0 or 1: whether u ~ U(0, 1) is below the probability.
 
     Hein et al. 2017, section "Dynamics of fatigue"; the bounds [low, high] of the probability are a field
     of the variant (IDS.py clips to [0.001, 0.999]).
 
-    >>> event(0.0005, 0.0, 0.001, 0.999), event(0.0005, 0.0, 0.0, 1.0)
+    >>> bernoulli(0.0005, 0.0, 0.001, 0.999), bernoulli(0.0005, 0.0, 0.0, 1.0)
     (1.0, 0.0)
     """
     return 1.0 if u < clip(effective, low, high) else 0.0
@@ -123,12 +123,12 @@ def noise_component(e: float, u: float, u_event: float, effective: float, k: Par
     0.4
     """
     eta_e = squashed_exponential(e, k.eta_mean, k.eta_scale, k.eta_shift)
-    b = event(u_event, effective, k.bernoulli_low, k.bernoulli_high)
+    b = bernoulli(u_event, effective, k.bernoulli_low, k.bernoulli_high)
     return mixed_noise(eta_e, u, b, effective)
 
 
 @compiled
-def hidden(mu: float, effective: float, eta: float) -> float:
+def update_mu(mu: float, effective: float, eta: float) -> float:
     """Latent μ of one effective value: reset, run away, or follow its noise.
 
         μ = effective         if effective <= 0.05
@@ -137,7 +137,7 @@ def hidden(mu: float, effective: float, eta: float) -> float:
 
     Hein et al. 2017, Eqs. (30) and (31), each from itself only; both variants.
 
-    >>> hidden(3.0, 0.05, 0.9), hidden(4.9, 0.5, 0.9), hidden(1.0, 0.5, 0.3)
+    >>> update_mu(3.0, 0.05, 0.9), update_mu(4.9, 0.5, 0.9), update_mu(1.0, 0.5, 0.3)
     (0.05, 5.0, 1.0)
     """
     if effective <= TOLERANCE:

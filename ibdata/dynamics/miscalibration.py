@@ -12,7 +12,7 @@ from ibdata.numerics.exact import pow
 
 PHI_MAX = 6
 HE_MAX = 1.5
-Z = float.fromhex("0x1.0907dc1930690p-3")  # safe zone, sin(15°)/2 ≈ 0.1294; printed as ≈ 0.1309
+SAFE_ZONE = float.fromhex("0x1.0907dc1930690p-3")  # safe zone, sin(15°)/2 ≈ 0.1294; printed as ≈ 0.1309
 ALPHA = float.fromhex("0x1.2b78e1d2c4a8ep-1")  # Eq. (37), ≈ 0.5849
 BETA = float.fromhex("0x1.2b78e1d2c4a8ep-2")  # Eq. (38), ≈ 0.2925
 KAPPA = float.fromhex("-0x1.460626f4d71b5p-1")  # Eq. (39), ≈ -0.6368
@@ -82,7 +82,7 @@ def entered_domain(delta: int, he: float) -> int:
     >>> entered_domain(1, -0.5), entered_domain(-1, 0.1)
     (-1, -1)
     """
-    return delta if abs(he) <= Z else sgn(he)
+    return delta if abs(he) <= SAFE_ZONE else sgn(he)
 
 
 @compiled
@@ -106,7 +106,7 @@ def direction_step(phi: int, delta_hat: int, psi_hat: int, he: float) -> int:
     >>> direction_step(4, 1, 1, 0.0), direction_step(-6, 1, -1, 0.5), direction_step(4, 1, 1, 0.5)
     (-1, 0, 1)
     """
-    if abs(he) <= Z:
+    if abs(he) <= SAFE_ZONE:
         return -sgn(phi)
     if phi == -PHI_MAX * delta_hat:
         return 0
@@ -140,12 +140,12 @@ def reflected_direction(phi_hat: int) -> int:
 
 
 @compiled
-def turn(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
+def update_direction(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
     """Domain δ, response ψ and direction φ of the next step: Eqs. (9) to (16) in their order.
 
     A full turn ends, and δ = ψ = 1 again, where φ = 0 in the safe zone: Eqs. (15) and (16).
 
-    >>> turn(1, 1, 5, 1.0), turn(1, -1, 1, 0.0)
+    >>> update_direction(1, 1, 5, 1.0), update_direction(1, -1, 1, 0.0)
     ((1, -1, 6), (1, 1, 0))
     """
     delta_hat = entered_domain(delta, he)
@@ -153,7 +153,7 @@ def turn(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
     phi_hat = phi + direction_step(phi, delta_hat, psi_hat, he)
     psi_next = turned_response(psi_hat, phi_hat)
     phi_next = reflected_direction(phi_hat)
-    if phi_next == 0 and abs(he) <= Z:
+    if phi_next == 0 and abs(he) <= SAFE_ZONE:
         return 1, 1, 0
     return delta_hat, psi_next, phi_next
 

@@ -14,10 +14,10 @@ from ibdata.dynamics.fatigue import (
     effective_gain,
     effective_velocity,
     fatigue,
-    hidden,
     noise_component,
+    update_mu,
 )
-from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
+from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
 from ibdata.dynamics.setpoint import NO_DRIFT, drift
 from ibdata.dynamics.state import Noise, State, checked_noise, checked_state
@@ -54,8 +54,8 @@ def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k
     A loop for each equation: those that do not branch then work on several lanes at a time.
     """
     _steer(state, action, noise, k)
-    _tire(state, noise, k)
-    _consume(state, noise, k)
+    _update_fatigue(state, noise, k)
+    _update_consumption(state, noise, k)
 
 
 @compiled
@@ -83,7 +83,7 @@ def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k:
 
 
 @compiled
-def _tire(state: State, noise: Noise, k: Parameters) -> None:
+def _update_fatigue(state: State, noise: Noise, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
     p, v, g = state.setpoint, state.velocity, state.gain
     ve, ge, mu_v, mu_g = state.effective_velocity, state.effective_gain, state.mu_v, state.mu_g
@@ -97,9 +97,9 @@ def _tire(state: State, noise: Noise, k: Parameters) -> None:
     for i in range(p.shape[0]):
         eta_g[i] = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], ge[i], k)
     for i in range(p.shape[0]):
-        mu_v[i] = hidden(mu_v[i], ve[i], eta_v[i])
+        mu_v[i] = update_mu(mu_v[i], ve[i], eta_v[i])
     for i in range(p.shape[0]):
-        mu_g[i] = hidden(mu_g[i], ge[i], eta_g[i])
+        mu_g[i] = update_mu(mu_g[i], ge[i], eta_g[i])
     for i in range(p.shape[0]):
         state.alpha[i] = amplification(
             mu_v[i], mu_g[i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
@@ -111,7 +111,7 @@ def _tire(state: State, noise: Noise, k: Parameters) -> None:
 
 
 @compiled
-def _consume(state: State, noise: Noise, k: Parameters) -> None:
+def _update_consumption(state: State, noise: Noise, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
     p, v, g, h, he = state.setpoint, state.velocity, state.gain, state.shift, state.effective_shift
     theta = np.empty(p.shape[0])
@@ -123,7 +123,7 @@ def _consume(state: State, noise: Noise, k: Parameters) -> None:
     for i in range(p.shape[0]):
         he[i] = effective_shift(h[i], p[i])
     for i in range(p.shape[0]):
-        state.domain[i], state.response[i], state.direction[i] = turn(
+        state.domain[i], state.response[i], state.direction[i] = update_direction(
             state.domain[i], state.response[i], state.direction[i], he[i]
         )
     for i in range(p.shape[0]):

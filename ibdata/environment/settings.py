@@ -18,7 +18,7 @@ from ibdata.experiment.messages import keys_at, rephrase, shown, suggestion
 from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION
-from ibdata.policies.base import Plugin
+from ibdata.policies.base import FrozenModel
 from ibdata.simulation.variables import VARIABLES
 
 MAX_FRAMES = 1000
@@ -46,7 +46,7 @@ def _as_mapping(value: Any) -> Any:
     return {"base": "siemens", **dataclasses.asdict(value)} if isinstance(value, Variant) else value
 
 
-class Settings(Plugin):
+class Settings(FrozenModel):
     """The settings of an environment, in the form that experiments have them; frozen."""
 
     setpoint: Annotated[Setpoints, BeforeValidator(_one)] = 50.0

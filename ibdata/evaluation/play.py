@@ -30,14 +30,14 @@ class EvaluationBlock(Block):
         """Two sums (n,) over the steps t: of discount to the t times the reward, and of the reward."""
         discounted, plain, weight = np.zeros(self.n), np.zeros(self.n), 1.0
         action = np.empty((self.n, 3), dtype=np.float32)
-        history = np.empty((self.n, self.policy.frames, 6), dtype=np.float32)
+        history = np.empty((self.n, self.policy.history_length, 6), dtype=np.float32)
         seen = history.view()
         seen.flags.writeable = False
         kernel.observe(self.state, history, True)
         for t0 in range(0, self.experiment.steps, CHUNK):
             count = min(CHUNK, self.experiment.steps - t0)
             raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t0 + 1, count)
-            u = self._uniforms(Purpose.POLICY, t0, count, self.policy.draws)
+            u = self._uniforms(Purpose.POLICY, t0, count, self.policy.uniforms_per_step)
             for t in range(count):
                 self.asked.act(seen, u[t], action, t0 + t)
                 kernel.step_lanes(self.state, action, raw, drift, t, self.noise, self.parameters)

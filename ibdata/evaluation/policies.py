@@ -32,14 +32,14 @@ class Acting(Policy):
     history: int
 
     @property
-    def frames(self) -> int:  # type: ignore[override]  # read from instances only
+    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
         """Observations of history: those that the object says, else those asked for."""
-        return int(getattr(self.target, "frames", self.history))
+        return int(getattr(self.target, "history_length", self.history))
 
     @property
-    def draws(self) -> int:  # type: ignore[override]  # read from instances only
+    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
         """Uniform draws per step that the object says."""
-        return int(getattr(self.target, "draws", 0))
+        return int(getattr(self.target, "uniforms_per_step", 0))
 
     def form(self) -> dict[str, Any]:
         """The name: no more is known."""

@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import UsageError, printable
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.imported_modules import Source, imported
-from ibdata.experiment.recipe import Recipe, recipe_in
 from ibdata.policies import Policy
 from ibdata.policies.custom import Custom, find_modules_here, started_in
 from ibdata.system.atomic_files import file_sha256
 
 
-def customs(recipe: Recipe) -> list[Custom]:
+def customs(spec: DatasetSpec) -> list[Custom]:
     """Every custom policy, also those inside others."""
-    return [found for e in recipe.experiments for policy in e.policies for found in customs_in(policy)]
+    return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
@@ -33,12 +33,12 @@ def customs_in(policy: Policy) -> Iterator[Custom]:
         yield from customs_in(base)
 
 
-def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
+def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> None:
     """Raises UsageError where a policy is code and that is not allowed; else says on stderr what will run.
 
     Also where the code is the script that was started: nobody can import that to make the dataset again.
     """
-    targets = recipe.code_targets
+    targets = spec.code_targets
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
@@ -53,17 +53,17 @@ def refuse_code(recipe: Recipe, where: str | Path, allow_code: bool) -> None:
         print(f"ibdata: running the code of {printable(target)}", file=sys.stderr, flush=True)
 
 
-def recipe_of(folder: Path, listed: dict[str, Any], allow_code: bool) -> Recipe:
+def consented_spec(folder: Path, listed: dict[str, Any], allow_code: bool) -> DatasetSpec:
     """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
-    recipe = recipe_in(folder, listed)
-    refuse_code(recipe, folder, allow_code)
-    return recipe
+    spec = spec_in(folder, listed)
+    require_consent(spec, folder, allow_code)
+    return spec
 
 
 @contextmanager
-def in_one_folder(recipe: Recipe) -> Iterator[None]:
+def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
     """Policies are found in the current folder, which is the same afterwards, wherever their code goes."""
-    here = os.getcwd() if customs(recipe) else None
+    here = os.getcwd() if customs(spec) else None
     before = started_in.set(here)
     try:
         yield
@@ -74,7 +74,7 @@ def in_one_folder(recipe: Recipe) -> Iterator[None]:
                 os.chdir(here)
 
 
-def provenance(recipe: Recipe, folder: Path | None = None) -> list[dict[str, Any]]:
+def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[dict[str, Any]]:
     """What the custom policies are, without importing them; folder is that of the experiment's YAML file.
 
     Of each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
@@ -82,7 +82,7 @@ def provenance(recipe: Recipe, folder: Path | None = None) -> list[dict[str, Any
 
     Raises UsageError where a declared file is missing, or a module was changed after it was imported here.
     """
-    policies = {(policy.target, *(policy.files or ())): policy for policy in customs(recipe)}
+    policies = {(policy.target, *(policy.files or ())): policy for policy in customs(spec)}
     if not policies:
         return []
     find_modules_here()

@@ -9,10 +9,10 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.experiment.scalars import WHOLE, Real
-from ibdata.policies.base import NormalDouble, Plugin
+from ibdata.policies.base import FrozenModel, NormalDouble
 
 
-class Overrides(Plugin):
+class Overrides(FrozenModel):
     """A published variant with single fields replaced; `CustomDynamics` adds a field of each."""
 
     base: Literal["siemens", "paper"]
@@ -61,5 +61,5 @@ CustomDynamics = create_model(
 
 Dynamics = Annotated[
     Annotated[Literal["siemens", "paper"], Tag("<word>")] | Annotated[CustomDynamics, Tag("<mapping>")],
-    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | Plugin) else "<word>"),
+    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | FrozenModel) else "<word>"),
 ]

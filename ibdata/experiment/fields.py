@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from ibdata.experiment.messages import shown
 from ibdata.experiment.scalars import WHOLE
 from ibdata.experiment.setpoints import SetpointOrList, list_or
-from ibdata.policies.base import Plugin
+from ibdata.policies.base import FrozenModel
 
 
 def _ordered(pair: list[int]) -> list[int]:
@@ -18,7 +18,7 @@ def _ordered(pair: list[int]) -> list[int]:
     return pair
 
 
-class BurnIn(Plugin):
+class BurnIn(FrozenModel):
     """A random number of unrecorded steps with uniform random actions before the first recorded one."""
 
     burn_in: Annotated[
@@ -30,7 +30,7 @@ class BurnIn(Plugin):
 
 Start = Annotated[
     Annotated[Literal["default", "uniform"], Tag("<word>")] | Annotated[BurnIn, Tag("<mapping>")],
-    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | Plugin) else "<word>"),
+    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | FrozenModel) else "<word>"),
 ]
 
 
@@ -41,7 +41,7 @@ def _no_number(value: Any) -> Any:
     return value
 
 
-class Output(Plugin):
+class Output(FrozenModel):
     """How the dataset is stored; never what happens in it."""
 
     dtype: Literal["float32", "float64"] = Field(
@@ -55,14 +55,14 @@ class Output(Plugin):
     )
 
 
-class EpisodeRange(Plugin):
+class EpisodeRange(FrozenModel):
     """Episodes of each cell by their index, from 0; the stop is included."""
 
     start: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(default=0, description="the first")
     stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
 
 
-class Split(Plugin):
+class Split(FrozenModel):
     """The episodes that fulfil all of the conditions."""
 
     setpoint: SetpointOrList | None = Field(default=None, description="one or a list; default: all")
@@ -77,7 +77,7 @@ class Split(Plugin):
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
             | Annotated[EpisodeRange, Tag("<range>")],
-            Discriminator(lambda value: "<range>" if isinstance(value, dict | Plugin) else "<number>"),
+            Discriminator(lambda value: "<range>" if isinstance(value, dict | FrozenModel) else "<number>"),
         ]
         | None
     ) = Field(default=None, description="the first so many of each cell, or {start, stop}; default: all")

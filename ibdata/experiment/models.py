@@ -19,7 +19,7 @@ from ibdata.experiment.scalars import WHOLE, FileName, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
-from ibdata.policies.base import Plugin
+from ibdata.policies.base import FrozenModel
 
 MAX_CELLS = 1_000_000
 MAX_SHARDS = 10_000_000
@@ -31,7 +31,7 @@ def _no_bool(value: Any) -> Any:
     return value
 
 
-class Experiment(Plugin):
+class Experiment(FrozenModel):
     """One dataset: cells are every combination of policy and setpoint, each with `episodes` episodes."""
 
     version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(

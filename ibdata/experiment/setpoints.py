@@ -11,10 +11,10 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
 from ibdata.numerics.naming import exact
-from ibdata.policies.base import NormalSingle, Plugin
+from ibdata.policies.base import FrozenModel, NormalSingle
 
 
-class SetpointRange(Plugin):
+class SetpointRange(FrozenModel):
     """start, start + step, …, stop; the stop is included."""
 
     start: Setpoint
@@ -48,7 +48,7 @@ SetpointOrList = Annotated[
 ]
 
 
-class Drifting(Plugin):
+class Drifting(FrozenModel):
     """Moving setpoints, by where they start."""
 
     drifting: SetpointOrList
@@ -70,7 +70,7 @@ def _drifting(value: Any) -> Any:
 def _setpoints_form(value: Any) -> str:
     if isinstance(value, dict):
         return "<drifting>" if "drifting" in value else "<range>"
-    if isinstance(value, Plugin):
+    if isinstance(value, FrozenModel):
         return "<drifting>" if isinstance(value, Drifting) else "<range>"
     return "<list>" if isinstance(value, list) else "<word>" if isinstance(value, str) else "<number>"
 

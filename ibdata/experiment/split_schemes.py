@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from ibdata.errors import UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.messages import suggestion
-from ibdata.experiment.recipe import Recipe
 from ibdata.numerics.naming import exact
 
 Splits = dict[str, Split]
@@ -17,7 +17,7 @@ FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
 
 
 def transfer(
-    recipe: Recipe,
+    spec: DatasetSpec,
     source: Sequence[float],
     target: Sequence[float],
     shots: int | None = None,
@@ -29,7 +29,7 @@ def transfer(
     leaves at the target setpoints is `target-rest`. Hein et al. 2017 sketch p = 50 to p = 75; the sizes
     are our own.
     """
-    known = setpoints(recipe)
+    known = setpoints(spec)
     for p in [*source, *target]:
         _refuse_unknown(p, known)
     both = set(source) & set(target)
@@ -37,9 +37,9 @@ def transfer(
         found = ", ".join(exact(p) for p in sorted(both)) or "none"
         raise UsageError(f"split: found {found} as source and target, expected different setpoints for both")
     here, there = sorted(set(source)), sorted(set(target))
-    fewest = min(experiment.episodes for experiment in recipe.experiments)
-    k = _budget(recipe, shots, transitions)
-    last = max(experiment.episodes for experiment in recipe.experiments) - 1
+    fewest = min(experiment.episodes for experiment in spec.experiments)
+    k = _budget(spec, shots, transitions)
+    last = max(experiment.episodes for experiment in spec.experiments) - 1
     if k is not None and k > fewest:
         raise UsageError(f"split: found a budget of {k} episodes, expected at most the {fewest} of a cell")
     if k is None or k > last:
@@ -51,7 +51,7 @@ def transfer(
     }
 
 
-def _budget(recipe: Recipe, shots: int | None, transitions: int | None) -> int | None:
+def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> int | None:
     """Episodes of a cell that the budget allows."""
     if shots is not None and transitions is not None:
         raise UsageError("split: found shots and transitions, expected one of them")
@@ -59,7 +59,7 @@ def _budget(recipe: Recipe, shots: int | None, transitions: int | None) -> int |
         if shots is not None and shots < 1:
             raise UsageError(f"split: found {shots} shots, expected at least 1")
         return shots
-    steps = {experiment.steps for experiment in recipe.experiments}
+    steps = {experiment.steps for experiment in spec.experiments}
     if len(steps) > 1:
         raise UsageError("split: found episodes of several lengths, expected shots in place of transitions")
     k = transitions // steps.pop()
@@ -68,9 +68,9 @@ def _budget(recipe: Recipe, shots: int | None, transitions: int | None) -> int |
     return k
 
 
-def leave_one_out(recipe: Recipe) -> Splits:
+def leave_one_out(spec: DatasetSpec) -> Splits:
     """For every setpoint p: `test-p`, the episodes there, and `train-p`, all others."""
-    known = setpoints(recipe)
+    known = setpoints(spec)
     if len(known) < 2:
         raise UsageError("split: found one setpoint, expected at least 2 to leave one out")
     folds: Splits = {}
@@ -81,9 +81,9 @@ def leave_one_out(recipe: Recipe) -> Splits:
     return folds
 
 
-def held_out(recipe: Recipe, extrapolate: bool) -> Splits:
+def held_out(spec: DatasetSpec, extrapolate: bool) -> Splits:
     """`train` and `test` by setpoint: every second inner one held out, or the lowest and the highest."""
-    known = setpoints(recipe)
+    known = setpoints(spec)
     if len(known) < 3:
         raise UsageError(f"split: found {len(known)} setpoints, expected at least 3 to hold some out")
     test = {known[0], known[-1]} if extrapolate else {*known[1:-1:2]}
@@ -93,9 +93,9 @@ def held_out(recipe: Recipe, extrapolate: bool) -> Splits:
     }
 
 
-def by_distance(recipe: Recipe, source: Sequence[float], within: float) -> Splits:
+def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Splits:
     """`source`, and of the other setpoints `near`, at most `within` from the nearest source, and `far`."""
-    known = setpoints(recipe)
+    known = setpoints(spec)
     for p in source:
         _refuse_unknown(p, known)
     others = [p for p in known if p not in source]
@@ -113,7 +113,7 @@ def by_distance(recipe: Recipe, source: Sequence[float], within: float) -> Split
     }
 
 
-def by_episode(recipe: Recipe, fractions: Sequence[float]) -> Splits:
+def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
     """`train`, (`validation`,) `test`: the first, (next,) last episodes of every cell.
 
     Episodes of a cell are independent and alike, so their order is as good as any, and stays the same when
@@ -123,7 +123,7 @@ def by_episode(recipe: Recipe, fractions: Sequence[float]) -> Splits:
     if names is None or min(fractions) <= 0 or not math.isclose(sum(fractions), 1.0, abs_tol=1e-9):
         found = ", ".join(f"{x:.15g}" for x in fractions)
         raise UsageError(f"split: found fractions {found}, expected 2 or 3 above 0 that sum to 1")
-    counts = {experiment.episodes for experiment in recipe.experiments}
+    counts = {experiment.episodes for experiment in spec.experiments}
     if len(counts) > 1:
         raise UsageError("split: found cells of several sizes, expected as many episodes in each")
     n = counts.pop()
@@ -136,16 +136,16 @@ def by_episode(recipe: Recipe, fractions: Sequence[float]) -> Splits:
     }
 
 
-def by_policy(recipe: Recipe) -> Splits:
+def by_policy(spec: DatasetSpec) -> Splits:
     """A split for each policy, of its label."""
-    if len(recipe.labels) < 2:
+    if len(spec.labels) < 2:
         raise UsageError("split: found one policy, expected at least 2")
-    return {label: Split(policy=label) for label in recipe.labels}
+    return {label: Split(policy=label) for label in spec.labels}
 
 
-def setpoints(recipe: Recipe) -> list[float]:
+def setpoints(spec: DatasetSpec) -> list[float]:
     """The setpoints of a dataset, in order of size."""
-    return sorted({cell.setpoint for experiment in recipe.experiments for cell in experiment.cells})
+    return sorted({cell.setpoint for experiment in spec.experiments for cell in experiment.cells})
 
 
 def _named(p: float) -> str:

@@ -15,11 +15,11 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.custom_code import customs, in_one_folder, refuse_code
+from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation import origin, output_folder, ranges, record
-from ibdata.generation.engine import chosen
+from ibdata.generation.engine import select_engine
 from ibdata.generation.generate import default_folder, made_folder, make, refusals, resolve
 from ibdata.generation.record import Range
 from ibdata.system.lock import locked, refuse_busy, shared
@@ -27,7 +27,7 @@ from ibdata.system.object_store import is_url
 from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 
 class Made(NamedTuple):
@@ -61,26 +61,26 @@ def generate_shards(
     """
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
-    run = chosen(engine, workers, address)
+    run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
     folder = output_folder.meant(out) if out is not None else default_folder(experiment)
-    recipe = Recipe.of(experiment)
-    refuse_code(recipe, experiment.name, allow_code)
-    ranges.refuse_shared(folder, own, recipe.shards)
+    spec = DatasetSpec.of(experiment)
+    require_consent(spec, experiment.name, allow_code)
+    ranges.refuse_shared(folder, own, spec.shards)
     output_folder.check(folder, experiment, resume=True, overwrite=False)
-    with refusals(folder), in_one_folder(recipe):
-        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
-        begun = origin.observe(recipe, folder)
+    with refusals(folder), in_one_folder(spec):
+        place = folder.absolute() if customs(spec) else folder  # code may go to another folder
+        begun = origin.observe(spec, folder)
         with (
             stoppable(),
             made_folder(place),
             shared(place) as leaving,
-            ranges.locked(place, own, recipe.shards),
+            ranges.locked(place, own, spec.shards),
         ):
             output_folder.check(place, experiment, resume=True, overwrite=False)
             output_folder.refuse_unsettled(place)
-            mine = own.of(recipe.shards)
+            mine = own.of(spec.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
             if manifest.locate(place, manifest.PATH).is_file():
                 return Made(folder, len(mine), rows, 0)
@@ -89,11 +89,11 @@ def generate_shards(
                 output_folder.begin_range(place, experiment, mine)
                 origin.begin_range(place, begun, folder)
                 record.put(place, own)
-                make(recipe, mine, place, output_folder.identity(experiment), run, progress)
+                make(spec, mine, place, output_folder.identity(experiment), run, progress)
             except BaseException:
                 output_folder.sweep_shards(place, mine)
                 raise
-            missing = sum(not (place / receipt.path_of(shard)).is_file() for shard in recipe.shards)
+            missing = sum(not (place / receipt.path_of(shard)).is_file() for shard in spec.shards)
     return Made(folder, len(mine), rows, missing)
 
 
@@ -124,33 +124,33 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 
 def _finish(folder: Path) -> None:
     experiment = load(folder / output_folder.EXPERIMENT)
-    recipe, identity = Recipe.of(experiment), output_folder.identity(experiment)
+    spec, identity = DatasetSpec.of(experiment), output_folder.identity(experiment)
     begun = origin.get(folder, folder)
-    written: list[Written] = []
+    written: list[WrittenShard] = []
     missing: list[Shard] = []
-    for shard in recipe.shards:
+    for shard in spec.shards:
         w = receipt.get(folder, identity, shard)
         missing += [shard] if w is None else []
         written += [] if w is None else [w]
     if missing:
-        raise IbdataError(_lacking(folder, recipe, missing, record.get(folder)))
+        raise IbdataError(_lacking(folder, spec, missing, record.get(folder)))
     try:
-        finish(recipe, written, folder, begun.reproducible, begun.code)
+        finish(spec, written, folder, begun.reproducible, begun.code)
     except BaseException:
         output_folder.abandon(folder)
         raise
 
 
-def _lacking(folder: Path, recipe: Recipe, missing: list[Shard], ranges: list[Range]) -> str:
+def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], ranges: list[Range]) -> str:
     """Which shards are not there, and the commands that make them."""
     numbers = [str(shard.number) for shard in missing]
     named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
     again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "
     parts = max((own.parts for own in ranges), default=0)
-    wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(recipe.shards)) & set(missing)]
+    wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(spec.shards)) & set(missing)]
     more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
     which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
     return (
-        f"{folder}: found {len(recipe.shards) - len(missing)} of {len(recipe.shards)} shards, expected all; "
+        f"{folder}: found {len(spec.shards) - len(missing)} of {len(spec.shards)} shards, expected all; "
         f"missing {named}: {again}{which}"
     )

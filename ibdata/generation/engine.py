@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ibdata.errors import UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 MAX_WORKERS = 1024
 
-Run = Callable[[Recipe, list[Shard], Path, str], Iterator[Written]]
+Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
 
 
-def chosen(name: str, workers: int | None, address: str | None) -> Run:
+def select_engine(name: str, workers: int | None, address: str | None) -> Run:
     """What writes shards to a folder, yielding each when it is there.
 
     Raises UsageError for a name, number or address that cannot be meant, MissingError where the engine's
@@ -43,14 +43,14 @@ def _local(workers: int | None, address: str | None) -> Run:
     if address is not None:
         raise UsageError(f"address: found {address!r} for the engine local, expected it with ray only")
     count = worker_count(workers)
-    return lambda recipe, shards, root, identity: local.run(recipe, shards, root, identity, count)
+    return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, count)
 
 
 def _ray(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import ray
 
     ray.library()
-    return lambda recipe, shards, root, identity: ray.run(recipe, shards, root, identity, workers, address)
+    return lambda spec, shards, root, identity: ray.run(spec, shards, root, identity, workers, address)
 
 
 ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

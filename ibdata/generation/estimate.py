@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.experiment import Experiment
-from ibdata.experiment.custom_code import in_one_folder, refuse_code
+from ibdata.experiment.custom_code import in_one_folder, require_consent
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation import output_folder
 from ibdata.generation.engine import worker_count
 from ibdata.generation.warm_up import warm_up
@@ -35,11 +35,11 @@ def estimate(
 ) -> dict[str, Any]:
     """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
     processes, out = worker_count(workers), Path(folder)
-    recipe = Recipe.of(experiment)
-    refuse_code(recipe, experiment.name, allow_code)
+    spec = DatasetSpec.of(experiment)
+    require_consent(spec, experiment.name, allow_code)
     refuse_busy(out)
     output_folder.check(out, experiment, resume, overwrite)
-    with in_one_folder(recipe):
+    with in_one_folder(spec):
         warm_up(experiment)
         size, seconds = _sample(experiment)
     shards = plan(experiment)
@@ -71,7 +71,7 @@ def _sample(experiment: Experiment) -> tuple[float, float]:
         file = HashingFile(io.BytesIO())
         floats = rollout(small, shard.first, shard.stop)
         encode(small, shard, floats, file)
-        describe(Recipe.of(small), shard, [(shard, floats)])
+        describe(DatasetSpec.of(small), shard, [(shard, floats)])
         size += file.size
     rows = parts * width * steps
     return size / rows, (time.perf_counter() - start) / rows

@@ -13,12 +13,12 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.custom_code import customs, in_one_folder, refuse_code
+from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation import origin, output_folder, replacement
 from ibdata.generation import upload as uploading
-from ibdata.generation.engine import Run, chosen
+from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
 from ibdata.system.atomic_files import sync_folder
 from ibdata.system.lock import locked, refuse_busy
@@ -26,7 +26,7 @@ from ibdata.system.object_store import Remote, is_url
 from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 
 def generate(
@@ -58,17 +58,17 @@ def generate(
     else, BusyError where another process writes to it, IbdataError where the system refuses.
     """
     experiment = resolve(config, overrides, seed)
-    run = chosen(engine, workers, address)
+    run = select_engine(engine, workers, address)
     if is_url(out):
         remote = Remote(str(out))
-        refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
         if uploading.refuse(remote, experiment, resume, overwrite):
             return Dataset(remote.url)
         folder = uploading.work_folder(remote, experiment)
         _generate(experiment, folder, run, True, False, progress)
         return uploading.upload(remote, folder)
     folder = output_folder.meant(out) if out is not None else default_folder(experiment)
-    refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+    require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)
     return Dataset(folder)
 
@@ -79,17 +79,17 @@ def _generate(
     """Make the dataset in a folder."""
     refuse_busy(folder)
     output_folder.check(folder, experiment, resume, overwrite)
-    recipe = Recipe.of(experiment)
-    with refusals(folder), in_one_folder(recipe):
-        place = folder.absolute() if customs(recipe) else folder  # code may go to another folder
-        begun = origin.observe(recipe, folder)  # nothing is to be tidied yet: a signal may end the process
+    spec = DatasetSpec.of(experiment)
+    with refusals(folder), in_one_folder(spec):
+        place = folder.absolute() if customs(spec) else folder  # code may go to another folder
+        begun = origin.observe(spec, folder)  # nothing is to be tidied yet: a signal may end the process
         with stoppable(), made_folder(place), locked(place):
-            replacement.settle(place)
+            replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
                 output_folder.end(place)  # a run that was killed when it had finished
             else:
-                _run(recipe, root, run, overwrite, progress, begun, folder)
+                _run(spec, root, run, overwrite, progress, begun, folder)
                 if root != place:
                     replacement.commit(place)
 
@@ -115,7 +115,7 @@ def default_folder(experiment: Experiment) -> Path:
 
 
 def _run(
-    recipe: Recipe,
+    spec: DatasetSpec,
     root: Path,
     run: Run,
     overwrite: bool,
@@ -124,14 +124,14 @@ def _run(
     folder: Path,
 ) -> None:
     """Write the shards that have no receipt into root, then finish it; folder is what the caller calls it."""
-    experiment = recipe.experiments[0]
+    experiment = spec.experiments[0]
     try:
         if overwrite and origin.begun(root) != begun.note():
             output_folder.discard(root)
         output_folder.begin(root, experiment, overwrite)
         origin.begin(root, begun, folder)
-        written = make(recipe, recipe.shards, root, output_folder.identity(experiment), run, progress)
-        finish(recipe, written, root, begun.reproducible, begun.code)
+        written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)
+        finish(spec, written, root, begun.reproducible, begun.code)
     except BaseException:
         output_folder.abandon(root)
         raise
@@ -139,18 +139,18 @@ def _run(
 
 
 def make(
-    recipe: Recipe, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
-) -> list[Written]:
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
+) -> list[WrittenShard]:
     """The shards, of which those that have no receipt are written."""
     written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
     done = {w.shard.number for w in written}
     missing = [shard for shard in shards if shard.number not in done]
     output_folder.forget(root, missing)
-    rows = sum((shard.stop - shard.first) * recipe.of_shard(shard).steps for shard in shards)
+    rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
     disable = None if progress is None else not progress
     with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
         bar.update(sum(w.content.moments.rows for w in written))
-        for w in run(recipe, missing, root, identity):
+        for w in run(spec, missing, root, identity):
             written.append(w)
             bar.update(w.content.moments.rows)
     return written

@@ -16,21 +16,23 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import IbdataError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation.origin import agree
 from ibdata.generation.output_folder import refuse_moved, sweep_shards
 from ibdata.policies.custom import started_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
 from ibdata.writing import receipt
-from ibdata.writing.shard_writer import Begun, Written
+from ibdata.writing.shard_writer import ShardWriter, WrittenShard
 from ibdata.writing.threads import Threads
 
 MAX_DEATHS = 3  # of workers, without a shard finished in between
 
 
-def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
+def run(
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, workers: int
+) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
     A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
@@ -38,13 +40,13 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
     """
     alone = multiprocessing.current_process().daemon  # which may not have children
     if workers == 1 or len(shards) <= 1 or alone:
-        yield from _one_after_the_other(recipe, shards, root, identity)
+        yield from _one_after_the_other(spec, shards, root, identity)
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
     while missing:
         try:
-            for made in _pool(recipe, list(missing.values()), root, identity, workers):
+            for made in _pool(spec, list(missing.values()), root, identity, workers):
                 del missing[made.shard.number]
                 deaths = 0
                 yield made
@@ -58,12 +60,14 @@ def run(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers:
                 ) from None
 
 
-def _one_after_the_other(recipe: Recipe, shards: list[Shard], root: Path, identity: str) -> Iterator[Written]:
+def _one_after_the_other(
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str
+) -> Iterator[WrittenShard]:
     """Each is simulated while the one before it is finished in a thread."""
     with Threads() as threads:
-        before: Future[Written] | None = None
+        before: Future[WrittenShard] | None = None
         for shard in shards:
-            begun = Begun(recipe, shard, root, threads)
+            begun = ShardWriter(spec, shard, root, threads)
             try:
                 made = before.result() if before else None  # so that no more than two are in memory
                 before = threads.finish(partial(_finished, begun, root, identity))
@@ -79,18 +83,20 @@ def _one_after_the_other(recipe: Recipe, shards: list[Shard], root: Path, identi
             check()
 
 
-def _pool(recipe: Recipe, shards: list[Shard], root: Path, identity: str, workers: int) -> Iterator[Written]:
+def _pool(
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, workers: int
+) -> Iterator[WrittenShard]:
     before = set(multiprocessing.active_children())
-    folders = (started_in.get() or os.getcwd(), recipe.experiments[0].folder)
+    folders = (started_in.get() or os.getcwd(), spec.experiments[0].folder)
     with held():
         pool = ProcessPoolExecutor(
             min(workers, len(shards)),
             Spawning(),
             initializer=_start,
-            initargs=(recipe.plain(), root, identity, *folders),
+            initargs=(spec.plain(), root, identity, *folders),
         )
     waiting = iter(shards)
-    running: set[Future[Written]] = set()
+    running: set[Future[WrittenShard]] = set()
     try:
         for shard in waiting:
             with held():
@@ -127,7 +133,7 @@ def _start(plain: dict[str, Any], root: Path, identity: str, here: str, folder: 
     with suppress(OSError):  # it was removed
         os.chdir(here)  # a policy may have led the parent elsewhere
     started_in.set(here)
-    _job[:] = [Recipe.from_plain(plain), root, identity, folder]
+    _job[:] = [DatasetSpec.from_plain(plain), root, identity, folder]
 
 
 def _end_with_parent() -> None:
@@ -138,19 +144,19 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _work(shard: Shard) -> Written:
-    recipe, root, identity, folder = _job
-    agree(root, recipe, folder)
-    return written(recipe, shard, root, identity)
+def _work(shard: Shard) -> WrittenShard:
+    spec, root, identity, folder = _job
+    agree(root, spec, folder)
+    return written(spec, shard, root, identity)
 
 
-def written(recipe: Recipe, shard: Shard, root: Path, identity: str) -> Written:
+def written(spec: DatasetSpec, shard: Shard, root: Path, identity: str) -> WrittenShard:
     """A shard that is on the disk, and its receipt after it."""
     with Threads() as threads:
-        return _finished(Begun(recipe, shard, root, threads), root, identity)
+        return _finished(ShardWriter(spec, shard, root, threads), root, identity)
 
 
-def _finished(begun: Begun, root: Path, identity: str) -> Written:
+def _finished(begun: ShardWriter, root: Path, identity: str) -> WrittenShard:
     made = begun.finish(partial(refuse_moved, root, identity))
     receipt.put(root, identity, made)
     return made

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 from ibdata.dataset import shape
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.custom_code import customs, provenance
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation import self_check
-from ibdata.system.atomic_files import plain_bytes, write, write_once
+from ibdata.system.atomic_files import create_or_compare, plain_bytes, write
 from ibdata.writing import receipt
 from ibdata.writing.metadata import as_json
 
@@ -47,23 +47,23 @@ class _Note(shape.Shape):
     code: list[shape.Code]
 
 
-def observe(recipe: Recipe, where: Path) -> Origin:
+def observe(spec: DatasetSpec, where: Path) -> Origin:
     """What a run begins with: the code is looked at before any of it runs, then all of it is imported.
 
     Raises UsageError where it changed meanwhile.
     """
-    folder = recipe.experiments[0].folder
-    code = provenance(recipe, folder)
-    for experiment in recipe.experiments:
+    folder = spec.experiments[0].folder
+    code = provenance(spec, folder)
+    for experiment in spec.experiments:
         warm_up(experiment)
-    return _imported(recipe, folder, code, where)
+    return _imported(spec, folder, code, where)
 
 
-def _imported(recipe: Recipe, folder: Path | None, code: list[dict[str, Any]], where: Path) -> Origin:
+def _imported(spec: DatasetSpec, folder: Path | None, code: list[dict[str, Any]], where: Path) -> Origin:
     """The origin of this process, with all policies imported. Raises UsageError where they are other code."""
-    for policy in customs(recipe):
+    for policy in customs(spec):
         policy.load()
-    _refuse_other_code(code, provenance(recipe, folder), where)
+    _refuse_other_code(code, provenance(spec, folder), where)
     return Origin(self_check.digest(), code)
 
 
@@ -77,7 +77,7 @@ def begin(root: Path, origin: Origin, where: Path) -> None:
 
 def begin_range(root: Path, origin: Origin, where: Path) -> None:
     """As `begin`, while others may begin: the first decides, whether it has made a shard or not."""
-    if not write_once(root, PATH, origin.note()):
+    if not create_or_compare(root, PATH, origin.note()):
         _refuse_other(get(root, where), origin, where)
 
 
@@ -109,7 +109,7 @@ def get(root: Path, where: Path) -> Origin:
 _agreed: set[bytes] = set()  # notes with which this process has been compared
 
 
-def agree(root: Path, recipe: Recipe, folder: Path | None) -> None:
+def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
     """In a worker, before a shard: UsageError where its code or its bits are not those of the run.
 
     Once a process: what it has imported stays. A folder without a note is one that proves shards otherwise.
@@ -118,7 +118,7 @@ def agree(root: Path, recipe: Recipe, folder: Path | None) -> None:
     if note is None or note in _agreed:
         return
     origin = get(root, root)
-    _refuse_other(origin, _imported(recipe, folder, origin.code, root), root)
+    _refuse_other(origin, _imported(spec, folder, origin.code, root), root)
     _agreed.add(note)
 
 

@@ -14,7 +14,7 @@ from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.system import lock
-from ibdata.system.atomic_files import TEMPORARY, sweep, write, write_once
+from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
 from ibdata.validation.validate import check_files
 from ibdata.writing import receipt
 from ibdata.writing.card import is_foreign, refuse_foreign
@@ -149,7 +149,7 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     ):
         discard(root)
     root.mkdir(exist_ok=True)
-    sweep(root)
+    remove_temporaries(root)
     if not mine.is_file():
         write(root, EXPERIMENT, as_yaml(experiment))
 
@@ -160,7 +160,7 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
     Raises UsageError where another experiment was begun here meanwhile.
     """
     sweep_shards(root, shards)
-    if not write_once(root, EXPERIMENT, as_yaml(experiment)):
+    if not create_or_compare(root, EXPERIMENT, as_yaml(experiment)):
         raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
 
 
@@ -185,7 +185,9 @@ def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
     """Remove what killed writers of these shards had begun."""
     if _is_lost(root):
         return
-    sweep(root, {Path(path).name for shard in shards for path in (shard.stem, receipt.path_of(shard))})
+    remove_temporaries(
+        root, {Path(path).name for shard in shards for path in (shard.stem, receipt.path_of(shard))}
+    )
 
 
 def forget(root: Path, shards: Iterable[Shard]) -> None:
@@ -209,7 +211,7 @@ def abandon(root: Path) -> None:
     """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
     if _is_lost(root):
         return
-    sweep(root)
+    remove_temporaries(root)
     if not list((root / receipt.FOLDER).glob("*.receipt")):
         discard(root)
 
@@ -222,7 +224,7 @@ def discard(root: Path, keep: str = "") -> None:
     if not root.is_dir() or root.is_symlink():
         return
     staged = root.name == manifest.NEXT
-    sweep(root)
+    remove_temporaries(root)
     for part in ("data", "meta", *(["old-data", "old-meta"] if staged else [])):
         folder = root / part
         if folder.is_dir() and not folder.is_symlink():

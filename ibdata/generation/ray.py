@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import IbdataError, MissingError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation import local
 from ibdata.generation.origin import agree
 from ibdata.generation.output_folder import sweep_shards
 from ibdata.system.signals import STOPPING, check
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between looks for a signal
@@ -35,13 +35,13 @@ def library() -> Any:
 
 
 def run(
-    recipe: Recipe,
+    spec: DatasetSpec,
     shards: list[Shard],
     root: Path,
     identity: str,
     workers: int | None = None,
     address: str | None = None,
-) -> Iterator[Written]:
+) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
     Runs on the Ray that the process is connected to; else on the one at address or $RAY_ADDRESS; else on
@@ -52,7 +52,7 @@ def run(
     ray = library()
     with _connected(ray, workers, address) as own:
         task = ray.remote(max_retries=MAX_DEATHS)(_work)
-        job = ray.put((recipe.plain(), root.absolute(), identity, recipe.experiments[0].folder))
+        job = ray.put((spec.plain(), root.absolute(), identity, spec.experiments[0].folder))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -76,9 +76,9 @@ def run(
                 ray.wait(list(running), num_returns=len(running), timeout=30)
 
 
-def _result(ray: Any, future: Any, shard: Shard) -> Written:
+def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
     try:
-        written: Written = ray.get(future)
+        written: WrittenShard = ray.get(future)
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:
@@ -89,15 +89,15 @@ def _result(ray: Any, future: Any, shard: Shard) -> Written:
     return written
 
 
-def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> Written:
+def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> WrittenShard:
     """A shard, in a worker."""
     plain, root, identity, folder = job
-    recipe = Recipe.from_plain(plain)
+    spec = DatasetSpec.from_plain(plain)
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     sweep_shards(root, [shard])  # of a worker that died at it
-    agree(root, recipe, folder)
-    return local.written(recipe, shard, root, identity)
+    agree(root, spec, folder)
+    return local.written(spec, shard, root, identity)
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def commit(folder: Path) -> None:
         root.rename(folder / NEW)
         sync_folder(folder)
         try:
-            settle(folder)
+            finish_interrupted(folder)
         except OSError:
             if _take_back(folder):
                 discard(root)
@@ -106,7 +106,7 @@ def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
             write(root, path, (folder / path).read_bytes())
 
 
-def settle(folder: Path) -> None:
+def finish_interrupted(folder: Path) -> None:
     """Finish what a writer began to replace that was killed; remove a `.new` that does not count."""
     new = folder / NEW
     if not os.path.lexists(new):

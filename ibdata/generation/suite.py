@@ -10,10 +10,10 @@ from typing import Any
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, find, load_all
-from ibdata.experiment.custom_code import refuse_code
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.custom_code import require_consent
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import output_folder
-from ibdata.generation.engine import chosen
+from ibdata.generation.engine import select_engine
 from ibdata.generation.estimate import estimate
 from ibdata.generation.generate import generate
 from ibdata.system.lock import refuse_busy
@@ -41,10 +41,10 @@ def generate_all(
     arguments are those of `generate`, and so are the errors raised.
     """
     experiments = load_all(config, overrides, seed)
-    chosen(engine, workers, address)
+    select_engine(engine, workers, address)
     places = folders(config, experiments, out)
     for experiment, folder in zip(experiments, places, strict=True):
-        refuse_code(Recipe.of(experiment), experiment.name, allow_code)
+        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
         refuse_busy(folder)
         output_folder.check(folder, experiment, resume, overwrite)
     return {

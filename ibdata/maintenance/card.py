@@ -8,7 +8,7 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
-from ibdata.experiment.recipe import recipe_in
+from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation import output_folder, replacement
 from ibdata.generation.generate import refusals
 from ibdata.plots import drawn
@@ -19,8 +19,8 @@ from ibdata.system.signals import stoppable
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
-from ibdata.writing.finish import renewed
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.finish import rewritten_manifest
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD
 
 
@@ -40,24 +40,24 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     output_folder.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
     _refuse_foreign_report(path, dataset)
-    recipe = recipe_in(path, dataset.manifest)
-    refuse_other_plan(recipe, dataset.manifest)
-    report = page(dataset, recipe, drawn(dataset))  # before the lock: it may take minutes
+    spec = spec_in(path, dataset.manifest)
+    refuse_other_plan(spec, dataset.manifest)
+    report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
     with refusals(path), stoppable(), lock.locked(path):
-        replacement.settle(path)
+        replacement.finish_interrupted(path)
         manifest.refuse_replaced(path, dataset.manifest)
         listed = dataset.manifest
         entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
         paths = [shard["path"] for shard in listed["shards"]]
         written = [
-            Written(shard, entries[file], UNREAD) for shard, file in zip(recipe.shards, paths, strict=True)
+            WrittenShard(shard, entries[file], UNREAD) for shard, file in zip(spec.shards, paths, strict=True)
         ]
         with replacement.staged(path) as staged:
             replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
-            made = readme(recipe, written, dataset.content_root)
+            made = readme(spec, written, dataset.content_root)
             entries[manifest.CARD] = write(staged, manifest.CARD, made)
             entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
-            data = renewed(listed, entries, versions=listed["versions"])
+            data = rewritten_manifest(listed, entries, versions=listed["versions"])
             write(staged, manifest.PATH, data)
     return Dataset(path)
 

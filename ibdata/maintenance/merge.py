@@ -10,7 +10,7 @@ from pathlib import Path
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.maintenance.rewrite import Source, sources, write_dataset
 from ibdata.numerics.naming import exact
 from ibdata.policies.base import NAME_PATTERN
@@ -30,15 +30,17 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     if len(folders) < 2:
         raise UsageError(f"merge: found {len(folders)} dataset, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
-    recipes = [recipe_in(d.path, d.manifest).all_declared() for d in datasets]
-    of = [each for d, recipe in zip(datasets, recipes, strict=True) for each in sources(d, recipe)]
-    experiments = tuple(experiment for recipe in recipes for experiment in recipe.experiments)
+    recipes = [spec_in(d.path, d.manifest).all_declared() for d in datasets]
+    of = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources(d, spec)]
+    experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
     for b, y in zip(experiments[1:], of[1:], strict=True):
         _refuse_other_columns(experiments[0], b, of[0], y)
     _refuse_shared_episodes(experiments, of)
     _refuse_equal_digests(datasets)
     name = Path(out).name
-    return write_dataset(Recipe(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), of, out)
+    return write_dataset(
+        DatasetSpec(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), of, out
+    )
 
 
 def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import as_yaml, load
-from ibdata.experiment.custom_code import provenance, refuse_code
+from ibdata.experiment.custom_code import provenance, require_consent
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe, recipe_in
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import worker_count
 from ibdata.generation.generate import refusals
@@ -23,9 +23,9 @@ from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import check_files
 from ibdata.version import __version__
-from ibdata.writing.finish import documents, finish, renewed
-from ibdata.writing.shard_writer import Written
-from ibdata.writing.summary import UNREAD, Content, content_of, describe, simulated
+from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.writing.shard_writer import WrittenShard
+from ibdata.writing.summary import UNREAD, ShardSummary, content_of, describe, simulated
 
 NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 
@@ -49,7 +49,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     refuse_busy(path)
     output_folder.refuse_links(path)
     with stoppable(), refusals(path), locked(path):
-        replacement.settle(path)
+        replacement.finish_interrupted(path)
         try:
             listed = manifest.read(path)
         except manifest.NewerError:
@@ -70,33 +70,33 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     for problem in problems:  # before more files come beside them
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
-    recipe = recipe_in(folder, listed)
-    refuse_other_plan(recipe, listed)
+    spec = spec_in(folder, listed)
+    refuse_other_plan(spec, listed)
     paths = [shard["path"] for shard in listed["shards"]]
-    wrong = [shard for shard in recipe.shards if paths[shard.number] in damaged]
+    wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
     lost = [path for path in damaged if path not in paths]
     if lost and listed["versions"]["ibdata"] != __version__:
-        lost = list(documents(recipe, [], ""))  # so that all of them are of one version
+        lost = list(metadata_files(spec, [], ""))  # so that all of them are of one version
     if wrong:
-        refuse_code(recipe, folder, allow_code)
-        for experiment in recipe.experiments:
+        require_consent(spec, folder, allow_code)
+        for experiment in spec.experiments:
             warm_up(experiment)
     with replacement.staged(folder) as staged:
-        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
+        made = _made_again(spec, wrong, staged, workers) if wrong else {}
         written = []
-        for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+        for shard, one in zip(spec.shards, listed["shards"], strict=True):
             w = made.get(shard.number)
             content = w.content if w else UNREAD
             if w is None and NEEDS_CONTENT & set(lost):
-                content = stored_content(recipe, shard, folder / one["path"])
+                content = stored_content(spec, shard, folder / one["path"])
             if content is not UNREAD and content_of(content.digests) != one["content"]:
                 found = "found other content when made again, expected what the manifest lists"
                 raise DatasetError(f"{folder / one['path']}: {found}; nothing was changed")
             if w:
                 entries[one["path"]] = w.entry._replace(path=one["path"])
-            written.append(Written(shard, entries[one["path"]], content))
+            written.append(WrittenShard(shard, entries[one["path"]], content))
             check()
-        for path, make in documents(recipe, written, listed["content_root"]).items():
+        for path, make in metadata_files(spec, written, listed["content_root"]).items():
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:
@@ -110,7 +110,7 @@ def _stage_manifest(
     folder: Path, staged: Path, listed: dict[str, Any], entries: dict[str, FileEntry]
 ) -> None:
     """Where files of `meta`, or hashes, are to change: the manifest, beside the files that stay."""
-    data = renewed(listed, entries)
+    data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
     if staged_files or data != manifest.content(folder, manifest.PATH):
         rest = [path for path in entries if path.startswith("meta/") and path not in staged_files]
@@ -130,17 +130,17 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
 
 def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that do not have the experiment's content."""
-    recipe = _told(folder)
-    refuse_code(recipe, folder, allow_code)
-    reproducible = all([warm_up(experiment) for experiment in recipe.experiments])
-    whole: list[Written] = []
+    spec = _told(folder)
+    require_consent(spec, folder, allow_code)
+    reproducible = all([warm_up(experiment) for experiment in spec.experiments])
+    whole: list[WrittenShard] = []
     wrong: list[Shard] = []
-    for shard in recipe.shards:
-        content = describe(recipe, shard, simulated(recipe, shard))
-        path = _file_with(recipe, shard, content, folder)
+    for shard in spec.shards:
+        content = describe(spec, shard, simulated(spec, shard))
+        path = _file_with(spec, shard, content, folder)
         if path is not None:
             entry = FileEntry(f"data/{path.name}", path.stat().st_size, file_sha256(path) or "")
-            whole.append(Written(shard, entry, content))
+            whole.append(WrittenShard(shard, entry, content))
         else:
             wrong.append(shard)
         check()
@@ -150,8 +150,8 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
             "prove that it is the dataset's; nothing was changed"
         )
     with replacement.staged(folder) as staged:
-        made = _made_again(recipe, wrong, staged, workers) if wrong else {}
-        finish(recipe, [*whole, *made.values()], staged, reproducible, provenance(recipe))
+        made = _made_again(spec, wrong, staged, workers) if wrong else {}
+        finish(spec, [*whole, *made.values()], staged, reproducible, provenance(spec))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         listed = {w.entry.path for w in (*whole, *made.values())}
         for path in (folder / "data").iterdir():
@@ -160,28 +160,30 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
-def _told(folder: Path) -> Recipe:
+def _told(folder: Path) -> DatasetSpec:
     """What a dataset without a manifest is made of, as meta/experiment*.yaml say; later splits are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
-    return Recipe(experiments[0].name, experiments)
+    return DatasetSpec(experiments[0].name, experiments)
 
 
-def _made_again(recipe: Recipe, shards: list[Shard], staged: Path, workers: int) -> dict[int, Written]:
+def _made_again(
+    spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int
+) -> dict[int, WrittenShard]:
     """The shards, written under `.next`, by number."""
-    first = recipe.experiments[0]
+    first = spec.experiments[0]
     write(staged, output_folder.EXPERIMENT, as_yaml(first))
     identity = output_folder.identity(first)
-    made = {w.shard.number: w for w in local.run(recipe, shards, staged, identity, workers)}
+    made = {w.shard.number: w for w in local.run(spec, shards, staged, identity, workers)}
     output_folder.end(staged)
     return made
 
 
-def _file_with(recipe: Recipe, shard: Shard, content: Content, folder: Path) -> Path | None:
+def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
     """The file that holds a shard's episodes; None where none can be read as such."""
     for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
         try:
-            if stored_content(recipe, shard, path).digests == content.digests:
+            if stored_content(spec, shard, path).digests == content.digests:
                 return path
         except (IbdataError, ValueError):
             continue

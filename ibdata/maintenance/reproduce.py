@@ -12,9 +12,9 @@ from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.errors import UsageError
-from ibdata.experiment.custom_code import recipe_of
+from ibdata.experiment.custom_code import consented_spec
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation.warm_up import warm_up
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.rules import Problem
@@ -37,16 +37,16 @@ def reproduce(
     """
     path = Path(folder)
     listed = manifest.read(path)
-    recipe = recipe_of(path, listed, allow_code)
-    refuse_other_plan(recipe, listed)
+    spec = consented_spec(path, listed, allow_code)
+    refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
-    for experiment in recipe.experiments:
+    for experiment in spec.experiments:
         warm_up(experiment)
-    count, problems = 0, list(_root(recipe, listed, digests))
-    asked = _parts(recipe, None if episodes is None else str(episodes), len(digests))
-    for part, floats in (made for run in asked for made in simulated(recipe, run)):
-        experiment = recipe.of_shard(part)
+    count, problems = 0, list(_root(spec, listed, digests))
+    asked = _parts(spec, None if episodes is None else str(episodes), len(digests))
+    for part, floats in (made for run in asked for made in simulated(spec, run)):
+        experiment = spec.of_shard(part)
         lengths = [experiment.steps] * (part.stop - part.first)
         found = episode_digests(digest_runs(experiment, part, floats), lengths)
         count += len(found)
@@ -58,17 +58,17 @@ def reproduce(
     return count, problems
 
 
-def _root(recipe: Recipe, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
-    own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in recipe.shards)
-    root = root_of(recipe, own)
+def _root(spec: DatasetSpec, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
+    own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
+    root = root_of(spec, own)
     if root != listed["content_root"]:
         message = f"content root: found {listed['content_root']}, expected {root}"
         yield Problem(manifest.PATH, None, "reproduce", message)
 
 
-def _parts(recipe: Recipe, episodes: str | None, total: int) -> Iterator[Shard]:
+def _parts(spec: DatasetSpec, episodes: str | None, total: int) -> Iterator[Shard]:
     if episodes is None:
-        yield from recipe.shards
+        yield from spec.shards
         return
     first, dash, last = episodes.partition("-")
     if not re.fullmatch("[0-9]{1,18}(-[0-9]{1,18})?", episodes):
@@ -81,7 +81,7 @@ def _parts(recipe: Recipe, episodes: str | None, total: int) -> Iterator[Shard]:
         ranges = [(int(first), int(last) + 1)]
     if not ranges or not ranges[0][0] < ranges[-1][1] <= total:
         raise UsageError(f"--episodes: found {episodes!r}, expected a number or a range within 0-{total - 1}")
-    for shard in recipe.shards:
+    for shard in spec.shards:
         for low, high in ranges:
             start, stop = max(low - shard.offset, shard.first), min(high - shard.offset, shard.stop)
             if start < stop:

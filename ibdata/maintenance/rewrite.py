@@ -13,8 +13,8 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.generation import output_folder, replacement
 from ibdata.generation.generate import made_folder, refusals
 from ibdata.simulation.rollout import Columns
@@ -24,8 +24,8 @@ from ibdata.system.atomic_files import FileEntry, file_sha256, write
 from ibdata.system.signals import check, stoppable
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
-from ibdata.writing.finish import documents, finish, renewed
-from ibdata.writing.shard_writer import Begun, Written
+from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.writing.shard_writer import ShardWriter, WrittenShard
 from ibdata.writing.summary import describe
 from ibdata.writing.threads import Threads
 
@@ -37,13 +37,13 @@ class Source(NamedTuple):
     first: int
 
 
-def sources(dataset: Dataset, recipe: Recipe) -> list[Source]:
+def sources(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
     """The source of each experiment of a dataset."""
-    counts = [len(e.cells) * e.episodes for e in recipe.experiments]
+    counts = [len(e.cells) * e.episodes for e in spec.experiments]
     return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
 
 
-def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str]) -> Dataset:
+def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[str]) -> Dataset:
     """Write a recipe's dataset to a new folder, each experiment's episodes from its source.
 
     Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
@@ -57,13 +57,13 @@ def write_dataset(recipe: Recipe, of: list[Source], out: str | os.PathLike[str])
         replacement.withdraw(folder)
         with replacement.staged(folder) as root:
             written = []
-            for shard in recipe.shards:
-                written.append(_copied(recipe, shard, of[shard.experiment], root))
+            for shard in spec.shards:
+                written.append(_copied(spec, shard, of[shard.experiment], root))
                 check()
             listed = list({id(source.dataset): source.dataset.manifest for source in of}.values())
             code = [each for one in listed for each in one["code"]]
             clipped = sum(one["clipped_actions"] for one in listed)
-            finish(recipe, written, root, all(one["reproducible"] for one in listed), code, clipped)
+            finish(spec, written, root, all(one["reproducible"] for one in listed), code, clipped)
     return Dataset(folder)
 
 
@@ -82,19 +82,19 @@ def _refuse(folder: Path) -> None:
         output_folder.refuse_links(folder)
 
 
-def _copied(recipe: Recipe, shard: Shard, source: Source, root: Path) -> Written:
+def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
     """A shard with a source's episodes, which are proven to be those that it lists."""
     with Threads() as threads:
-        w = Begun(recipe, shard, root, threads, _parts(recipe, shard, source)).finish()
+        w = ShardWriter(spec, shard, root, threads, _parts(spec, shard, source)).finish()
     _prove(w, source)
     return w
 
 
-def _parts(recipe: Recipe, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
+def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
     """The float columns of a shard's episodes, read from whatever files of the source hold them."""
-    experiment = recipe.of_shard(shard)
+    experiment = spec.of_shard(shard)
     try:
-        for part, table in stored_parts(recipe, shard, _batches(experiment, shard, source)):
+        for part, table in stored_parts(spec, shard, _batches(experiment, shard, source)):
             yield part, float_columns(experiment, table)
     except ValueError as error:
         if isinstance(error, IbdataError):
@@ -112,7 +112,7 @@ def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[p
             yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
 
 
-def _prove(w: Written, source: Source) -> None:
+def _prove(w: WrittenShard, source: Source) -> None:
     first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
     if w.content.digests != source.dataset.episode_table["digest"].slice(first, count).to_pylist():
         raise _changed(source)
@@ -123,7 +123,7 @@ def _changed(source: Source) -> DatasetError:
     return DatasetError(f"{path}: found other content than it lists; see ibdata validate {path}")
 
 
-def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
+def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     """Give a dataset the later splits of a recipe, in its metadata; its rows are read, and stay.
 
     A report is taken away, as it tells of the old splits.
@@ -134,23 +134,23 @@ def relabel(dataset: Dataset, recipe: Recipe) -> Dataset:
     lock.refuse_busy(folder)
     output_folder.refuse_links(folder)
     with refusals(folder), stoppable(), lock.locked(folder):
-        replacement.settle(folder)
+        replacement.finish_interrupted(folder)
         listed = dataset.manifest
         manifest.refuse_replaced(folder, listed)
-        refuse_other_plan(recipe, listed)
+        refuse_other_plan(spec, listed)
         _refuse_edits(folder, listed)
         entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-        of = sources(dataset, recipe)
+        of = sources(dataset, spec)
         paths = [shard["path"] for shard in listed["shards"]]
         written = [
-            _read(recipe, shard, of[shard.experiment], entries[path])
-            for shard, path in zip(recipe.shards, paths, strict=True)
+            _read(spec, shard, of[shard.experiment], entries[path])
+            for shard, path in zip(spec.shards, paths, strict=True)
         ]
         with replacement.staged(folder) as staged:
-            for path, make in documents(recipe, written, listed["content_root"]).items():
+            for path, make in metadata_files(spec, written, listed["content_root"]).items():
                 entries[path] = write(staged, path, make())
             entries.pop(manifest.REPORT, None)  # it tells of the old splits
-            write(staged, manifest.PATH, renewed(listed, entries, splits=recipe.plain()["splits"]))
+            write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
     return Dataset(folder)
 
 
@@ -163,9 +163,9 @@ def _refuse_edits(folder: Path, listed: dict[str, Any]) -> None:
         )
 
 
-def _read(recipe: Recipe, shard: Shard, source: Source, entry: FileEntry) -> Written:
+def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:
     """A shard that is there, with its content."""
-    w = Written(shard, entry, describe(recipe, shard, _parts(recipe, shard, source)))
+    w = WrittenShard(shard, entry, describe(spec, shard, _parts(spec, shard, source)))
     _prove(w, source)
     check()
     return w

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import split_schemes
-from ibdata.experiment.recipe import Recipe, recipe_in
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.scalars import SplitName
 from ibdata.maintenance.rewrite import relabel, sources, write_dataset
 
@@ -49,25 +49,25 @@ def split(
     Raises UsageError for what cannot be meant, DatasetError for a dataset that is not whole.
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
-    recipe = recipe_in(dataset.path, dataset.manifest)
+    spec = spec_in(dataset.path, dataset.manifest)
     made: dict[str | None, Callable[[], split_schemes.Splits]] = {
-        "setpoint": lambda: _by_setpoint(recipe, scheme, source, target, shots, transitions, within),
-        "episode": lambda: split_schemes.by_episode(recipe, fractions),
-        "policy": lambda: split_schemes.by_policy(recipe),
+        "setpoint": lambda: _by_setpoint(spec, scheme, source, target, shots, transitions, within),
+        "episode": lambda: split_schemes.by_episode(spec, fractions),
+        "policy": lambda: split_schemes.by_policy(spec),
     }
     if by not in made and (by is not None or materialize is None):
         found = "nothing" if by is None else repr(by)
         raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
     new = made[by]() if by in made else {}
-    _refuse_names(dataset, recipe, new)
-    labelled = Recipe(recipe.name, recipe.experiments, {**recipe.later, **new})
+    _refuse_names(dataset, spec, new)
+    labelled = DatasetSpec(spec.name, spec.experiments, {**spec.later, **new})
     if materialize is None:
         return relabel(dataset, labelled)
-    return write_dataset(labelled.all_declared(), sources(dataset, recipe), Path(materialize))
+    return write_dataset(labelled.all_declared(), sources(dataset, spec), Path(materialize))
 
 
 def _by_setpoint(
-    recipe: Recipe,
+    spec: DatasetSpec,
     scheme: str,
     source: Sequence[float],
     target: Sequence[float],
@@ -76,20 +76,20 @@ def _by_setpoint(
     within: float | None,
 ) -> split_schemes.Splits:
     if scheme == "transfer":
-        return split_schemes.transfer(recipe, source, target, shots, transitions)
+        return split_schemes.transfer(spec, source, target, shots, transitions)
     if scheme == "leave-one-out":
-        return split_schemes.leave_one_out(recipe)
+        return split_schemes.leave_one_out(spec)
     if scheme in ("interpolation", "extrapolation"):
-        return split_schemes.held_out(recipe, extrapolate=scheme == "extrapolation")
+        return split_schemes.held_out(spec, extrapolate=scheme == "extrapolation")
     if scheme == "distance" and source and within is not None:
-        return split_schemes.by_distance(recipe, source, within)
+        return split_schemes.by_distance(spec, source, within)
     if scheme == "distance":
         raise UsageError("split: found the scheme distance without --source or --within, expected both")
     raise UsageError(f"split: found the scheme {scheme!r}, expected one of {', '.join(SCHEMES)}")
 
 
-def _refuse_names(dataset: Dataset, recipe: Recipe, new: split_schemes.Splits) -> None:
-    declared, valid = set(recipe.declared), TypeAdapter(SplitName)
+def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: split_schemes.Splits) -> None:
+    declared, valid = set(spec.declared), TypeAdapter(SplitName)
     for name in new:
         if name in declared:
             raise UsageError(

@@ -49,7 +49,7 @@ def compiled(function: F) -> F:
 def is_compiled() -> bool:
     """Whether this Python finds machine code of the rollout's last function in `PLACES`, or needs none."""
     config: Any = numba.config
-    files = f"kernel.assemble-*.py{sys.version_info.major}{sys.version_info.minor}*.nbc"
+    files = f"kernel.scatter_columns-*.py{sys.version_info.major}{sys.version_info.minor}*.nbc"
     return bool(config.DISABLE_JIT) or any(any(Path(folder).glob(files)) for folder in PLACES.folders)
 
 

@@ -22,10 +22,10 @@ LOW, HALF, ONE = Word(0xFFFFFFFF), Word(32), Word(1)
 
 
 @compiled
-def high(a: np.uint64, b: np.uint64) -> np.uint64:
+def mulhi(a: np.uint64, b: np.uint64) -> np.uint64:
     """The upper 64 bits of the product of two 64-bit integers, from products of their halves.
 
-    >>> int(high(Word(2**63), Word(6)))
+    >>> int(mulhi(Word(2**63), Word(6)))
     3
     """
     a_low, a_high, b_low, b_high = a & LOW, a >> HALF, b & LOW, b >> HALF
@@ -41,15 +41,15 @@ def philox(keys: Raw, c0: np.uint64, c1: np.uint64, c2: Raw, c3: np.uint64, out:
         k0, k1 = keys[0, i], keys[1, i]
         w, x, y, z = c0, c1, c2[i], c3
         for _ in range(ROUNDS):
-            high_0, low_0 = high(MULTIPLIER_0, w), MULTIPLIER_0 * w
-            high_1, low_1 = high(MULTIPLIER_1, y), MULTIPLIER_1 * y
+            high_0, low_0 = mulhi(MULTIPLIER_0, w), MULTIPLIER_0 * w
+            high_1, low_1 = mulhi(MULTIPLIER_1, y), MULTIPLIER_1 * y
             w, x, y, z = high_1 ^ x ^ k0, low_1, high_0 ^ z ^ k1, low_0
             k0, k1 = k0 + WEYL_0, k1 + WEYL_1
         out[0, i], out[1, i], out[2, i], out[3, i] = w, x, y, z
 
 
 @compiled
-def fill(keys: Raw, words: Raw, first: int, purpose: int, out: Raw) -> None:
+def philox_blocks(keys: Raw, words: Raw, first: int, purpose: int, out: Raw) -> None:
     """The integers out (steps, slots, n) of lanes with keys (2, n) and counters that end in words (n,).
 
     Word 0 of the counter is the number of the block, of which the first is `first`, word 1 the purpose.

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import normal
-from ibdata.numerics.philox import BLOCK, Raw, fill
+from ibdata.numerics.philox import BLOCK, Raw, philox_blocks
 
 Floats = npt.NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def integers(
     """
     out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
     with np.errstate(over="ignore"):  # where nothing is compiled, numpy tells of products past 64 bits
-        fill(
+        philox_blocks(
             np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
         )
     return out

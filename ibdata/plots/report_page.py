@@ -10,7 +10,7 @@ from typing import Any
 
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, experiments
@@ -52,18 +52,18 @@ ds = ibdata.open(".")
 ds.episodes, ds.statistics(), ds.arrays(history=30)["observations"]"""
 
 
-def page(dataset: Dataset, recipe: Recipe, pictures: Mapping[str, bytes]) -> bytes:
+def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> bytes:
     """The report on a dataset with its pictures, PNG by name."""
-    name = escape(recipe.name)
+    name = escape(spec.name)
     parts = [
         f"<h1>{name}</h1>",
         f"<p>{escape(ABOUT)}</p>",
-        _table((), [(key, value.replace("`", "")) for key, value in facts(recipe)]),
+        _table((), [(key, value.replace("`", "")) for key, value in facts(spec)]),
         *_section("Pictures", f'<div class="pictures">{"".join(_pictures(pictures))}</div>'),
         *_section("Splits", *_splits(dataset)),
         *_section("Statistics", *_statistics(dataset)),
         *_section("Columns", *_columns(dataset)),
-        *_section("Experiment", *_experiments(recipe)),
+        *_section("Experiment", *_experiments(spec)),
         *_section("Load it", f"<pre><code>{escape(LOAD)}</code></pre>"),
         *_section("Where it comes from", *_provenance(dataset)),
     ]
@@ -135,11 +135,11 @@ def _columns(dataset: Dataset) -> Iterable[str]:
     yield _table(keys, [[column[key] for key in keys] for column in dataset.info["columns"]])
 
 
-def _experiments(recipe: Recipe) -> Iterable[str]:
-    for experiment in recipe.experiments[:MOST]:
+def _experiments(spec: DatasetSpec) -> Iterable[str]:
+    for experiment in spec.experiments[:MOST]:
         yield f"<pre><code>{escape(as_yaml(experiment).decode())}</code></pre>"
-    if len(recipe.experiments) > MOST:
-        yield f"<p>and {len(recipe.experiments) - MOST} more, see meta/</p>"
+    if len(spec.experiments) > MOST:
+        yield f"<p>and {len(spec.experiments) - MOST} more, see meta/</p>"
 
 
 def _provenance(dataset: Dataset) -> Iterable[str]:

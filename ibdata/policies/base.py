@@ -41,22 +41,22 @@ NormalSingle = _no_denormal(float(np.finfo(np.float32).tiny))  # for what become
 NormalDouble = _no_denormal(float(np.finfo(np.float64).tiny))
 
 
-class Plugin(BaseModel):
+class FrozenModel(BaseModel):
     """A YAML block that is the thing itself: unknown keys are errors, values never change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Policy(Plugin, ABC):
+class Policy(FrozenModel, ABC):
     """A behaviour policy. A subclass in a file of this folder is all it takes to add one.
 
-    It names its `kind: Literal["…"]`, its options as fields, the observations of history it wants
-    (`frames`; 0: none), and the uniform draws it uses per step (`draws`). It sees nothing but observations.
-    `Deterministic` and `Wrapper` below do part of the work.
+    It names its `kind: Literal["…"]`, its options as fields, the number of observations it sees
+    (`history_length`; 0: none), and the number of uniform draws it uses per step (`uniforms_per_step`). It
+    sees nothing but observations. `Deterministic` and `Wrapper` below do part of the work.
     """
 
-    frames: ClassVar[int] = 1
-    draws: ClassVar[int] = 0
+    history_length: ClassVar[int] = 1
+    uniforms_per_step: ClassVar[int] = 0
 
     kind: str
     name: Name | None = Field(default=None, description="label in the data; default: the kind")
@@ -79,12 +79,12 @@ class Policy(Plugin, ABC):
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         """Actions (n, 3) = (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32 by the caller.
 
-        history (n, frames, 6) holds observations in the order of `OBSERVATION`, newest first, the first
-        one repeated at the start; u (n, draws) is U(0, 1). A pure function.
+        history (n, history_length, 6) holds observations in the order of `OBSERVATION`, newest first, the
+        first one repeated at the start; u (n, uniforms_per_step) is U(0, 1). A pure function.
         """
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Log density (n,) of actions (n, 3) given histories (n, frames, 6).
+        """Log density (n,) of actions (n, 3) given histories (n, history_length, 6).
 
         The measure is Lebesgue's on (-1, 1) plus unit masses at ±1 and at a base policy's own float32
         action, in each dimension (or at its whole action, where it is replaced as a whole). NaN where no
@@ -96,12 +96,12 @@ class Policy(Plugin, ABC):
 class Deterministic(Policy):
     """A policy whose action follows from the history: all mass lies at it."""
 
-    def own(self, history: History) -> npt.NDArray[np.float32]:
+    def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """The actions (n, 3) as they are applied."""
         return applied(self.act(history, np.empty((len(history), 0))))
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        return np.where((action == self.own(history)).all(axis=1), 0.0, -np.inf)
+        return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
 
 
 def _without_name(base: Policy) -> Policy:
@@ -116,19 +116,19 @@ Unnamed = AfterValidator(_without_name)
 class Wrapper(Policy):
     """A policy around another, its `base`, whose history and draws it passes on; the base's come first."""
 
-    own_draws: ClassVar[int]
+    own_uniforms_per_step: ClassVar[int]
 
     base: Policy
 
     @property
-    def frames(self) -> int:  # type: ignore[override]  # read from instances only
+    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
         """Observations of history that the base wants."""
-        return self.base.frames
+        return self.base.history_length
 
     @property
-    def draws(self) -> int:  # type: ignore[override]  # read from instances only
+    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
         """Uniform draws per step: the base's and its own."""
-        return self.base.draws + self.own_draws
+        return self.base.uniforms_per_step + self.own_uniforms_per_step
 
     @property
     def code_target(self) -> str | None:
@@ -141,5 +141,5 @@ class Wrapper(Policy):
 
     def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:
         """The base's action (n, 3) as it would be applied, and the draws left (n, own draws)."""
-        n = self.base.draws
+        n = self.base.uniforms_per_step
         return applied(self.base.act(history, np.ascontiguousarray(u[:, :n]))), np.ascontiguousarray(u[:, n:])

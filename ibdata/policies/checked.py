@@ -17,7 +17,7 @@ class PolicyError(IbdataError):
     """A policy returned something that is no action."""
 
 
-class Asked(NamedTuple):
+class CheckedPolicy(NamedTuple):
     """A policy, and what to call it and its lanes in errors."""
 
     policy: Policy

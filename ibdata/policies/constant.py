@@ -18,7 +18,7 @@ Component = Annotated[
 class Constant(Deterministic):
     """The same action (Δv, Δg, Δh) at every step; zero unless said otherwise."""
 
-    frames: ClassVar[int] = 0
+    history_length: ClassVar[int] = 0
 
     kind: Literal["constant"] = "constant"
     action: tuple[Component, Component, Component] = Field(

@@ -65,12 +65,12 @@ class Custom(Policy):
         return self.target
 
     @property
-    def frames(self) -> int:  # type: ignore[override]  # read from instances only
+    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
         """Observations of history that it wants."""
         return self.history
 
     @property
-    def draws(self) -> int:  # type: ignore[override]
+    def uniforms_per_step(self) -> int:  # type: ignore[override]
         """Uniform draws per step."""
         return self.uniforms
 

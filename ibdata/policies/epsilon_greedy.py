@@ -42,7 +42,7 @@ class EpsilonGreedy(Wrapper):
     )
 
     @property
-    def own_draws(self) -> int:  # type: ignore[override]  # read from instances only
+    def own_uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
         """Draws that decide, then those of the random action."""
         return 6 if self.per_dimension else 4
 
@@ -60,7 +60,7 @@ class EpsilonGreedy(Wrapper):
         """
         out = np.empty(len(action))
         if isinstance(self.base, Deterministic):
-            _log_prob(self.base.own(history), action, self.epsilon, self.per_dimension, out)
+            _log_prob(self.base.mean_action(history), action, self.epsilon, self.per_dimension, out)
         else:
             _log_mixture(self.base.log_prob(history, action), action, self.epsilon, out)
         return out

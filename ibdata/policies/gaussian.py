@@ -28,7 +28,7 @@ class Gaussian(Wrapper):
     The base must be deterministic; around one that is random itself there is no simple density.
     """
 
-    own_draws: ClassVar[int] = 3
+    own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
     base: Annotated[DeterministicBase, Unnamed] = Field(description="a policy that draws nothing itself")
@@ -45,7 +45,7 @@ class Gaussian(Wrapper):
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         """Log density (n,): the normal's inside (-1, 1), at ±1 the mass that clipping puts there."""
         out = np.empty(len(action))
-        _log_prob(self.base.own(history), action, self.scale, out)
+        _log_prob(self.base.mean_action(history), action, self.scale, out)
         return out
 
 

@@ -26,7 +26,7 @@ class Optimized(Deterministic):
     `siemens-research/lion`, generate_data.py.
     """
 
-    frames: ClassVar[int] = 6
+    history_length: ClassVar[int] = 6
 
     kind: Literal["optimized"] = "optimized"
 

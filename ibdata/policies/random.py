@@ -22,8 +22,8 @@ class Random(Policy):
     Hein et al. 2017, section "Experimental Prototypes", random exploration.
     """
 
-    frames: ClassVar[int] = 0
-    draws: ClassVar[int] = 3
+    history_length: ClassVar[int] = 0
+    uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["random"] = "random"
 

@@ -33,7 +33,7 @@ class Safe(Policy):
     appendix C.3.1, as restated by `angelolovatto/raylab`; 1/√3 is read as a standard deviation.
     """
 
-    draws: ClassVar[int] = 5
+    uniforms_per_step: ClassVar[int] = 5
 
     kind: Literal["safe"] = "safe"
 

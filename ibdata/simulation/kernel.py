@@ -122,12 +122,12 @@ TILE = 16
 
 
 @compiled
-def assemble(
+def scatter_columns(
     record: AnyFloats,
     actions: Float32s,
     log_prob: Floats,
-    now: Ints,
-    after: Ints,
+    at_t: Ints,
+    at_t_plus_1: Ints,
     action_column: int,
     log_prob_column: int,
     table: AnyFloats,
@@ -143,12 +143,12 @@ def assemble(
         r0 = row + i * steps
         for t0 in range(0, count, TILE):
             t1 = min(count, t0 + TILE)
-            for j in range(now.shape[0]):
-                k, c = now[j, 0], now[j, 1]
+            for j in range(at_t.shape[0]):
+                k, c = at_t[j, 0], at_t[j, 1]
                 for t in range(t0, t1):
                     table[c, r0 + t] = record[t, i, k]
-            for j in range(after.shape[0]):
-                k, c = after[j, 0], after[j, 1]
+            for j in range(at_t_plus_1.shape[0]):
+                k, c = at_t_plus_1[j, 0], at_t_plus_1[j, 1]
                 for t in range(t0, t1):
                     table[c, r0 + t] = record[t + 1, i, k]
             for j in range(3):

@@ -21,7 +21,7 @@ from ibdata.experiment.start import burn_in_steps, steerings
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniforms
 from ibdata.policies.actions import clip_and_round
-from ibdata.policies.checked import Asked
+from ibdata.policies.checked import CheckedPolicy
 from ibdata.simulation import kernel
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise
 from ibdata.simulation.packed import Packed, packed
@@ -83,7 +83,7 @@ class Block:
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
         self.policy = cells[0].policy
-        self.asked = Asked(self.policy, cells[0].label, first, self.n)
+        self.asked = CheckedPolicy(self.policy, cells[0].label, first, self.n)
         self.keys, self.policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)
@@ -150,16 +150,16 @@ class Block:
         record = np.empty((chunk + 1, self.n, len(places.recorded)), dtype=table.dtype)
         actions = np.empty((chunk, self.n, 3), dtype=np.float32)
         log_prob = np.empty((chunk, self.n))
-        history = np.empty((self.n, self.policy.frames, 6), dtype=np.float32)
+        history = np.empty((self.n, self.policy.history_length, 6), dtype=np.float32)
         kernel.observe(self.state, history, True)
         kernel.record_state(self.state, record[0], self.experiment.drifting)
         state = packed(self.state)
         for t in range(0, steps, chunk):
             count = min(chunk, steps - t)
             clipped += self._simulate(state, t, history, record[1:], actions[:count], log_prob[:count])
-            kernel.assemble(
-                record, actions, log_prob, places.now, places.after, places.first_action, places.log_prob,
-                table, row + t, count, steps,
+            kernel.scatter_columns(
+                record, actions, log_prob, places.at_t, places.at_t_plus_1, places.first_action,
+                places.log_prob, table, row + t, count, steps,
             )  # fmt: skip
             record[0] = record[count]
         return clipped
@@ -178,12 +178,12 @@ class Block:
         One at a time, because the policy looks at each; all at once for a policy without eyes.
         """
         count, drifting = len(actions), self.experiment.drifting
-        span = 1 if self.policy.frames else count
-        seen = history if self.policy.frames else np.empty((count * self.n, 0, 6), dtype=np.float32)
+        span = 1 if self.policy.history_length else count
+        seen = history if self.policy.history_length else np.empty((count * self.n, 0, 6), dtype=np.float32)
         seen = seen.view()
         seen.flags.writeable = False
         raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t + 1, count)
-        u = self._uniforms(Purpose.POLICY, t, count, self.policy.draws)
+        u = self._uniforms(Purpose.POLICY, t, count, self.policy.uniforms_per_step)
         clipped = 0
         for part in (slice(i, i + span) for i in range(0, count, span)):
             rows = actions[part].reshape(-1, 3)

@@ -129,8 +129,8 @@ class Layout(NamedTuple):
 
     names: tuple[str, ...]  # of the float columns
     recorded: tuple[str, ...]  # variables of the record, see `lanes.record_state`
-    now: npt.NDArray[np.int64]  # taken at t
-    after: npt.NDArray[np.int64]  # taken at t + 1
+    at_t: npt.NDArray[np.int64]  # taken at t
+    at_t_plus_1: npt.NDArray[np.int64]  # taken at t + 1
     first_action: int
     log_prob: int
 

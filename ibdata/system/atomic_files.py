@@ -84,7 +84,7 @@ class HashingFile:
 
 
 @contextmanager
-def committed(folder: Path, path: str) -> Iterator[HashingFile]:
+def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
     """A new file folder/path that appears under its name when the block ends well, and not otherwise.
 
     `TOKEN` in the path stands for random digits: nobody who listed other files opens this one by their names.
@@ -104,12 +104,12 @@ def committed(folder: Path, path: str) -> Iterator[HashingFile]:
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
     """Commit a small file."""
-    with committed(folder, path) as file:
+    with atomic_write(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
 
 
-def write_once(folder: Path, path: str, data: bytes) -> bool:
+def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
     """Commit a small file, of which the first writer decides; whether it holds these bytes then."""
     target, temporary = folder / path, _temporary(folder, path)
     if not target.is_file():
@@ -165,7 +165,7 @@ def plain_bytes(path: Path, most: int) -> bytes:
         return file.read()
 
 
-def sweep(folder: Path, names: Container[str] | None = None) -> None:
+def remove_temporaries(folder: Path, names: Container[str] | None = None) -> None:
     """Remove the temporary files of writers that were killed, or just those that were to be these files.
 
     The name of a shard's file is given without its token.

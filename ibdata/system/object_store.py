@@ -125,7 +125,7 @@ def first_line(error: BaseException) -> str:
 _mirrors: dict[Path, Remote] = {}
 
 
-def folder_of(place: str | os.PathLike[str]) -> Path:
+def local_copy(place: str | os.PathLike[str]) -> Path:
     """A folder itself; of a URL, a folder of this process that gets each file when it is first asked for."""
     if not is_url(place):
         return Path(place)

@@ -17,37 +17,37 @@ from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.system.atomic_files import FileEntry
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card
 from ibdata.writing.finish import experiment_files, root_of, versions
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD
 
 INFO, STATS = "meta/info.json", "meta/stats.json"
 
 
-def check_plan(recipe: Recipe, listed: dict[str, Any]) -> Iterator[Problem]:
+def check_plan(spec: DatasetSpec, listed: dict[str, Any]) -> Iterator[Problem]:
     """What the manifest says of shards, files and code follows from its experiments."""
     expected = [
         {
-            "rows": (shard.stop - shard.first) * recipe.of_shard(shard).steps,
+            "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,
             "experiment": shard.experiment,
             "episodes": [shard.first + shard.offset, shard.stop + shard.offset],
             "splits": list(shard.splits),
         }
-        for shard in recipe.shards
+        for shard in spec.shards
     ]
     found = [{key: each[key] for key in expected[0]} for each in listed["shards"]]
     plan = {
         "shards": (found, expected),
-        "rows": (listed["rows"], recipe.rows),
+        "rows": (listed["rows"], spec.rows),
         "files": (sorted(file["path"] for file in listed["files"] if file["path"] != manifest.REPORT),
-                  sorted([*(shard["path"] for shard in listed["shards"]), *beside(recipe)])),
-        "code": (list(dict.fromkeys(code["target"] for code in listed["code"])), recipe.code_targets),
+                  sorted([*(shard["path"] for shard in listed["shards"]), *beside(spec)])),
+        "code": (list(dict.fromkeys(code["target"] for code in listed["code"])), spec.code_targets),
     }  # fmt: skip
     for key, (given, right) in plan.items():
         yield from _different(manifest.PATH, "experiments" if key == "shards" else key, given, right, key)
@@ -62,41 +62,41 @@ def check_plan(recipe: Recipe, listed: dict[str, Any]) -> Iterator[Problem]:
         yield Problem(manifest.PATH, None, "code", message)
 
 
-def refuse_other_plan(recipe: Recipe, listed: dict[str, Any]) -> None:
+def refuse_other_plan(spec: DatasetSpec, listed: dict[str, Any]) -> None:
     """DatasetError where the manifest lists other files or episodes than its experiments have."""
-    for problem in check_plan(recipe, listed):
+    for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
 
 
-def beside(recipe: Recipe) -> list[str]:
+def beside(spec: DatasetSpec) -> list[str]:
     """The paths of the files beside the shards, but for the manifest and a report."""
-    return [INFO, EPISODES, STATS, *experiment_files(recipe), manifest.CARD]
+    return [INFO, EPISODES, STATS, *experiment_files(spec), manifest.CARD]
 
 
-def proven_root(recipe: Recipe, listed: dict[str, Any], written: list[Written]) -> str:
+def proven_root(spec: DatasetSpec, listed: dict[str, Any], written: list[WrittenShard]) -> str:
     """The content root of the rows, where those of all shards keep every rule; else the one listed."""
-    if len(written) < len(recipe.shards):
+    if len(written) < len(spec.shards):
         return str(listed["content_root"])
-    return root_of(recipe, ((w.shard, w.content.digests) for w in written))
+    return root_of(spec, ((w.shard, w.content.digests) for w in written))
 
 
 def checks(
-    folder: Path, listed: dict[str, Any], recipe: Recipe, written: list[Written], root: str
+    folder: Path, listed: dict[str, Any], spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
     """The check of each file beside the shards, given the shards whose rows keep every rule, and the root."""
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
     shards = [
-        Written(shard, entries[each["path"]], UNREAD)
-        for shard, each in zip(recipe.shards, listed["shards"], strict=True)
+        WrittenShard(shard, entries[each["path"]], UNREAD)
+        for shard, each in zip(spec.shards, listed["shards"], strict=True)
     ]
-    yield EPISODES, _episodes(folder, listed, recipe, written)
+    yield EPISODES, _episodes(folder, listed, spec, written)
     if len(written) == len(shards):
-        yield STATS, _statistics(folder, listed, metadata.stats(recipe, written))
-    yield INFO, _info(folder, listed, metadata.info(recipe, shards))
-    for path, experiment in experiment_files(recipe).items():
+        yield STATS, _statistics(folder, listed, metadata.stats(spec, written))
+    yield INFO, _info(folder, listed, metadata.info(spec, shards))
+    for path, experiment in experiment_files(spec).items():
         yield path, _experiment(folder, listed, path, experiment)
     if _same_version(listed, "ibdata"):
-        yield manifest.CARD, _card(folder, listed, card(recipe, shards, root))
+        yield manifest.CARD, _card(folder, listed, card(spec, shards, root))
 
 
 def _same_version(listed: dict[str, Any], *of: str) -> bool:
@@ -156,13 +156,13 @@ def _experiment(folder: Path, listed: dict[str, Any], path: str, experiment: Exp
 
 
 def _episodes(
-    folder: Path, listed: dict[str, Any], recipe: Recipe, written: list[Written]
+    folder: Path, listed: dict[str, Any], spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)
-        steps, path = recipe.of_shard(w.shard).steps, w.entry.path
+        steps, path = spec.of_shard(w.shard).steps, w.entry.path
         for i, (digest, expected) in enumerate(zip(w.content.digests, digests[own], strict=True)):
             if digest != expected:
                 message = "found other content than episodes.parquet lists"
@@ -171,8 +171,8 @@ def _episodes(
         if wrong.any():
             message = "found another sum of rewards than episodes.parquet lists"
             yield Problem(path, int(np.argmax(wrong)) * steps, "return", message)
-    if len(written) == len(recipe.shards):
-        yield from _addresses(found, metadata.episodes_table(recipe, written))
+    if len(written) == len(spec.shards):
+        yield from _addresses(found, metadata.episodes_table(spec, written))
 
 
 def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:

@@ -15,24 +15,24 @@ import pyarrow.compute as pc
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import Column, columns
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
 from ibdata.writing.statistics import Moments
-from ibdata.writing.summary import Account, Content
+from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 
 def check_shard(
-    recipe: Recipe, shard: Shard, path: Path, listed: str
-) -> tuple[Content | None, list[Problem]]:
+    spec: DatasetSpec, shard: Shard, path: Path, listed: str
+) -> tuple[ShardSummary | None, list[Problem]]:
     """The content of a shard, which the manifest lists under a name, and every rule that its rows break.
 
     The content is None where rows break a rule, or cannot be read.
     """
-    experiment, account, found = recipe.of_shard(shard), Account(recipe, shard), _Found(listed)
+    experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     try:
         schema, rows = parquet.described(path)
         expected = (shard.stop - shard.first) * experiment.steps
@@ -43,7 +43,7 @@ def check_shard(
             return None, [Problem(listed, None, "rows", message)]
         batches = parquet.batches(path, None, BATCH_ROWS)
         with ThreadPoolExecutor(1) as describing:  # which lets go of Python's lock
-            for row, own in _described(recipe, shard, batches, account, describing, found):
+            for row, own in _described(spec, shard, batches, account, describing, found):
                 for name, rule in RULES.items():
                     found.add(name, row, rule(own))
     except DatasetError as error:
@@ -76,16 +76,16 @@ class _Found:
 
 
 def _described(
-    recipe: Recipe,
+    spec: DatasetSpec,
     shard: Shard,
     batches: Iterable[pa.RecordBatch],
-    account: Account,
+    account: ShardSummarizer,
     describing: ThreadPoolExecutor,
     found: _Found,
 ) -> Iterator[tuple[int, Rows]]:
     """The parts of a shard, each with its first row; one is read while the one before it is described."""
-    experiment, before = recipe.of_shard(shard), None
-    for part, table in stored_parts(recipe, shard, batches):
+    experiment, before = spec.of_shard(shard), None
+    for part, table in stored_parts(spec, shard, batches):
         row = (part.first - shard.first) * experiment.steps
         missing = list(nulls(table))
         found.add("nulls", row, missing)

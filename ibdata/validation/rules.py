@@ -201,7 +201,7 @@ def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
         rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
     )
     actions = rows.stack("action")[own].astype(np.float32)
-    n, frames = len(actions), behaviour.frames
+    n, frames = len(actions), behaviour.history_length
     if not frames:
         return behaviour.log_prob(np.empty((n, 0, 6), dtype=np.float32), actions)
     step = np.arange(n) % rows.experiment.steps

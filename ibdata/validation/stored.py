@@ -11,25 +11,25 @@ import pyarrow as pa
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.rollout import Columns, parts
 from ibdata.simulation.variables import layout
-from ibdata.writing.summary import Content, describe
+from ibdata.writing.summary import ShardSummary, describe
 
 BATCH_ROWS = 65_536
 
 
 def stored_parts(
-    recipe: Recipe, shard: Shard, batches: Iterable[pa.RecordBatch]
+    spec: DatasetSpec, shard: Shard, batches: Iterable[pa.RecordBatch]
 ) -> Iterator[tuple[Shard, pa.Table]]:
     """The parts of a shard, of whose rows these are the batches in order.
 
     Raises DatasetError where the rows end before the shard does.
     """
-    steps, source = recipe.of_shard(shard).steps, iter(batches)
+    steps, source = spec.of_shard(shard).steps, iter(batches)
     waiting: list[pa.RecordBatch] = []
-    for first, stop in parts(recipe.of_shard(shard), shard.first, shard.stop):
+    for first, stop in parts(spec.of_shard(shard), shard.first, shard.stop):
         rows = (stop - first) * steps
         while sum(batch.num_rows for batch in waiting) < rows:
             batch = next(source, None)
@@ -53,13 +53,13 @@ def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
     return Columns(names, values, 0)
 
 
-def stored_content(recipe: Recipe, shard: Shard, path: Path) -> Content:
+def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
     """The content of a shard that is in a file.
 
     Raises DatasetError where the file cannot be read as that shard.
     """
-    experiment = recipe.of_shard(shard)
+    experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)
-    made = ((part, float_columns(experiment, table)) for part, table in stored_parts(recipe, shard, batches))
-    return describe(recipe, shard, made)
+    made = ((part, float_columns(experiment, table)) for part, table in stored_parts(spec, shard, batches))
+    return describe(spec, shard, made)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError
-from ibdata.experiment.recipe import recipe_in
+from ibdata.experiment.dataset_spec import spec_in
 from ibdata.system import object_store
 from ibdata.system.atomic_files import FileEntry, file_sha256
 from ibdata.system.lock import is_locked
@@ -19,7 +19,7 @@ from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
 from ibdata.validation.rules import Problem
 from ibdata.writing.metadata import as_json
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
 THREADS = os.cpu_count() or 1
@@ -40,7 +40,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
 
     Raises BusyError where the dataset is being replaced all the time.
     """
-    path = object_store.folder_of(folder)
+    path = object_store.local_copy(folder)
     for _ in range(TRIES):
         _wait_for_moves(path)
         try:
@@ -116,31 +116,31 @@ def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
 
 def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
     try:
-        recipe = recipe_in(folder, listed)
+        spec = spec_in(folder, listed)
     except DatasetError as error:
         yield Problem(manifest.PATH, None, "manifest", str(error))
         return
-    plan = list(check_plan(recipe, listed))
+    plan = list(check_plan(spec, listed))
     yield from plan
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
-    written: list[Written] = []
+    written: list[WrittenShard] = []
     entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-    for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+    for shard, one in zip(spec.shards, listed["shards"], strict=True):
         if one["path"] in damaged:
             continue
-        content, problems = check_shard(recipe, shard, manifest.locate(folder, one["path"]), one["path"])
+        content, problems = check_shard(spec, shard, manifest.locate(folder, one["path"]), one["path"])
         yield from problems
         if content is not None:
-            written.append(Written(shard, entries[one["path"]], content))
+            written.append(WrittenShard(shard, entries[one["path"]], content))
             if content_of(content.digests) != one["content"]:
                 message = "found other content than the manifest lists"
                 yield Problem(one["path"], None, "digest", message)
-    root = proven_root(recipe, listed, written)
+    root = proven_root(spec, listed, written)
     if root != listed["content_root"]:
         message = f"found {listed['content_root']}, expected {root}"
         yield Problem(manifest.PATH, None, "content root", message)
-    for path, check in checks(folder, listed, recipe, written, root):
+    for path, check in checks(folder, listed, spec, written, root):
         if path not in damaged:
             yield from _read(path, check)
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.writing.metadata import splits
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 SOURCES = {
@@ -35,14 +35,14 @@ def refuse_foreign(path: Path) -> None:
         raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
 
 
-def card(recipe: Recipe, written: list[Written], root: str) -> bytes:
+def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
     """The card of a dataset."""
-    return f"{_front_matter(recipe, written)}\n{_text(recipe, written, root)}".encode()
+    return f"{_front_matter(spec, written)}\n{_text(spec, written, root)}".encode()
 
 
-def facts(recipe: Recipe) -> list[tuple[str, str]]:
+def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     """What a dataset is made of, each with its name; code in backticks."""
-    experiments = recipe.experiments
+    experiments = spec.experiments
     dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
     shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
@@ -50,17 +50,17 @@ def facts(recipe: Recipe) -> list[tuple[str, str]]:
     return [
         ("dynamics", "; ".join(dynamics)),
         ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
-        ("policies", ", ".join(recipe.labels)),
-        ("episodes", f"{recipe.episodes} of {steps} steps"),
-        ("rows", f"{recipe.rows}"),
+        ("policies", ", ".join(spec.labels)),
+        ("episodes", f"{spec.episodes} of {steps} steps"),
+        ("rows", f"{spec.rows}"),
     ]
 
 
-def _front_matter(recipe: Recipe, written: list[Written]) -> str:
-    size = next((name for limit, name in (*SIZES, *LARGER) if recipe.rows < limit), "n>1B")
+def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
+    size = next((name for limit, name in (*SIZES, *LARGER) if spec.rows < limit), "n>1B")
     lines = [
         "---",
-        f"pretty_name: Industrial Benchmark, {recipe.name}",
+        f"pretty_name: Industrial Benchmark, {spec.name}",
         "tags: [reinforcement-learning, offline-rl, industrial-benchmark]",
         f"size_categories: [{size}]",
         "configs:",
@@ -68,7 +68,7 @@ def _front_matter(recipe: Recipe, written: list[Written]) -> str:
         "    default: true",
         "    data_files: data/*.parquet",
     ]
-    for name, split in splits(recipe, written).items():
+    for name, split in splits(spec, written).items():
         if split["files"] is None:
             continue  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
@@ -76,15 +76,15 @@ def _front_matter(recipe: Recipe, written: list[Written]) -> str:
     return "\n".join([*lines, "---", ""])
 
 
-def _text(recipe: Recipe, written: list[Written], root: str) -> str:
+def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
     made = [
-        f"# {recipe.name}",
+        f"# {spec.name}",
         "",
         ABOUT,
         "",
         "| | |",
         "|---|---|",
-        *(f"| {name} | {value} |" for name, value in facts(recipe)),
+        *(f"| {name} | {value} |" for name, value in facts(spec)),
         f"| content root | `{root}` |",
         "",
         "A row is (o, a, o′, r) with the latent state; `meta/info.json` describes every column. Rewards are",
@@ -96,10 +96,10 @@ def _text(recipe: Recipe, written: list[Written], root: str) -> str:
         'data = pd.read_parquet("data")',
         "```",
         "",
-        *_again(recipe),
+        *_again(spec),
         "",
     ]
-    per_split = splits(recipe, written)
+    per_split = splits(spec, written)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
         made += [f"| {name} | {s['episodes']} | {s['rows']} |" for name, s in per_split.items()] + [""]
@@ -113,10 +113,10 @@ def _dynamics(experiment: Experiment) -> str:
     return "`custom`: a published variant with fields replaced, see meta/"
 
 
-def _again(recipe: Recipe) -> list[str]:
-    if len(recipe.experiments) > 1:
+def _again(spec: DatasetSpec) -> list[str]:
+    if len(spec.experiments) > 1:
         return [
-            f"It was merged from {len(recipe.experiments)} experiments, `meta/experiment-*.yaml`;",
+            f"It was merged from {len(spec.experiments)} experiments, `meta/experiment-*.yaml`;",
             "`ibdata reproduce` makes every episode again and compares.",
         ]
     return [

@@ -15,20 +15,20 @@ import pyarrow as pa
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.variables import columns
 from ibdata.system.atomic_files import FileEntry, write
 from ibdata.version import __version__
 from ibdata.writing import metadata
 from ibdata.writing.card import card, refuse_foreign
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
 
 def finish(
-    recipe: Recipe,
-    written: list[Written],
+    spec: DatasetSpec,
+    written: list[WrittenShard],
     folder: Path,
     reproducible: bool,
     code: Sequence[Mapping[str, str | None]] = (),
@@ -40,10 +40,10 @@ def finish(
     """
     refuse_foreign(folder / manifest.CARD)
     written = sorted(written, key=lambda w: w.shard.number)
-    root = root_of(recipe, ((w.shard, w.content.digests) for w in written))
+    root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     entries = [w.entry for w in written]
-    entries += [write(folder, path, make()) for path, make in documents(recipe, written, root).items()]
-    made_manifest = _manifest(recipe, written, entries, root)
+    entries += [write(folder, path, make()) for path, make in metadata_files(spec, written, root).items()]
+    made_manifest = _manifest(spec, written, entries, root)
     made_manifest["reproducible"] = "same-environment" if code and reproducible else reproducible
     made_manifest["code"] = list(code)
     if clipped is not None:
@@ -53,25 +53,27 @@ def finish(
     return made_manifest
 
 
-def documents(recipe: Recipe, written: list[Written], root: str) -> dict[str, Callable[[], bytes]]:
+def metadata_files(
+    spec: DatasetSpec, written: list[WrittenShard], root: str
+) -> dict[str, Callable[[], bytes]]:
     """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
     return {
-        "meta/info.json": lambda: metadata.as_json(metadata.info(recipe, written)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(recipe, written),
-        "meta/stats.json": lambda: metadata.as_json(metadata.stats(recipe, written)),
-        **{path: partial(as_yaml, e) for path, e in experiment_files(recipe).items()},
-        manifest.CARD: lambda: card(recipe, written, root),
+        "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
+        "meta/stats.json": lambda: metadata.as_json(metadata.stats(spec, written)),
+        **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
+        manifest.CARD: lambda: card(spec, written, root),
     }
 
 
-def experiment_files(recipe: Recipe) -> dict[str, Experiment]:
+def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
     """The resolved experiments by their paths; a merged dataset has several."""
-    if len(recipe.experiments) == 1:
-        return {manifest.EXPERIMENT: recipe.experiments[0]}
-    return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(recipe.experiments)}
+    if len(spec.experiments) == 1:
+        return {manifest.EXPERIMENT: spec.experiments[0]}
+    return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
 
 
-def renewed(listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
+def rewritten_manifest(listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
     """The manifest of a dataset some of whose files are others now."""
     files = [entry._asdict() for entry in entries.values()]
     content = {key: value for key, value in listed.items() if key != "checksum"}
@@ -94,34 +96,38 @@ def versions() -> dict[str, str]:
     }
 
 
-def root_of(recipe: Recipe, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
+def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
     """The content root of shards in order, given the digests of the episodes of each."""
     return content_root(
-        ((c.name, c.dtype) for c in columns(recipe.experiments[0])),
-        (episode for shard, digests in shards for episode in addressed(recipe, shard, digests)),
+        ((c.name, c.dtype) for c in columns(spec.experiments[0])),
+        (episode for shard, digests in shards for episode in episode_addresses(spec, shard, digests)),
     )
 
 
-def addressed(recipe: Recipe, shard: Shard, digests: list[bytes]) -> Iterator[tuple[bytes, int, bytes]]:
+def episode_addresses(
+    spec: DatasetSpec, shard: Shard, digests: list[bytes]
+) -> Iterator[tuple[bytes, int, bytes]]:
     """Cell, index in the cell and digest of each episode of a shard."""
-    experiment = recipe.of_shard(shard)
+    experiment = spec.of_shard(shard)
     for i, digest in enumerate(digests, shard.first):
         yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
 
 
-def _manifest(recipe: Recipe, written: list[Written], entries: list[FileEntry], root: str) -> dict[str, Any]:
+def _manifest(
+    spec: DatasetSpec, written: list[WrittenShard], entries: list[FileEntry], root: str
+) -> dict[str, Any]:
     return {
         "format": manifest.FORMAT,
         "version": manifest.VERSION,
         "data_version": manifest.DATA_VERSION,
         "content_root": root,
-        **recipe.plain(),
-        "rows": recipe.rows,
+        **spec.plain(),
+        "rows": spec.rows,
         "clipped_actions": sum(w.content.clipped for w in written),
         "shards": [
             {
                 "path": w.entry.path,
-                "rows": (w.shard.stop - w.shard.first) * recipe.of_shard(w.shard).steps,
+                "rows": (w.shard.stop - w.shard.first) * spec.of_shard(w.shard).steps,
                 "experiment": w.shard.experiment,
                 "episodes": [w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset],
                 "splits": list(w.shard.splits),

@@ -14,10 +14,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset.episodes import SCHEMA as EPISODES
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.simulation.variables import Table, columns, layout
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.statistics import Moments, described, merged
 
 FORMAT = "ibdata-dataset"
@@ -29,28 +29,28 @@ def as_json(data: Any) -> bytes:
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def info(recipe: Recipe, written: list[Written]) -> dict[str, Any]:
+def info(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Any]:
     """info.json: columns with their meaning, groups of columns, counts, splits."""
-    described_columns = [c._asdict() for c in columns(recipe.experiments[0])]
+    described_columns = [c._asdict() for c in columns(spec.experiments[0])]
     groups: dict[str, list[str]] = {}
     for column in described_columns:
         groups.setdefault(column["role"], []).append(column["name"])
     return {
         "format": FORMAT,
         "version": VERSION,
-        "name": recipe.name,
-        "dynamics": _common([e.plain()["dynamics"] for e in recipe.experiments]),
-        "drifting": recipe.experiments[0].drifting,
-        "start": _common([e.plain()["start"] for e in recipe.experiments]),
+        "name": spec.name,
+        "dynamics": _common([e.plain()["dynamics"] for e in spec.experiments]),
+        "drifting": spec.experiments[0].drifting,
+        "start": _common([e.plain()["start"] for e in spec.experiments]),
         "counts": {
-            "rows": recipe.rows,
-            "episodes": recipe.episodes,
-            "steps": _common([e.steps for e in recipe.experiments]),
-            "cells": len({cell.digest for e in recipe.experiments for cell in e.cells}),
+            "rows": spec.rows,
+            "episodes": spec.episodes,
+            "steps": _common([e.steps for e in spec.experiments]),
+            "cells": len({cell.digest for e in spec.experiments for cell in e.cells}),
             "shards": len(written),
             "data_bytes": sum(w.entry.bytes for w in written),
         },
-        "splits": splits(recipe, written),
+        "splits": splits(spec, written),
         "groups": groups,
         "columns": described_columns,
     }
@@ -61,46 +61,46 @@ def _common(values: list[Any]) -> Any:
     return values[0] if all(value == values[0] for value in values) else None
 
 
-def splits(recipe: Recipe, written: Iterable[Written]) -> dict[str, dict[str, Any]]:
+def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, dict[str, Any]]:
     """Episodes and rows of each split, and its files; null in place of those where it is not whole files."""
     out: dict[str, dict[str, Any]] = {
-        **{name: {"episodes": 0, "rows": 0, "files": []} for name in recipe.declared},
-        **{name: {"episodes": 0, "rows": 0, "files": None} for name in recipe.later},
+        **{name: {"episodes": 0, "rows": 0, "files": []} for name in spec.declared},
+        **{name: {"episodes": 0, "rows": 0, "files": None} for name in spec.later},
     }
     for w in written:
-        steps = recipe.of_shard(w.shard).steps
+        steps = spec.of_shard(w.shard).steps
         for name in w.shard.splits:
             out[name]["files"].append(w.entry.path)
-        for first, stop, names in recipe.runs(w.shard):
+        for first, stop, names in spec.runs(w.shard):
             for name in names:
                 out[name]["episodes"] += stop - first
                 out[name]["rows"] += (stop - first) * steps
     return out
 
 
-def episodes_parquet(recipe: Recipe, written: list[Written]) -> bytes:
+def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
     """episodes.parquet: a row an episode."""
     out = io.BytesIO()
-    table = episodes_table(recipe, written)
+    table = episodes_table(spec, written)
     pq.write_table(table, out, compression="zstd", write_page_checksum=True)
     return out.getvalue()
 
 
-def episodes_table(recipe: Recipe, written: list[Written]) -> pa.Table:
+def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     """The table of episodes."""
     numbers = [np.arange(w.shard.first, w.shard.stop) for w in written]
-    parts = [_cells(recipe, w, n) for w, n in zip(written, numbers, strict=True)]
-    lengths = [np.full(len(n), recipe.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
+    parts = [_cells(spec, w, n) for w, n in zip(written, numbers, strict=True)]
+    lengths = [np.full(len(n), spec.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
     length, row_start = np.concatenate(lengths), np.concatenate([np.cumsum(x) - x for x in lengths])
     digests = [digest for w in written for digest in w.content.digests]
-    runs = [run for w in written for run in recipe.runs(w.shard)]
-    cells = list(dict.fromkeys(cell.digest.hex() for e in recipe.experiments for cell in e.cells))
+    runs = [run for w in written for run in spec.runs(w.shard)]
+    cells = list(dict.fromkeys(cell.digest.hex() for e in spec.experiments for cell in e.cells))
     arrays: list[pa.Array] = [
         arrow_array(np.concatenate([n + w.shard.offset for w, n in zip(written, numbers, strict=True)])),
         _texts([part.cell for part in parts], cells),
         arrow_array(np.concatenate([part.number for part in parts])),
         arrow_array(np.concatenate([part.setpoint for part in parts])),
-        _texts([part.policy for part in parts], recipe.labels),
+        _texts([part.policy for part in parts], spec.labels),
         _lists([names for *_, names in runs], [stop - first for first, stop, _ in runs]),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
@@ -123,8 +123,8 @@ class _Episodes(NamedTuple):
     policy: tuple[list[str], npt.NDArray[np.int64]]
 
 
-def _cells(recipe: Recipe, w: Written, numbers: npt.NDArray[np.int64]) -> _Episodes:
-    experiment = recipe.of_shard(w.shard)
+def _cells(spec: DatasetSpec, w: WrittenShard, numbers: npt.NDArray[np.int64]) -> _Episodes:
+    experiment = spec.of_shard(w.shard)
     number, index = np.divmod(numbers, experiment.episodes)
     low, high = int(number[0]), int(number[-1]) + 1
     cells = experiment.cells[low:high]
@@ -155,17 +155,16 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
     return pa.ListArray.from_arrays(arrow_array(offsets), texts)
 
 
-def stats(recipe: Recipe, written: list[Written]) -> dict[str, Any]:
+def stats(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Any]:
     """stats.json: statistics of every float column, over all rows and over each split."""
-    names = layout(recipe.experiments[0]).names
+    names = layout(spec.experiments[0]).names
     parts = [(w.content.moments, [w.content.sample]) for w in written]
     declared = {
         name: [part for part, w in zip(parts, written, strict=True) if name in w.shard.splits]
-        for name in recipe.declared
+        for name in spec.declared
     }
     later = {
-        name: [w.content.labelled[name] for w in written if name in w.content.labelled]
-        for name in recipe.later
+        name: [w.content.labelled[name] for w in written if name in w.content.labelled] for name in spec.later
     }
     return {
         "format": "ibdata-stats",

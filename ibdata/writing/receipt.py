@@ -18,9 +18,9 @@ import numpy as np
 from ibdata.dataset import manifest
 from ibdata.experiment.plan import Shard
 from ibdata.system.atomic_files import TOKEN, FileEntry, file_sha256, plain_bytes, write
-from ibdata.writing.shard_writer import Written, file_of
+from ibdata.writing.shard_writer import WrittenShard, file_of
 from ibdata.writing.statistics import Moments
-from ibdata.writing.summary import Content
+from ibdata.writing.summary import ShardSummary
 
 FOLDER = manifest.RUN
 MAX_BYTES = 2**32
@@ -32,7 +32,7 @@ def path_of(shard: Shard) -> str:
     return f"{FOLDER}/part-{shard.number:05d}.receipt"
 
 
-def put(folder: Path, identity: str, written: Written) -> None:
+def put(folder: Path, identity: str, written: WrittenShard) -> None:
     """Commit the receipt of a shard that is on the disk."""
     content = written.content
     header = {
@@ -55,7 +55,7 @@ def put(folder: Path, identity: str, written: Written) -> None:
     write(folder, path_of(written.shard), hashlib.sha256(data).digest() + data)
 
 
-def get(folder: Path, identity: str, shard: Shard) -> Written | None:
+def get(folder: Path, identity: str, shard: Shard) -> WrittenShard | None:
     """The shard as its receipt has it, if receipt and file are whole and of this experiment; else None."""
     try:
         data = plain_bytes(folder / path_of(shard), MAX_BYTES)
@@ -69,12 +69,12 @@ def get(folder: Path, identity: str, shard: Shard) -> Written | None:
     return written
 
 
-def _parsed(body: bytes, identity: str, shard: Shard) -> Written | None:
+def _parsed(body: bytes, identity: str, shard: Shard) -> WrittenShard | None:
     """What a receipt says, if it is of this shard."""
     with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
         entry = FileEntry(*header["entry"])
-        content = Content(
+        content = ShardSummary(
             [bytes(digest) for digest in arrays["digests"]],
             arrays["returns"],
             Moments(header["rows"], *arrays["moments"]),
@@ -86,4 +86,4 @@ def _parsed(body: bytes, identity: str, shard: Shard) -> Written | None:
     count = shard.stop - shard.first
     named = re.fullmatch(re.escape(file_of(shard)).replace(re.escape(TOKEN), "[0-9a-f]{8}"), entry.path)
     fits = len(content.digests) == len(content.returns) == count and named is not None
-    return Written(shard, entry, content) if same and fits else None
+    return WrittenShard(shard, entry, content) if same and fits else None

@@ -14,25 +14,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import columns
-from ibdata.system.atomic_files import TOKEN, FileEntry, HashingFile, committed
+from ibdata.system.atomic_files import TOKEN, FileEntry, HashingFile, atomic_write
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
-from ibdata.writing.summary import Account, Content, simulated
+from ibdata.writing.summary import ShardSummarizer, ShardSummary, simulated
 from ibdata.writing.threads import Threads
 
 
-class Written(NamedTuple):
+class WrittenShard(NamedTuple):
     """A shard that is on the disk."""
 
     shard: Shard
     entry: FileEntry
-    content: Content
+    content: ShardSummary
 
 
-class Begun:
+class ShardWriter:
     """A shard that is simulated, or made of these parts; then `finish` it or `abandon` it.
 
     A part is encoded and described in threads while the next is simulated; all let go of Python's lock.
@@ -40,19 +40,19 @@ class Begun:
 
     def __init__(
         self,
-        recipe: Recipe,
+        spec: DatasetSpec,
         shard: Shard,
         folder: Path,
         threads: Threads,
         made: Iterable[tuple[Shard, Columns]] | None = None,
     ) -> None:
-        self.shard, self.experiment = shard, recipe.of_shard(shard)
-        self._account = Account(recipe, shard)
+        self.shard, self.experiment = shard, spec.of_shard(shard)
+        self._account = ShardSummarizer(spec, shard)
         self._pending: list[Future[object]] = []
         self._encoding, self._stopped = Lock(), False
-        made = simulated(recipe, shard) if made is None else made
+        made = simulated(spec, shard) if made is None else made
         with ExitStack() as stack:
-            self._file = stack.enter_context(committed(folder, file_of(shard)))
+            self._file = stack.enter_context(atomic_write(folder, file_of(shard)))
             self._groups = RowGroups(stack.enter_context(_writer(self.experiment, self._file)))
             stack.callback(self._stop)
             for part, own in made:
@@ -81,7 +81,7 @@ class Begun:
             future.cancel()
         wait(self._pending)
 
-    def finish(self, last: Callable[[], None] = lambda: None) -> Written:
+    def finish(self, last: Callable[[], None] = lambda: None) -> WrittenShard:
         """Commit the shard to its file, after a last look. Raises IbdataError where a value is not finite."""
         with self._opened:
             self._settle(list(self._pending))
@@ -89,7 +89,7 @@ class Begun:
             content = self._account.content()
             last()
         entry = FileEntry(self._file.path, self._file.size, self._file.sha256())
-        return Written(self.shard, entry, content)
+        return WrittenShard(self.shard, entry, content)
 
     def abandon(self) -> None:
         """Leave nothing of it, whatever fails meanwhile."""

@@ -11,15 +11,15 @@ import numpy as np
 
 from ibdata.dataset.digest import episode_digests
 from ibdata.errors import IbdataError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.rollout import Columns, parts, rollout
 from ibdata.simulation.variables import Table, layout
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.statistics import SAMPLE_ROWS, Floats, Moments, merged, moments, sample_stride, sums
 
 
-class Content(NamedTuple):
+class ShardSummary(NamedTuple):
     """What is in a shard."""
 
     digests: list[bytes]  # of the episodes
@@ -31,7 +31,7 @@ class Content(NamedTuple):
 
 
 # The content of a shard that nobody has read.
-UNREAD = Content([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
+UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
 
 
 def content_of(digests: list[bytes]) -> str:
@@ -39,31 +39,31 @@ def content_of(digests: list[bytes]) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def describe(recipe: Recipe, shard: Shard, made: Iterable[tuple[Shard, Columns]]) -> Content:
+def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Columns]]) -> ShardSummary:
     """The content of a shard that has these parts. Raises IbdataError where a value is not finite."""
-    account = Account(recipe, shard)
+    account = ShardSummarizer(spec, shard)
     for part, floats in made:
         account.add(part, floats)
     return account.content()
 
 
-def simulated(recipe: Recipe, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
+def simulated(spec: DatasetSpec, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
     """The parts of a shard, with their columns."""
-    experiment = recipe.of_shard(shard)
+    experiment = spec.of_shard(shard)
     for first, stop in parts(experiment, shard.first, shard.stop):
         yield shard._replace(first=first, stop=stop), rollout(experiment, first, stop)
 
 
-class Account:
+class ShardSummarizer:
     """The content of a shard while its parts are added in their order."""
 
-    def __init__(self, recipe: Recipe, shard: Shard) -> None:
-        self.shard, self.experiment = shard, recipe.of_shard(shard)
+    def __init__(self, spec: DatasetSpec, shard: Shard) -> None:
+        self.shard, self.experiment = shard, spec.of_shard(shard)
         steps = self.experiment.steps
-        self._runs = deque(recipe.runs(shard) if recipe.later else ())
+        self._runs = deque(spec.runs(shard) if spec.later else ())
         lengths: dict[str, int] = {}
         for first, stop, names in self._runs:
-            for name in recipe.later.keys() & set(names):
+            for name in spec.later.keys() & set(names):
                 lengths[name] = lengths.get(name, 0) + (stop - first) * steps
         self._all = _Rows((shard.stop - shard.first) * steps, self.experiment.rows)
         self._labelled = {name: _Rows(rows, self.experiment.rows) for name, rows in lengths.items()}
@@ -102,7 +102,7 @@ class Account:
             self._runs.popleft()
         return {name: [table[:, rows] for rows in own] for name, own in found.items()}
 
-    def content(self) -> Content:
+    def content(self) -> ShardSummary:
         """What all parts together hold. Raises IbdataError where a value is not finite."""
         whole, samples = self._all.found()
         names = layout(self.experiment).names
@@ -116,7 +116,7 @@ class Account:
         returns = np.concatenate(self._returns)
         labelled = {name: rows.found() for name, rows in self._labelled.items()}
         sample = np.concatenate(samples, axis=1)
-        return Content(self._digests, returns, whole, sample, self._clipped, labelled)
+        return ShardSummary(self._digests, returns, whole, sample, self._clipped, labelled)
 
 
 class _Rows:

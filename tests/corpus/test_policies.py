@@ -45,7 +45,7 @@ def good(history: np.ndarray, u: np.ndarray) -> np.ndarray:
 class Odd(Policy):
     """Good actions, changed by what a test gives: `answer(self, history, u, step)`."""
 
-    draws: ClassVar[int] = 3
+    uniforms_per_step: ClassVar[int] = 3
     answer: ClassVar[Any] = None
     calls: ClassVar[Any] = itertools.count()
 
@@ -230,7 +230,7 @@ def test_finite_actions_out_of_range_are_clipped_and_counted(played, answer, vel
 def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Random, "frames", 1)
+    monkeypatch.setattr(Random, "history_length", 1)
     monkeypatch.setattr("ibdata.simulation.self_check.matches", lambda: True)  # it plays this policy too
 
     def generate(answer, resume=False):

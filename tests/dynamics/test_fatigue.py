@@ -12,15 +12,15 @@ from ibdata.dynamics import PAPER, SIEMENS
 from ibdata.dynamics.fatigue import (
     amplification,
     basic_fatigue,
+    bernoulli,
     effective_gain,
     effective_velocity,
-    event,
     fatigue,
     gain_transform,
-    hidden,
     mixed_noise,
     noise_component,
     squashed_exponential,
+    update_mu,
     velocity_transform,
 )
 
@@ -98,14 +98,14 @@ def test_the_effective_gain_falls_from_exactly_1_to_exactly_0(a, b, p):
     ],
 )
 def test_an_event_happens_where_its_uniform_is_below_the_clipped_probability(u, effective, low, high, b):
-    assert event(u, effective, low, high) == b
+    assert bernoulli(u, effective, low, high) == b
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.001, 0.999)])
 def test_events_are_as_frequent_as_their_probability(low, high):
     """Over 2000 evenly spaced uniforms, the share of events is the clipped probability."""
     for effective in (0.0, 0.25, 0.5, 0.9, 1.0):
-        share = sum(event((i + 0.5) / 2000.0, effective, low, high) for i in range(2000)) / 2000.0
+        share = sum(bernoulli((i + 0.5) / 2000.0, effective, low, high) for i in range(2000)) / 2000.0
         assert share == pytest.approx(min(max(effective, low), high), abs=1e-9)
 
 
@@ -163,23 +163,23 @@ def test_a_noise_component_lies_in_the_unit_interval(variant, e, u, u_event, eff
     ],
 )
 def test_a_hidden_value_is_reset_runs_away_or_follows_its_noise(mu, effective, eta, after):
-    assert hidden(mu, effective, eta) == pytest.approx(after, rel=1e-14, abs=0.0)
+    assert update_mu(mu, effective, eta) == pytest.approx(after, rel=1e-14, abs=0.0)
 
 
 def test_a_run_away_takes_15_steps_to_its_cap():
     mu, steps = 1.2, 0  # 1.2 · 1.1¹⁴ = 4.557, 1.2 · 1.1¹⁵ = 5.013
     while mu < 5.0:
-        mu, steps = hidden(mu, 0.5, 0.0), steps + 1
+        mu, steps = update_mu(mu, 0.5, 0.0), steps + 1
     assert steps == 15
-    assert hidden(mu, 0.5, 0.0) == 5.0
+    assert update_mu(mu, 0.5, 0.0) == 5.0
 
 
 @examples
 @given(mus, unit, unit)
 def test_a_hidden_value_stays_in_0_to_5_and_is_the_effective_value_up_to_0_05(mu, effective, eta):
-    after = hidden(mu, effective, eta)
+    after = update_mu(mu, effective, eta)
     assert 0.0 <= after <= 5.0
-    assert hidden(mu, effective / 20.0, eta) == effective / 20.0
+    assert update_mu(mu, effective / 20.0, eta) == effective / 20.0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.dynamics.miscalibration import Z
+from ibdata.dynamics.miscalibration import SAFE_ZONE
 from ibdata.numerics.exact import exponential, normal
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
@@ -65,7 +65,7 @@ def assert_related(state, variant):
     for mu, effective in ((state.mu_v, state.effective_velocity), (state.mu_g, state.effective_gain)):
         assert (mu == effective)[effective <= 0.05].all()
     assert (state.response == -1)[np.abs(state.direction) == 6].all()
-    home = (state.direction == 0) & (np.abs(state.effective_shift) <= Z)
+    home = (state.direction == 0) & (np.abs(state.effective_shift) <= SAFE_ZONE)
     assert (state.domain[home] == 1).all()
     assert (state.response[home] == 1).all()
 

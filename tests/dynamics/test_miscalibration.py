@@ -12,21 +12,21 @@ from hypothesis import strategies as st
 from ibdata.dynamics.miscalibration import (
     PHI_MAX,
     RHO_S,
-    Z,
+    SAFE_ZONE,
     direction_step,
     effective_shift,
     entered_domain,
     entered_response,
     reflected_direction,
     sgn,
-    turn,
     turned_response,
+    update_direction,
 )
 
 examples = settings(derandomize=True, deadline=None, max_examples=300)
 SIGNS = (-1, 1)
 PHIS = range(-PHI_MAX, PHI_MAX + 1)
-SHIFTS = (-1.5, -1.0, -0.5, -0.13, -Z, -0.1, 0.0, 0.1, Z, 0.13, 0.5, 1.0, 1.5)
+SHIFTS = (-1.5, -1.0, -0.5, -0.13, -SAFE_ZONE, -0.1, 0.0, 0.1, SAFE_ZONE, 0.13, 0.5, 1.0, 1.5)
 EVERYTHING = list(itertools.product(SIGNS, SIGNS, PHIS, SHIFTS))
 
 
@@ -34,7 +34,7 @@ def track(shifts, state=(1, 1, 0)):
     """The states (δ, ψ, φ) after each effective shift, from the state of a start."""
     states = []
     for he in shifts:
-        state = turn(*state, he)
+        state = update_direction(*state, he)
         states.append(state)
     return states
 
@@ -45,8 +45,8 @@ def directions(shifts, state=(1, 1, 0)):
 
 def test_the_safe_zone_is_the_rounded_value_of_its_formula():
     with mpmath.workdps(50):
-        assert float(mpmath.sin(mpmath.pi / 12) / 2) == Z  # 15° = π/12
-    assert round(Z, 4) == 0.1294  # the paper prints 0.1309, which is π/24
+        assert float(mpmath.sin(mpmath.pi / 12) / 2) == SAFE_ZONE  # 15° = π/12
+    assert round(SAFE_ZONE, 4) == 0.1294  # the paper prints 0.1309, which is π/24
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,9 @@ def test_the_sign_times_the_size_is_the_number(x):
 @pytest.mark.parametrize("delta", SIGNS)
 def test_the_domain_is_the_side_of_the_shift_and_stays_in_the_safe_zone(delta):
     assert [entered_domain(delta, he) for he in (-1.0, -0.13, 0.13, 1.0)] == [-1, -1, 1, 1]
-    assert [entered_domain(delta, he) for he in (-Z, 0.0, Z)] == [delta] * 3  # |hᵉ| = z is still safe
+    assert [entered_domain(delta, he) for he in (-SAFE_ZONE, 0.0, SAFE_ZONE)] == [
+        delta
+    ] * 3  # |hᵉ| = z is still safe
 
 
 @pytest.mark.parametrize(
@@ -98,7 +100,7 @@ def test_a_change_of_domain_makes_the_response_advantageous(psi, delta, delta_ha
     ("phi", "delta_hat", "psi_hat", "he", "step"),
     [
         (4, 1, 1, 0.0, -1),  # safe: back towards 0
-        (4, 1, 1, Z, -1),  # |hᵉ| = z is still safe
+        (4, 1, 1, SAFE_ZONE, -1),  # |hᵉ| = z is still safe
         (0, 1, 1, 0.0, 0),
         (-6, 1, -1, 0.5, 0),  # held at the opposite bound -6 δ̂
         (6, -1, -1, -0.5, 0),
@@ -170,8 +172,8 @@ def test_a_constant_shift_ends_at_the_opposite_bound_and_stays():
 
 def test_a_jump_to_the_other_side_at_the_opposite_bound_is_reflected():
     """δ changes at φ = -6, so that φ̂ = -7, which is reflected to -5; ψ is -1 at once."""
-    assert turn(1, -1, -6, -1.0) == (-1, -1, -5)
-    assert turn(-1, -1, 6, 1.0) == (1, -1, 5)
+    assert update_direction(1, -1, -6, -1.0) == (-1, -1, -5)
+    assert update_direction(-1, -1, 6, 1.0) == (1, -1, 5)
 
 
 @pytest.mark.parametrize("start", list(itertools.product(SIGNS, SIGNS, PHIS)))
@@ -183,7 +185,7 @@ def test_the_safe_zone_brings_the_start_back_within_six_steps(start):
 
 def test_every_step_keeps_the_latents_in_their_ranges_and_moves_the_direction_by_at_most_one():
     for delta, psi, phi, he in EVERYTHING:
-        delta_next, psi_next, phi_next = turn(delta, psi, phi, he)
+        delta_next, psi_next, phi_next = update_direction(delta, psi, phi, he)
         assert delta_next in SIGNS
         assert psi_next in SIGNS
         assert phi_next in PHIS
@@ -193,8 +195,8 @@ def test_every_step_keeps_the_latents_in_their_ranges_and_moves_the_direction_by
 def test_the_two_domains_are_mirror_images_but_for_the_reset():
     """At φ = 0 in the safe zone both sides are reset to δ = 1, which is no mirror image."""
     for delta, psi, phi, he in EVERYTHING:
-        here, there = turn(delta, psi, phi, he), turn(-delta, psi, -phi, -he)
-        if here[2] == 0 and abs(he) <= Z:
+        here, there = update_direction(delta, psi, phi, he), update_direction(-delta, psi, -phi, -he)
+        if here[2] == 0 and abs(he) <= SAFE_ZONE:
             assert here == there == (1, 1, 0)
         else:
             assert there == (-here[0], here[1], -here[2])

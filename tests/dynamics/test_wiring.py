@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, State
-from ibdata.dynamics.fatigue import effective_gain, effective_velocity, hidden, noise_component
-from ibdata.dynamics.miscalibration import effective_shift, penalty, turn
+from ibdata.dynamics.fatigue import effective_gain, effective_velocity, noise_component, update_mu
+from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.setpoint import drift
 from ibdata.numerics.exact import logistic
 
@@ -72,7 +72,7 @@ def test_the_latents_of_the_fatigue_follow_their_own_past_and_their_own_draws(ta
             eta_v = noise_component(n.exp_v, n.uniform_v, n.bernoulli_v, ve, k)
             eta_g = noise_component(n.exp_g, n.uniform_g, n.bernoulli_g, ge, k)
             assert (new.effective_velocity, new.effective_gain) == (ve, ge)
-            assert (new.mu_v, new.mu_g) == (hidden(old.mu_v, ve, eta_v), hidden(old.mu_g, ge, eta_g))
+            assert (new.mu_v, new.mu_g) == (update_mu(old.mu_v, ve, eta_v), update_mu(old.mu_g, ge, eta_g))
             above = max(new.mu_v, new.mu_g) >= variant.alpha_threshold  # the new μ decide
             assert new.alpha == (logistic(2.4 + 0.4 * n.normal_alpha) if above else max(eta_v, eta_g))
 
@@ -82,7 +82,7 @@ def test_the_mis_calibration_turns_with_the_new_shift_and_is_charged_in_the_new_
     for before, after in zip(played[variant], played[variant][1:], strict=False):
         for old, new in zip(lanes(before), lanes(after), strict=True):
             he = effective_shift(new.shift, new.setpoint)
-            turned = turn(old.domain, old.response, old.direction, he)
+            turned = update_direction(old.domain, old.response, old.direction, he)
             assert (new.domain, new.response, new.direction) == turned
             assert (new.effective_shift, new.penalty) == (he, penalty(new.direction, he))
 

@@ -36,7 +36,7 @@ class Watching:
     """Does nothing, and keeps what it sees."""
 
     def __init__(self, frames=1):
-        self.frames, self.seen = frames, []
+        self.history_length, self.seen = frames, []
 
     def act(self, history, u):
         self.seen.append(history.copy())

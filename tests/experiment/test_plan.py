@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan, segments
-from ibdata.experiment.recipe import Recipe
 from ibdata.experiment.split_schemes import leave_one_out
 
 examples = settings(derandomize=True, deadline=None, max_examples=300)
@@ -169,7 +169,7 @@ def test_splits_are_filled_anew_after_a_cut():
 def test_a_split_is_read_some_times_however_many_cells_there_are(monkeypatch):
     """Leave-one-out has a split, and a list of setpoints, for every cell: nothing may be for each of both."""
     made = experiment(setpoints=[float(p) for p in range(60)], episodes=2)
-    folds = leave_one_out(Recipe.of(made))
+    folds = leave_one_out(DatasetSpec.of(made))
     read = Counter()
     for name in ("setpoints", "policies", "indices"):
         original = getattr(Split, name)
@@ -186,9 +186,9 @@ def test_a_split_is_read_some_times_however_many_cells_there_are(monkeypatch):
 def test_the_later_splits_of_a_shard_are_those_of_each_of_its_episodes(made):
     """Whatever later segments and shards there are, each shard gets those that are in it."""
     declared = Experiment.model_validate({**made.plain(), "splits": {}})
-    recipe = Recipe("x", (declared,), made.splits)
-    for shard in recipe.shards:
-        runs = list(recipe.runs(shard))
+    spec = DatasetSpec("x", (declared,), made.splits)
+    for shard in spec.shards:
+        runs = list(spec.runs(shard))
         assert [runs[0][0], runs[-1][1]] == [shard.first, shard.stop]
         assert all(a[1] == b[0] for a, b in pairwise(runs))
         for first, stop, names in runs:

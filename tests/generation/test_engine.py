@@ -9,7 +9,7 @@ import pytest
 
 import ibdata
 from ibdata.errors import MissingError, UsageError
-from ibdata.generation.engine import ENGINES, chosen
+from ibdata.generation.engine import ENGINES, select_engine
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_made(tmp_path, monke
 def test_without_ray_its_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingError, match=r"^--engine ray needs ray: pip install ray, or ibdata with its"):
-        chosen("ray", None, None)
+        select_engine("ray", None, None)
 
 
 def test_the_command_offers_the_engines_that_there_are():

@@ -60,9 +60,9 @@ PLACES = [
     ("ibdata.generation.generate.finish", 0),
     ("ibdata.writing.finish.write", 0),
     ("ibdata.writing.finish.write", 5),
-    ("ibdata.generation.local.Begun", 2),
+    ("ibdata.generation.local.ShardWriter", 2),
     ("ibdata.writing.shard_writer.arrow_table", 0),
-    ("ibdata.writing.shard_writer.Account", 3),
+    ("ibdata.writing.shard_writer.ShardSummarizer", 3),
     ("os.fsync", 1),
     ("os.fsync", 9),
 ]
@@ -138,7 +138,7 @@ def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatc
         action[:, 1] = np.nan if next(calls) == 2 + 5 + 3 else 0.0
         return action
 
-    monkeypatch.setattr("ibdata.policies.random.Random.frames", 1)
+    monkeypatch.setattr("ibdata.policies.random.Random.history_length", 1)
     monkeypatch.setattr("ibdata.policies.random.Random.act", act)
     monkeypatch.setattr("ibdata.simulation.self_check.matches", lambda: True)  # it plays this policy too
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):

@@ -236,7 +236,7 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("full")
 
-    monkeypatch.setattr("ibdata.maintenance.card.renewed", fail)
+    monkeypatch.setattr("ibdata.maintenance.card.rewritten_manifest", fail)
     with pytest.raises(RuntimeError):
         card(copied)
     assert contents(copied) == before

@@ -13,14 +13,14 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.recipe import Recipe
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.scalars import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
 from ibdata.experiment.template import write_template
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.atomic_files import TOKEN, FileEntry
 from ibdata.writing.card import card
-from ibdata.writing.shard_writer import Written, file_of
+from ibdata.writing.shard_writer import WrittenShard, file_of
 from ibdata.writing.summary import UNREAD
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
@@ -70,12 +70,12 @@ def test_names_that_are_text_to_all_stay_as_they_are():
 @pytest.mark.parametrize("reader", readers(), ids=["1.2", "1.1"])
 def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     splits = {name: {"overlap": True} for name in WORDS}
-    recipe = Recipe.of(described(name="1", splits=splits))
+    spec = DatasetSpec.of(described(name="1", splits=splits))
     written = [
-        Written(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
-        for shard in recipe.shards
+        WrittenShard(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
+        for shard in spec.shards
     ]
-    _, front, text = card(recipe, written, "0" * 64).decode().split("---\n", 2)
+    _, front, text = card(spec, written, "0" * 64).decode().split("---\n", 2)
     matter = reader.load(front)
     assert matter["pretty_name"] == "Industrial Benchmark, 1"
     assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]
@@ -89,7 +89,7 @@ def test_an_experiment_that_is_begun_under_such_a_name_is_valid(tmp_path, name):
 
 
 def test_close_setpoints_are_left_out_one_by_one():
-    folds = leave_one_out(Recipe.of(described(setpoints=CLOSE)))
+    folds = leave_one_out(DatasetSpec.of(described(setpoints=CLOSE)))
     assert list(folds) == [
         f"{part}-{name}"
         for name in ("12_5", "50", "50_0000001", "50_0000002", "60")
@@ -102,7 +102,7 @@ def test_close_setpoints_are_left_out_one_by_one():
 @given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))
 @settings(derandomize=True, deadline=None)
 def test_no_two_folds_have_one_name_and_each_may_name_a_split(setpoints):
-    folds = leave_one_out(Recipe.of(described(setpoints=setpoints)))
+    folds = leave_one_out(DatasetSpec.of(described(setpoints=setpoints)))
     assert len(folds) == 2 * len(setpoints)
     for name in folds:
         assert TypeAdapter(SplitName).validate_python(name) == name

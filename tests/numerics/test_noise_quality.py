@@ -24,7 +24,7 @@ from ibdata.dynamics.fatigue import (
     ALPHA_SD,
     AMPLIFICATION_START,
     TOLERANCE,
-    event,
+    bernoulli,
     squashed_exponential,
 )
 from ibdata.numerics.random import Purpose, integers, stream_key
@@ -127,7 +127,7 @@ def of_fatigue(data, addressed, side):
 def drawn(u, effective):
     """The events that the dynamics make of uniforms u."""
     return np.array(
-        [event(*x, *SIEMENS.bernoulli_bounds) for x in zip(u.tolist(), effective.tolist(), strict=True)],
+        [bernoulli(*x, *SIEMENS.bernoulli_bounds) for x in zip(u.tolist(), effective.tolist(), strict=True)],
         dtype=bool,
     )
 

@@ -33,13 +33,13 @@ def optimized(**values):
 def test_bad_is_the_way_to_100_in_raw_units():
     # 100 - 50 = 50, 100 - 99.5 = 0.5, 100 - 100 = 0; what is above 1 is clipped when it is applied.
     assert np.asarray(Bad().act(now(50.0, 99.5, 100.0), NO_DRAWS)).tolist() == [[50.0, 0.5, 0.0]]
-    assert Bad().own(now(50.0, 99.5, 100.0)).tolist() == [[1.0, 0.5, 0.0]]
+    assert Bad().mean_action(now(50.0, 99.5, 100.0)).tolist() == [[1.0, 0.5, 0.0]]
 
 
 def test_mediocre_is_the_way_to_25_in_raw_units():
     # 25 - 25 = 0, 25 - 24.75 = 0.25, 25 - 27 = -2
     assert np.asarray(Mediocre().act(now(25.0, 24.75, 27.0), NO_DRAWS)).tolist() == [[0.0, 0.25, -2.0]]
-    assert Mediocre().own(now(25.0, 24.75, 27.0)).tolist() == [[0.0, 0.25, -1.0]]
+    assert Mediocre().mean_action(now(25.0, 24.75, 27.0)).tolist() == [[0.0, 0.25, -1.0]]
 
 
 def test_the_distance_is_taken_in_doubles():
@@ -51,7 +51,7 @@ def test_the_distance_is_taken_in_doubles():
 def test_optimized_at_the_mean_of_everything_is_its_constants():
     # All z are 0; 1.43 is clipped when it is applied. The means are rounded to float32 in a history.
     assert optimized() == pytest.approx([-0.91, 1.43, 0.81], abs=1e-6)
-    assert Optimized().own(past()).tolist()[0][1] == 1.0
+    assert Optimized().mean_action(past()).tolist()[0][1] == 1.0
 
 
 def test_the_velocity_follows_the_velocity_five_steps_ago():

@@ -49,15 +49,15 @@ SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 def histories(policy, values=EDGES):
     """One lane (n, frames, 6) for every pair of velocity and gain, the older frames those of other lanes."""
     pairs = np.array(list(product(values, values)), dtype=np.float32)
-    history = np.full((len(pairs), policy.frames, 6), 50.0, dtype=np.float32)
-    for k in range(policy.frames):
+    history = np.full((len(pairs), policy.history_length, 6), 50.0, dtype=np.float32)
+    for k in range(policy.history_length):
         history[:, k, 1:3] = np.roll(pairs, k, axis=0)
         history[:, k, 3:5] = np.roll(pairs[::-1], 2 * k, axis=0)
     return history
 
 
 def draws(policy, n):
-    u = np.random.default_rng(0).random((n, policy.draws))
+    u = np.random.default_rng(0).random((n, policy.uniforms_per_step))
     u[: n // 4][u[: n // 4] < 0.5] = SMALLEST
     u[n // 4 : n // 2][u[n // 4 : n // 2] > 0.5] = LARGEST
     return u
@@ -129,9 +129,9 @@ def test_what_a_policy_is_given_stays_as_it_was(policy):
 @policies
 def test_what_a_policy_returned_is_not_overwritten_by_its_next_call(policy):
     history = histories(policy)
-    first = np.asarray(policy.act(history, np.full((len(history), policy.draws), 0.9)))
+    first = np.asarray(policy.act(history, np.full((len(history), policy.uniforms_per_step), 0.9)))
     kept = first.copy()
-    policy.act(history, np.full((len(history), policy.draws), 0.1))
+    policy.act(history, np.full((len(history), policy.uniforms_per_step), 0.1))
     np.testing.assert_array_equal(first, kept)
 
 
@@ -149,7 +149,7 @@ def atoms_of(policy, lane, dimension):
     """±1 and the actions that a state repeats: the points of the measure of `Policy.log_prob`."""
     many = np.repeat(lane, 400, axis=0)
     values, counts = np.unique(
-        applied(policy, many, np.random.default_rng(1).random((400, policy.draws)))[:, dimension],
+        applied(policy, many, np.random.default_rng(1).random((400, policy.uniforms_per_step)))[:, dimension],
         return_counts=True,
     )
     return sorted({-1.0, 1.0} | set(values[counts > 4].tolist()))
@@ -159,7 +159,7 @@ def whole_atom(policy, lane):
     """The one action (1, 3) that has a mass of its own as a whole, or none (0, 3)."""
     whole = policy.kind == "epsilon_greedy" and not policy.per_dimension and policy.epsilon < 1.0
     if whole and isinstance(policy.base, Deterministic):
-        return policy.base.own(lane)
+        return policy.base.mean_action(lane)
     return np.empty((0, 3), dtype=np.float32)
 
 
@@ -250,7 +250,7 @@ from ibdata.policies.base import Policy
 class Ramp(Policy):
     """A slope, and a little noise."""
 
-    draws: ClassVar[int] = 1
+    uniforms_per_step: ClassVar[int] = 1
     kind: Literal["ramp"] = "ramp"
     slope: float = 0.25
 

@@ -23,7 +23,7 @@ def test_every_lane_gets_the_action_in_the_order_velocity_gain_shift():
 
 
 def test_no_random_number_is_used():
-    assert Constant.draws == 0
+    assert Constant.uniforms_per_step == 0
 
 
 def test_the_whole_mass_lies_at_its_own_action_rounded_to_float32():

@@ -82,8 +82,8 @@ def described(**policy):
 def test_act_and_predict_are_asked_for_actions(mine, options, actions):
     policy = Custom(**options)
     rng = np.random.default_rng(0)
-    history = rng.uniform(0, 100, (7, policy.frames, 6)).astype(np.float32)
-    u = rng.random((7, policy.draws))
+    history = rng.uniform(0, 100, (7, policy.history_length, 6)).astype(np.float32)
+    u = rng.random((7, policy.uniforms_per_step))
     np.testing.assert_array_equal(policy.act(history, u), actions(history, u))
 
 

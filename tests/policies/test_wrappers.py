@@ -21,7 +21,7 @@ SIGMAS = 5.0
 
 def lanes(n, policy=None):
     """Histories in which velocity and gain are in all regions of the safe policy."""
-    frames = policy.frames if policy else 1
+    frames = policy.history_length if policy else 1
     history = np.random.default_rng(3).uniform(0.0, 100.0, (1, frames, 6)).astype(np.float32)
     history[:, :, 1:3] = 20.0, 50.0
     return np.repeat(history, n, axis=0)
@@ -29,7 +29,7 @@ def lanes(n, policy=None):
 
 def played(policy, n=N):
     history = lanes(n, policy)
-    u = np.random.default_rng(4).random((n, policy.draws))
+    u = np.random.default_rng(4).random((n, policy.uniforms_per_step))
     action = np.clip(np.asarray(policy.act(history, u)), -1.0, 1.0).astype(np.float32)
     return history, action
 
@@ -48,25 +48,25 @@ def test_the_first_draw_decides_and_the_others_are_the_action():
     # 0.2 is not below 0.2. 2 · 0.75 - 1 = ½, 2 · 0.25 - 1 = -½, 2 · 1 - 1 = 1.
     policy = EpsilonGreedy(base=BASE, epsilon=0.2)
     u = np.array([[0.2, 0.75, 0.25, 0.875], [0.1999, 0.75, 0.25, 0.875]])
-    assert policy.draws == 4
+    assert policy.uniforms_per_step == 4
     np.testing.assert_array_equal(policy.act(lanes(2), u), [OWN.astype(np.float64), [0.5, -0.5, 0.75]])
 
 
 def test_per_dimension_three_draws_decide():
     policy = EpsilonGreedy(base=BASE, epsilon=0.2, per_dimension=True)
     u = np.array([[0.1, 0.9, 0.1, 0.75, 0.25, 0.875]])
-    assert policy.draws == 6
+    assert policy.uniforms_per_step == 6
     np.testing.assert_array_equal(policy.act(lanes(1), u), [[0.5, -1.0, 0.75]])
 
 
 def test_the_base_has_the_first_draws_and_the_history():
     policy = EpsilonGreedy(base={"kind": "safe"}, epsilon=0.5)
-    u = np.random.default_rng(5).random((50, policy.draws))
+    u = np.random.default_rng(5).random((50, policy.uniforms_per_step))
     u[:, 5] = 0.5
     expected = np.clip(np.asarray(Safe().act(lanes(50), u[:, :5].copy())), -1, 1).astype(np.float32)
     np.testing.assert_array_equal(policy.act(lanes(50), u), expected)
-    assert EpsilonGreedy(base={"kind": "optimized"}, epsilon=0.5).frames == 6
-    assert Gaussian(base={"kind": "optimized"}, scale=0.5).frames == 6
+    assert EpsilonGreedy(base={"kind": "optimized"}, epsilon=0.5).history_length == 6
+    assert Gaussian(base={"kind": "optimized"}, scale=0.5).history_length == 6
 
 
 def test_the_base_acts_as_it_would_alone_clipped_and_rounded():

@@ -64,8 +64,8 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "latents cross-coupled": (  # as in the authors' Java code
         "step.py",
         [
-            ("hidden(mu_v[i], ve", "hidden(mu_g[i], ve"),
-            ("hidden(mu_g[i], ge", "hidden(mu_v[i], ge"),
+            ("update_mu(mu_v[i], ve", "update_mu(mu_g[i], ve"),
+            ("update_mu(mu_g[i], ge", "update_mu(mu_v[i], ge"),
         ],
     ),
     "history window reversed": (
@@ -92,8 +92,8 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
                 "    old = state._replace(setpoint=state.setpoint.copy())\n    _steer(state, action",
             ),
             (
-                "_tire(state, noise, k)\n    _consume(state, noise, k)",
-                "_tire(old, noise, k)\n    _consume(old, noise, k)",
+                "_update_fatigue(state, noise, k)\n    _update_consumption(state, noise, k)",
+                "_update_fatigue(old, noise, k)\n    _update_consumption(old, noise, k)",
             ),
         ],
     ),
@@ -112,9 +112,9 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
 def mutate(name, folder):
     """A package `ibdata` in `folder` with a copy of the dynamics in which the mutant's text is changed."""
     package = folder / "ibdata"
-    shutil.copytree(DYNAMICS, package / "dynamics", ignore=shutil.ignore_patterns("__pycache__"))
-    for module in ("compiling", "compile_cache", "cache_places", "private_files", "errors"):
-        shutil.copy(DYNAMICS.parent / f"{module}.py", package)
+    for room in ("dynamics", "numerics", "system"):
+        shutil.copytree(DYNAMICS.parent / room, package / room, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(DYNAMICS.parent / "errors.py", package)
     (package / "__init__.py").touch()
     file, changes = MUTANTS[name]
     path = package / "dynamics" / file

@@ -94,9 +94,9 @@ def resimulated(experiment, cell, index):
     """States 0 … steps, actions (steps, 3) and their log densities (steps,) of one episode."""
     states, actions, log_prob = [started(experiment, cell, index)], [], []
     for t in range(experiment.steps):
-        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.draws // 4) * 4)
+        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.uniforms_per_step // 4) * 4)
         history = seen(states[-1])[None]
-        proposed = cell.policy.act(history, u[None, : cell.policy.draws])
+        proposed = cell.policy.act(history, u[None, : cell.policy.uniforms_per_step])
         action = np.clip(proposed, -1.0, 1.0).astype(np.float32)
         log_prob.append(cell.policy.log_prob(history, action)[0])
         actions.append(action[0])

@@ -46,7 +46,7 @@ def played(experiment):
 class Watching(Policy):
     """Records what it sees; acts by the velocity that it saw two steps ago."""
 
-    frames: ClassVar[int] = 3
+    history_length: ClassVar[int] = 3
     seen: ClassVar[list[np.ndarray]] = []
     writeable: ClassVar[list[bool]] = []
 
@@ -260,7 +260,7 @@ def test_an_action_of_a_policy_that_sees_nothing_is_an_error_that_names_episode_
 def test_a_policy_that_sees_nothing_acts_as_one_that_is_asked_at_every_step(monkeypatch, kind):
     experiment = ibdata.load("random", [f"policies=[{{kind: {kind}}}]", "steps=70"])
     before = rollout(experiment, 0, 3)
-    monkeypatch.setattr(type(experiment.cells[0].policy), "frames", 1)
+    monkeypatch.setattr(type(experiment.cells[0].policy), "history_length", 1)
     after = rollout(experiment, 0, 3)
     np.testing.assert_array_equal(after.table, before.table)
     assert after.clipped == before.clipped

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ibdata.system.atomic_files import FileEntry, committed, write
+from ibdata.system.atomic_files import FileEntry, atomic_write, write
 
 
 class Stop(BaseException):
@@ -18,7 +18,7 @@ class Stop(BaseException):
 
 
 def interrupted(folder, path, error):
-    with committed(folder, path) as file:
+    with atomic_write(folder, path) as file:
         file.write(b"half")
         file.flush()
         raise error
@@ -53,7 +53,7 @@ def test_a_system_that_refuses_leaves_nothing(monkeypatch, tmp_path, failing):
 
 
 def test_no_file_shows_under_its_name_before_the_block_ends(tmp_path):
-    with committed(tmp_path, "meta/x") as file:
+    with atomic_write(tmp_path, "meta/x") as file:
         file.write(b"first")
         file.flush()
         (temporary,) = (path for path in tmp_path.iterdir() if path.is_file())
@@ -68,7 +68,7 @@ def test_no_file_shows_under_its_name_before_the_block_ends(tmp_path):
 
 def test_the_old_content_shows_until_the_new_one_is_whole(tmp_path):
     (tmp_path / "x").write_bytes(b"old")
-    with committed(tmp_path, "x") as file:
+    with atomic_write(tmp_path, "x") as file:
         file.write(b"new")
         file.flush()
         assert (tmp_path / "x").read_bytes() == b"old"
@@ -100,7 +100,7 @@ def test_a_symlink_under_the_temporary_name_is_not_followed(monkeypatch, tmp_pat
 
 
 def test_two_writers_of_one_name_do_not_meet(tmp_path):
-    with committed(tmp_path, "x") as one, committed(tmp_path, "x") as other:
+    with atomic_write(tmp_path, "x") as one, atomic_write(tmp_path, "x") as other:
         one.write(b"one")
         other.write(b"other")
     assert (tmp_path / "x").read_bytes() == b"one"
@@ -131,14 +131,14 @@ def test_the_data_are_on_the_disk_before_the_name_and_the_name_before_the_return
 
 
 def test_a_token_in_a_path_becomes_random_digits(tmp_path):
-    with committed(tmp_path, "data/x-{token}.parquet") as file:
+    with atomic_write(tmp_path, "data/x-{token}.parquet") as file:
         file.write(b"hello")
         (temporary,) = (path for path in tmp_path.iterdir() if path.is_file())
         assert re.fullmatch(r"\.tmp-[0-9a-f]{12}-x\.part", temporary.name)
     (made,) = (tmp_path / "data").iterdir()
     assert re.fullmatch(r"x-[0-9a-f]{8}\.parquet", made.name)
     assert file.path == f"data/{made.name}"
-    with committed(tmp_path, "data/x-{token}.parquet") as file:
+    with atomic_write(tmp_path, "data/x-{token}.parquet") as file:
         file.write(b"hello")
     assert len(list((tmp_path / "data").iterdir())) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["data"]
@@ -146,7 +146,7 @@ def test_a_token_in_a_path_becomes_random_digits(tmp_path):
 
 @pytest.mark.parametrize("pieces", [[], [b""], [b"a"], [b"ab", b"c" * 100_000, b"d"]])
 def test_size_and_hash_are_those_of_the_file(tmp_path, pieces):
-    with committed(tmp_path, "x") as file:
+    with atomic_write(tmp_path, "x") as file:
         for i, piece in enumerate(pieces):
             assert file.write(piece) == len(piece)
             assert file.tell() == sum(map(len, pieces[: i + 1]))

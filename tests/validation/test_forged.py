@@ -17,14 +17,14 @@ import ibdata
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.errors import DatasetError
-from ibdata.experiment.recipe import recipe_in
+from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.atomic_files import FileEntry
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
-from ibdata.writing.shard_writer import Written
+from ibdata.writing.shard_writer import WrittenShard
 
 Json = dict[str, Any]
 
@@ -166,9 +166,9 @@ def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied, change):
 def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """Change the rows of every shard, and make everything else of the dataset again for them."""
     listed = manifest.read(folder)
-    recipe = recipe_in(folder, listed)
+    spec = spec_in(folder, listed)
     written = []
-    for shard, one in zip(recipe.shards, listed["shards"], strict=True):
+    for shard, one in zip(spec.shards, listed["shards"], strict=True):
         path = folder / one["path"]
         table = pq.read_table(path)
         columns = {name: table[name].to_numpy() for name in table.column_names if name != "policy"}
@@ -180,8 +180,8 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
         pq.write_table(pa.table(arrays, schema=table.schema), path)
         data = path.read_bytes()
         entry = FileEntry(one["path"], len(data), hashlib.sha256(data).hexdigest())
-        written.append(Written(shard, entry, stored_content(recipe, shard, path)))
-    finish(recipe, written, folder, True)
+        written.append(WrittenShard(shard, entry, stored_content(spec, shard, path)))
+    finish(spec, written, folder, True)
 
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")

@@ -10,9 +10,9 @@ import time
 import numpy as np
 import pytest
 
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan
-from ibdata.experiment.recipe import Recipe
 from ibdata.simulation.rollout import parts, rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.writing import arrow, shard_writer, summary, threads
@@ -31,26 +31,26 @@ def made(describe, monkeypatch):
     experiment = describe(steps=STEPS, episodes=EPISODES // 2, policies=[{"kind": "safe"}])
     later = {"some": Split(setpoint=[20.0, 70.0], episodes={"start": 3, "stop": 11})}
     [whole] = plan(experiment)
-    return Recipe(experiment.name, (experiment,), later), whole
+    return DatasetSpec(experiment.name, (experiment,), later), whole
 
 
 def test_parts_are_whole_blocks(made):
-    recipe, whole = made
-    assert [*parts(recipe.of_shard(whole), 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
+    spec, whole = made
+    assert [*parts(spec.of_shard(whole), 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
 
 
 def test_parts_of_long_episodes_have_some_lanes(made):
-    recipe, whole = made
-    longer = recipe.of_shard(whole).model_copy(update={"steps": 10**6})
+    spec, whole = made
+    longer = spec.of_shard(whole).model_copy(update={"steps": 10**6})
     assert [*parts(longer, 0, 100)] == [(0, 64), (64, 100)]
 
 
 def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
-    recipe, whole = made
-    experiment = recipe.of_shard(whole)
+    spec, whole = made
+    experiment = spec.of_shard(whole)
     (tmp_path / "data").mkdir()
     with threads.Threads() as two:
-        written = shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+        written = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
     file = HashingFile(io.BytesIO())
     shard_writer.encode(experiment, whole, rollout(experiment, whole.first, whole.stop), file)
     assert (written.entry.sha256, written.entry.bytes) == (file.sha256(), file.size)
@@ -59,13 +59,13 @@ def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
 
 def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypatch):
     monkeypatch.setattr(summary, "sample_stride", lambda rows, total: 7)
-    recipe, whole = made
-    experiment = recipe.of_shard(whole)
+    spec, whole = made
+    experiment = spec.of_shard(whole)
     (tmp_path / "data").mkdir()
     with threads.Threads() as two:
-        simulated = shard_writer.Begun(recipe, whole, tmp_path, two).finish().content
+        simulated = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish().content
     floats = rollout(experiment, whole.first, whole.stop)
-    described = describe(recipe, whole, summary.simulated(recipe, whole))
+    described = describe(spec, whole, summary.simulated(spec, whole))
     for found in (simulated, described):
         assert found.digests == simulated.digests
         assert found.clipped == floats.clipped
@@ -73,7 +73,7 @@ def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypat
         rewards = floats.table[floats.names.index("reward")].reshape(-1, STEPS)
         np.testing.assert_allclose(found.returns, rewards.sum(axis=1, dtype=np.float64))
         assert_moments(found.moments, floats.table)
-        runs = [range(first * STEPS, stop * STEPS) for first, stop, names in recipe.runs(whole) if names]
+        runs = [range(first * STEPS, stop * STEPS) for first, stop, names in spec.runs(whole) if names]
         rows = [row for run in runs for row in run]
         assert len(rows) == 2 * 9 * STEPS
         assert_moments(found.labelled["some"][0], floats.table[:, rows])
@@ -90,10 +90,10 @@ def assert_moments(found, table):
 
 
 def test_a_shard_that_is_abandoned_leaves_nothing(made, tmp_path):
-    recipe, whole = made
+    spec, whole = made
     (tmp_path / "data").mkdir()
     with threads.Threads() as two:
-        shard_writer.Begun(recipe, whole, tmp_path, two).abandon()
+        shard_writer.ShardWriter(spec, whole, tmp_path, two).abandon()
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
 
 
@@ -102,11 +102,13 @@ def test_an_error_in_a_thread_is_raised_and_leaves_nothing(made, tmp_path, monke
     def fail(*args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(shard_writer.Begun if thread == "_encode" else summary.Account, thread, fail)
-    recipe, whole = made
+    monkeypatch.setattr(
+        shard_writer.ShardWriter if thread == "_encode" else summary.ShardSummarizer, thread, fail
+    )
+    spec, whole = made
     (tmp_path / "data").mkdir()
     with threads.Threads() as two, pytest.raises(OSError, match="No space left"):
-        shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+        shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
 
 
@@ -132,10 +134,10 @@ def test_threads_work_in_order_and_no_more_than_two_parts_wait():
 def test_row_groups_are_full_but_the_last(made, tmp_path):
     import pyarrow.parquet as pq
 
-    recipe, whole = made
+    spec, whole = made
     (tmp_path / "data").mkdir()
     with threads.Threads() as two:
-        written = shard_writer.Begun(recipe, whole, tmp_path, two).finish()
+        written = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
     found = pq.ParquetFile(tmp_path / written.entry.path).metadata
     assert [found.row_group(i).num_rows for i in range(found.num_row_groups)] == [100] * 6
     assert arrow.ROW_GROUP_ROWS == 100_000

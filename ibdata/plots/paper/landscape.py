@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from ibdata.dynamics.miscalibration import HE_MAX, PHI_MAX, Z, penalty
+from ibdata.dynamics.miscalibration import HE_MAX, PHI_MAX, SAFE_ZONE, penalty
 from ibdata.plots.style import BLACK
 
 SIZE = (6.5, 4.2)
@@ -37,8 +37,8 @@ def background(axes: Axes) -> QuadMesh:
     """The penalty as colour, one column a direction, and the safe zone."""
     phi, he, m = grid()
     mesh = axes.pcolormesh(phi, he, m, cmap=COLORS, shading="nearest", vmin=-1.0, vmax=1.24, rasterized=True)
-    axes.axhspan(-Z, Z, facecolor="white", edgecolor="none", alpha=0.45)
-    for edge in (-Z, Z):
+    axes.axhspan(-SAFE_ZONE, SAFE_ZONE, facecolor="white", edgecolor="none", alpha=0.45)
+    for edge in (-SAFE_ZONE, SAFE_ZONE):
         axes.axhline(edge, color="white", linewidth=0.8, linestyle="--")
     axes.set_xlim(-PHI_MAX - 0.5, PHI_MAX + 0.5)
     axes.set_ylim(-HE_MAX, HE_MAX)

@@ -35,7 +35,7 @@ def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | 
 
 
 @dataclass(frozen=True)
-class Recipe:
+class DatasetSpec:
     """Experiments, one after another; `later` are splits that label episodes without files of their own."""
 
     name: str
@@ -43,12 +43,12 @@ class Recipe:
     later: Mapping[str, Split] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, experiment: Experiment) -> Recipe:
+    def of(cls, experiment: Experiment) -> DatasetSpec:
         """That of a dataset as `generate` makes it."""
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(cls, data: Mapping[str, Any]) -> Recipe:
+    def from_plain(cls, data: Mapping[str, Any]) -> DatasetSpec:
         """The one that `plain` gave, or that a manifest holds."""
         return cls(
             data["name"],
@@ -121,7 +121,7 @@ class Recipe:
         for first, stop, names in runs[low:high]:
             yield max(first, shard.first), min(stop, shard.stop), (*shard.splits, *names)
 
-    def all_declared(self) -> Recipe:
+    def all_declared(self) -> DatasetSpec:
         """The same with the later splits declared, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
@@ -130,17 +130,17 @@ class Recipe:
             later = {name: split for name, split in own.items() if split is not None}
             plain = {**experiment.plain(), "splits": {**experiment.splits, **later}}
             experiments.append(Experiment.model_validate(plain))
-        return Recipe(self.name, tuple(experiments))
+        return DatasetSpec(self.name, tuple(experiments))
 
     @cached_property
     def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:
         return [segments(experiment, self.later) for experiment in self.experiments]
 
 
-def recipe_in(folder: Path, listed: Mapping[str, Any]) -> Recipe:
+def spec_in(folder: Path, listed: Mapping[str, Any]) -> DatasetSpec:
     """What the manifest of a dataset says it is made of; DatasetError where that is not valid."""
     try:
-        return Recipe.from_plain(listed)
+        return DatasetSpec.from_plain(listed)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
