@@ -204,7 +204,7 @@ class Tools:
         return found
 
     def leftovers(self, folder: Path) -> list[str]:
-        """Files and folders of a run that should have gone; all but the one name that a replacement leaves."""
+        """Files and folders of a run that should have gone; a replacement leaves one name in `.next`."""
         names = [".lock", ".run", ".next", ".new", ".fresh"]
         kept = [path.name for path in (folder / ".next").rglob("*") if not path.is_dir()]
         if kept == ["replaced"]:
