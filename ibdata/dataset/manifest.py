@@ -29,6 +29,7 @@ CARD = "README.md"
 REPORT = "report.html"  # where there is one: `ibdata card` makes it
 NEXT = ".next"
 NEW = ".new"
+BAR = b"This dataset is being replaced, or was; read it again.\n"  # in place of a Parquet file
 REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
 RUN = ".run"
 FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
@@ -151,13 +152,13 @@ def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
 def locate(folder: Path, path: str) -> Path:
     """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced.
 
-    Then an empty file in its place is there to stop readers of the folder.
+    Then a file in its place that holds `BAR` is there to stop readers of the folder.
     """
     object_store.ensure(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
         with suppress(OSError):
             status = place.lstat()
-            if status.st_size or not stat.S_ISREG(status.st_mode):
+            if status.st_size > len(BAR) or not stat.S_ISREG(status.st_mode):
                 return place
     return folder / path
 

@@ -4,7 +4,7 @@ What is new is written to `.next`, whole folders of it. Renaming that to `.new` 
 and after it `meta`, change places with those in `.new`, each in one system call, and what was replaced is
 removed. Shards have names of their own, so whoever listed the old folder finds no new file under an old name.
 pyarrow drops listed names that are gone when it looks at them, and would read nothing: so for a moment the
-new folder holds an empty file under an old name, on which readers fail; the old folder keeps one for good.
+new folder holds a file of text under an old name, on which readers fail; the old folder keeps one for good.
 A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest
-from ibdata.dataset.manifest import FRESH, NEW, NEXT, REPLACED
+from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
 from ibdata.errors import DatasetError
 from ibdata.generation.output_folder import discard, is_ours
 from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
@@ -135,22 +135,27 @@ def _dismiss(folder: Path) -> None:
     for data in (folder / NEXT / "data", folder / NEXT / "old-data"):
         if data.is_dir() and (folder / manifest.PATH).is_file():
             with suppress(OSError):
-                (data / REPLACED).open("xb").close()
+                _put_bar(data / REPLACED)
     discard(folder / NEXT, keep=REPLACED)
 
 
 def _bar(folder: Path, root: Path) -> None:
-    """Have an empty file in the new folder, on which a reader fails that has listed the old one."""
+    """Have a file in the new folder on which a reader fails that has listed the old one."""
     for path in _paths(folder)[:1]:
         if is_ours(folder / path) and path.startswith("data/"):
-            (root / path).open("xb").close()
+            _put_bar(root / path)
+
+
+def _put_bar(path: Path) -> None:
+    with path.open("xb") as file:  # which follows no link
+        file.write(BAR)
 
 
 def _unbar(folder: Path) -> None:
     """Take away what `_bar` made."""
     listed = _paths(folder)
     found = [path for path in (folder / "data").glob("part-*") if f"data/{path.name}" not in listed]
-    barred = [path for path in found if is_ours(path) and path.lstat().st_size == 0]
+    barred = [path for path in found if is_ours(path) and path.lstat().st_size == len(BAR)]
     if barred:
         time.sleep(PAUSE)
     for path in barred:

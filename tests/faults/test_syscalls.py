@@ -110,11 +110,13 @@ def seen_by_readers(
 ) -> list[str]:
     """Readers that find neither the old dataset nor the new one.
 
-    An error is allowed where none is whole, and readers from outside may fail on the empty file that is there
-    while the folders change places.
+    An error is allowed where none is whole, and readers from outside may fail on the file of text that is
+    there while the folders change places.
     """
+    from ibdata.dataset.manifest import BAR
+
     bad = []
-    barred = any(path.stat().st_size == 0 for path in (out / "data").glob("part-*"))
+    barred = any(path.read_bytes() == BAR for path in (out / "data").glob("part-*"))
     for name, found in tools.rewards(out).items():
         fails = found is None and (not whole or (barred and name != "ibdata"))
         if found not in (old[name], new[name]) and not fails:
