@@ -123,10 +123,14 @@ class Forks:
         user: int = 0,
         megabytes: int = 0,
         exchange: bool = True,
+        readers: bool = False,
     ) -> Answer:
-        """One run; folder is where operations are counted, log the file of those that were done."""
+        """One run; folder is where operations are counted, log the file of those that were done.
+
+        Where no readers look meanwhile, a replacement does not wait for them.
+        """
         request = {"args": [str(arg) for arg in args], "folder": str(folder), "at": at, "mode": mode}
-        request |= {"user": user, "megabytes": megabytes, "exchange": exchange}
+        request |= {"user": user, "megabytes": megabytes, "exchange": exchange, "readers": readers}
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps({**request, "log": str(log)}) + "\n")

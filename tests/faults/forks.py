@@ -1,8 +1,8 @@
 """Run `ibdata …` in forks of one process that has everything loaded: a run takes milliseconds.
 
 Reads requests as JSON lines on stdin: args, folder, at, mode, log, user (whose rights it has; 0: its own),
-megabytes (of memory; 0: all), exchange (whether two folders can change places in one system call); answers
-with code and output.
+megabytes (of memory; 0: all), exchange (whether two folders can change places in one system call), readers
+(whether a replacement waits for those who have listed the old folder); answers with code and output.
 """
 
 import ctypes
@@ -35,6 +35,7 @@ def load(config: str) -> None:
 def child(request: dict[str, Any], output: int) -> int:
     """The exit code of one run, in a fork of its own."""
     from ibdata.cli import main
+    from ibdata.engines import replacement
 
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -43,6 +44,8 @@ def child(request: dict[str, Any], output: int) -> int:
         shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
         folder, mode, log = (request[name].encode() for name in ("folder", "mode", "log"))
         shim.shim_arm(folder, ctypes.c_long(request["at"]), mode, log)
+    if not request["readers"]:
+        replacement.PAUSE = 0.0
     if not request["exchange"]:
         os.environ["SHIM_NO_EXCHANGE"] = "1"
     if request["user"]:

@@ -201,7 +201,7 @@ def test_what_is_read_beside_replacements_is_one_dataset_or_an_error_and_never_a
     reader.start()
     for i in range(tools.size(40, 400)):
         args = generate(tools.tiny, out, "--overwrite", *MORE, "--seed", 1 - i % 2)
-        assert forks.run(*args).code == 0
+        assert forks.run(*args, readers=True).code == 0
     done.set()
     reader.join()
     tools.figure(f"F10, read meanwhile: { {name: dict(counts) for name, counts in found.items()} }")
