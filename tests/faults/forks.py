@@ -35,7 +35,7 @@ def load(config: str) -> None:
 def child(request: dict[str, Any], output: int) -> int:
     """The exit code of one run, in a fork of its own."""
     from ibdata.cli import main
-    from ibdata.engines import replacement
+    from ibdata.generation import replacement
 
     os.dup2(output, 1)
     os.dup2(output, 2)
