@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.matrix import PACKAGE, Row
 
 import ibdata
 from ibdata.simulation import self_check
@@ -50,26 +51,24 @@ if os.environ.get("IBDATA_SAME_BITS") != "full":
 
 
 @pytest.fixture(scope="module")
-def changed(matrix, new_row, tmp_path_factory):
+def changed(matrix, tmp_path_factory):
     """What children print of copies of the package with one change each."""
     rows = {}
     for name, (file, old, new) in CHANGES.items():
         copy = tmp_path_factory.mktemp("changed")
-        shutil.copytree(
-            new_row("").package / "ibdata", copy / "ibdata", ignore=shutil.ignore_patterns("__pycache__")
-        )
-        shutil.copytree(new_row("").package / "configs", copy / "configs")
+        shutil.copytree(PACKAGE / "ibdata", copy / "ibdata", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(PACKAGE / "configs", copy / "configs")
         path = copy / "ibdata" / file
         text = path.read_text()
         assert text.count(old) == 1, (file, old)
         path.write_text(text.replace(old, new))
-        rows[name] = new_row(f"package with {name}", spec={"size": "small"}, own_code=True, package=copy)
+        rows[name] = Row(f"package with {name}", spec={"size": "small"}, own_code=True, package=copy)
     matrix.start(rows.values())
     return {name: matrix.result(row) for name, row in rows.items()}
 
 
-def test_a_machine_with_another_answer_says_so_and_its_manifest_too(matrix, new_row, golden):
-    result = matrix.result(new_row("known answer forced to differ", **FORCED))
+def test_a_machine_with_another_answer_says_so_and_its_manifest_too(matrix, golden):
+    result = matrix.result(Row("known answer forced to differ", **FORCED))
     assert {made["reproducible"] for made in result["results"].values()} == {False}
     assert {name: made["root"] for name, made in result["results"].items()} == golden["roots"]["tiny"]
     line = "ibdata: this machine computes other bits than others; the manifest says reproducible: false\n"
