@@ -137,7 +137,7 @@ def replay(folder, files):
     env = os.environ | {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     env |= {"NUMBA_DISABLE_JIT": "1", "IBDATA_CACHE_DIR": str(folder)}
     command = [sys.executable, "-m", "helpers.replay", *files]
-    child = subprocess.run(command, env=env, capture_output=True, text=True)
+    child = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     report = json.loads(child.stdout)
     assert Path(report["file"]).is_relative_to(folder), report["file"]
