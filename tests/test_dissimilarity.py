@@ -6,23 +6,18 @@ Bounds on means are 5 standard errors of both measurements; the seed is fixed.
 from __future__ import annotations
 
 import re
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ROOT
+from helpers import script as load
 
-ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs/dissimilarity.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def script():
-    loader = SourceFileLoader("ibdata_scripts_dissimilarity", str(ROOT / "scripts/dissimilarity"))
-    module = module_from_spec(spec_from_loader(loader.name, loader))
-    loader.exec_module(module)
-    return module
+    return load("dissimilarity")
 
 
 def listed(dynamics):

@@ -14,8 +14,9 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-# A page that a bridge's tests name needs its library; it is run there.
-BRIDGED = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests/bridges").rglob("*.py"))
+# A page that the tests of a bridge name needs the bridge's library; it is run there.
+BRIDGES = [*(ROOT / "tests/bridges").rglob("*.py"), ROOT / "tests/helpers/use_with.py"]
+BRIDGED = "".join(path.read_text(encoding="utf-8") for path in BRIDGES)
 GUIDES = [
     path.name
     for path in sorted(DOCS.glob("*.md"))

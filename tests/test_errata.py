@@ -13,19 +13,18 @@ import sys
 from dataclasses import fields
 from fractions import Fraction
 from functools import cache
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_loader
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import ROOT
+from helpers import script as load
 
 from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.dynamics.miscalibration import SAFE_ZONE
 from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.dynamics.steering import D_H
+from measuring.documents import CLOSE, OPEN
 
-ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 FIELDS = [field.name for field in fields(Variant)]
 SEED, SIGMAS = 1, 5.0
@@ -33,10 +32,7 @@ SEED, SIGMAS = 1, 5.0
 
 @pytest.fixture(scope="module")
 def script():
-    loader = SourceFileLoader("ibdata_scripts_errata", str(ROOT / "scripts" / "errata"))
-    module = module_from_spec(spec_from_loader(loader.name, loader))
-    sys.modules[loader.name] = module
-    loader.exec_module(module)
+    module = load("errata")
     module.measure = cache_by_value(module.measure)
     return module
 
@@ -99,9 +95,9 @@ def test_every_field_has_a_measured_row_of_its_own_kind_of_setpoint(script):
             assert ((name, f"setpoint, from {p}") in measured) == moving
 
 
-def test_the_markers_stand_once_each_and_in_order(script):
-    assert [TEXT.count(marker) for marker in (script.OPEN, script.CLOSE)] == [1, 1]
-    assert TEXT.index(script.OPEN) < TEXT.index(script.CLOSE)
+def test_the_markers_stand_once_each_and_in_order():
+    assert [TEXT.count(marker) for marker in (OPEN, CLOSE)] == [1, 1]
+    assert TEXT.index(OPEN) < TEXT.index(CLOSE)
 
 
 @pytest.mark.parametrize(
@@ -146,8 +142,7 @@ def test_what_is_rendered_is_read_back_to_the_last_digit(script):
             assert other.minus(base).error == pytest.approx(math.hypot(base.error, other.error))
 
 
-def block_of(script):
-    return TEXT.split(f"{script.OPEN}\n")[1].split(f"\n{script.CLOSE}")[0]
+BLOCK = TEXT.split(f"{OPEN}\n")[1].split(f"\n{CLOSE}")[0]
 
 
 @pytest.mark.parametrize(
@@ -165,15 +160,15 @@ def test_the_script_checks_without_writing_and_writes_between_the_markers_only(
 ):
     document = tmp_path / "errata.md"
     document.write_text(TEXT, encoding="utf-8")
-    block = block_of(script).replace("± 0", "± 1", 1) if change else block_of(script)
+    block = BLOCK.replace("± 0", "± 1", 1) if change else BLOCK
     monkeypatch.setattr(script, "DOCUMENT", document)
     monkeypatch.setattr(script, "everything", lambda: block)
     monkeypatch.setattr(sys, "argv", ["errata", *arguments])
     assert script.main() == code
     assert bool(capsys.readouterr().err) == (code != 0)
-    expected = TEXT.replace(block_of(script), block) if written else TEXT
+    expected = TEXT.replace(BLOCK, block) if written else TEXT
     assert document.read_text(encoding="utf-8") == expected
-    assert (block_of(script) != block) == change
+    assert (block != BLOCK) == change
 
 
 def measured_again(script, name, p, quantity, drifting, episodes):

@@ -1,7 +1,7 @@
 """meta/manifest.json, written last: what is listed there exists, and nothing else does.
 
-A dataset can be replaced while it is read (see `engines.replacement`): while that is under way, a file that
-is not in its place may be in `.new`.
+A dataset can be replaced while it is read (see `ibdata.generation.replacement`): until that has ended, a file
+that is not in its place may be in `.new`.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ class Layout(NamedTuple):
     """How a rollout's record becomes float columns: pairs (variable of the record, float column)."""
 
     names: tuple[str, ...]  # of the float columns
-    recorded: tuple[str, ...]  # variables of the record, see `lanes.record_state`
+    recorded: tuple[str, ...]  # variables of the record, see `kernel.record_state`
     at_t: npt.NDArray[np.int64]  # taken at t
     at_t_plus_1: npt.NDArray[np.int64]  # taken at t + 1
     first_action: int

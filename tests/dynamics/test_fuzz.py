@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import tape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -102,7 +103,7 @@ def noise_of(u):
     u=st.lists(uniforms, min_size=12, max_size=12),
 )
 def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
-    tape, variant, seed, walk, starts, drifting, action, u
+    variant, seed, walk, starts, drifting, action, u
 ):
     drawn = tape.draw(seed, walk, LANES)
     lanes = [np.full(LANES, x) for x in starts]
@@ -132,7 +133,7 @@ def test_the_same_extreme_step_over_and_over_stays_valid(variant, starts, action
 
 
 @variants
-def test_the_tape_reaches_every_branch(tape, variant):
+def test_the_tape_reaches_every_branch(variant):
     """Otherwise the tests that play it would prove less than they say."""
     s = tape.stack(tape.play(tape.start(32, "half"), tape.draw(2017, 300, 32), variant))
     drawn_anew = np.maximum(s.mu_v, s.mu_g) >= variant.alpha_threshold

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from helpers import tape
 
 from ibdata.dynamics import PAPER, SIEMENS, State, Variant
 
@@ -36,12 +37,12 @@ MOVES_AT_REST = MOVES | {"drift_rate": set(), "drift_length": set(), "drift_flip
 
 
 @pytest.fixture(scope="module")
-def drawn(tape):
+def drawn():
     return tape.draw(2017, STEPS, LANES)
 
 
 @pytest.fixture(scope="module")
-def unchanged(tape, drawn):
+def unchanged(drawn):
     """The states of both variants as they are shipped, with moving and with constant setpoints."""
     return {
         (base, drifting): tape.stack(tape.play(tape.start(LANES, drifting), drawn, base))
@@ -54,7 +55,7 @@ def unchanged(tape, drawn):
 @pytest.mark.parametrize(("base", "donor"), [(SIEMENS, PAPER), (PAPER, SIEMENS)], ids=["siemens", "paper"])
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(Variant)])
 def test_one_field_of_the_other_variant_changes_the_listed_outputs_only(
-    tape, drawn, unchanged, field, base, donor, drifting
+    drawn, unchanged, field, base, donor, drifting
 ):
     variant = dataclasses.replace(base, **{field: getattr(donor, field)})
     states = tape.stack(tape.play(tape.start(LANES, drifting), drawn, variant))
@@ -62,7 +63,7 @@ def test_one_field_of_the_other_variant_changes_the_listed_outputs_only(
     assert tape.changed(unchanged[base, drifting], states) == expected[field]
 
 
-def test_all_fields_of_the_other_variant_are_the_other_variant(tape, drawn, unchanged):
+def test_all_fields_of_the_other_variant_are_the_other_variant(drawn, unchanged):
     fields = {field.name: getattr(PAPER, field.name) for field in dataclasses.fields(Variant)}
     states = tape.stack(tape.play(tape.start(LANES, "all"), drawn, dataclasses.replace(SIEMENS, **fields)))
     assert tape.changed(unchanged[PAPER, "all"], states) == set()

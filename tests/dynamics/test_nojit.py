@@ -8,22 +8,25 @@ import sys
 from pathlib import Path
 
 import numba
+from helpers import ROOT, tape
 
 import ibdata
 
 CHILD = """
-import runpy, sys, numba
-assert str(numba.config.DISABLE_JIT) == sys.argv[2], numba.config.DISABLE_JIT
-print(runpy.run_path(sys.argv[1])["digest"]())
+import sys, numba
+from helpers import tape
+assert str(numba.config.DISABLE_JIT) == sys.argv[1], numba.config.DISABLE_JIT
+print(tape.digest())
 """
 
 
-def test_the_interpreted_run_has_the_bits_of_the_compiled_one(tape):
+def test_the_interpreted_run_has_the_bits_of_the_compiled_one():
     """The child turns the compiler off (or on, where this process has it off) and must find it so."""
     other = "0" if numba.config.DISABLE_JIT else "1"
+    path = os.pathsep.join([str(Path(ibdata.__file__).parents[1]), str(ROOT / "tests")])
     child = subprocess.run(
-        [sys.executable, "-W", "error", "-c", CHILD, tape.__file__, other],
-        env=os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        [sys.executable, "-W", "error", "-c", CHILD, other],
+        env=os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": path},
         capture_output=True,
         text=True,
         timeout=120,

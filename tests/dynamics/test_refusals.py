@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import tape
 
 from ibdata.dynamics import Noise, State, initial_state, step
 
@@ -24,7 +25,7 @@ BAD_ACTIONS = [
 
 
 @pytest.fixture
-def noise(tape):
+def noise():
     return tape.noise(np.random.default_rng(0), 2)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import tape
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, State, initial_state, step
 from ibdata.dynamics.operational_cost import operational_cost
@@ -14,7 +15,7 @@ variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", 
 
 
 @pytest.fixture(scope="module")
-def played(tape):
+def played():
     """The states of both variants over one tape, with every other setpoint moving."""
     drawn = tape.draw(11, STEPS, LANES)
     start = tape.start(LANES, "half")
@@ -45,7 +46,7 @@ def test_the_initial_state_shares_no_memory_with_its_arguments_or_between_fields
 
 
 @pytest.mark.parametrize("n", [0, 1, 7])
-def test_every_field_has_its_shape_and_type_before_and_after_a_step(tape, n):
+def test_every_field_has_its_shape_and_type_before_and_after_a_step(n):
     start = initial_state(np.full(n, 50.0))
     after = step(start, np.zeros((n, 3)), tape.noise(np.random.default_rng(0), n))
     for state in (start, after):
@@ -54,7 +55,7 @@ def test_every_field_has_its_shape_and_type_before_and_after_a_step(tape, n):
             assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
 
 
-def test_the_zero_action_step_fills_the_history_with_its_own_cost(tape):
+def test_the_zero_action_step_fills_the_history_with_its_own_cost():
     state = step(initial_state(50.0), np.zeros((1, 3)), tape.noise(np.random.default_rng(0), 1))
     assert np.round(state.operational_cost, 3).tolist() == [[70.105] * 10]  # e^4.25
     # θᶜ = 70.105412 · 0.99999 (the weights of the authors' code sum to 0.99999).
@@ -62,7 +63,7 @@ def test_the_zero_action_step_fills_the_history_with_its_own_cost(tape):
     assert (state.velocity[0], state.gain[0], state.shift[0]) == (50.0, 50.0, 50.0)
 
 
-def test_the_zero_action_step_of_a_moving_setpoint_fills_the_history_after_the_setpoint_moved(tape):
+def test_the_zero_action_step_of_a_moving_setpoint_fills_the_history_after_the_setpoint_moved():
     quiet = tape.noise(np.random.default_rng(0), 1)
     half = np.array([0.5])
     noise = quiet._replace(uniform_drift_length=half, uniform_drift_rate=half + 0.25, uniform_drift_zero=half)
@@ -88,7 +89,7 @@ def test_a_whole_step_of_the_authors_system_by_hand():
 
 
 @variants
-def test_a_step_changes_nothing_that_it_was_given(tape, variant):
+def test_a_step_changes_nothing_that_it_was_given(variant):
     rng = np.random.default_rng(5)
     drawn = tape.draw(5, 3, 6)
     state = tape.play(tape.start(6, "half"), drawn, variant)[-1]
@@ -100,7 +101,7 @@ def test_a_step_changes_nothing_that_it_was_given(tape, variant):
 
 @variants
 @pytest.mark.parametrize("size", [1, 3, 16])
-def test_batches_of_any_size_give_the_same_bits(tape, played, variant, size):
+def test_batches_of_any_size_give_the_same_bits(played, variant, size):
     drawn = tape.draw(11, STEPS, LANES)
     start = tape.start(LANES, "half")
     for low in range(0, LANES, size if size > 1 else 7):
@@ -112,7 +113,7 @@ def test_batches_of_any_size_give_the_same_bits(tape, played, variant, size):
 
 
 @variants
-def test_the_order_of_the_lanes_does_not_matter(tape, played, variant):
+def test_the_order_of_the_lanes_does_not_matter(played, variant):
     drawn = tape.draw(11, STEPS, LANES)
     order = np.random.default_rng(1).permutation(LANES)
     shuffled = tape.Tape(drawn.actions[:, order], Noise(*(x[:, order] for x in drawn.noise)))
@@ -121,14 +122,14 @@ def test_the_order_of_the_lanes_does_not_matter(tape, played, variant):
 
 
 @variants
-def test_an_action_of_7_acts_as_an_action_of_1(tape, variant):
+def test_an_action_of_7_acts_as_an_action_of_1(variant):
     noise = tape.noise(np.random.default_rng(2), 8)
     signs = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
     states = [step(initial_state(np.full(8, 50.0)), size * signs, noise, variant) for size in (1.0, 7.0)]
     assert tape.changed(*states) == set()
 
 
-def test_a_variant_may_be_named(tape):
+def test_a_variant_may_be_named():
     noise = tape.noise(np.random.default_rng(3), 2)
     start, action = initial_state([30.0, 70.0]), np.ones((2, 3))
     assert tape.changed(step(start, action, noise, "paper"), step(start, action, noise, PAPER)) == set()
@@ -163,7 +164,7 @@ def test_the_history_of_costs_moves_by_one_each_step(played, variant):
 
 
 @variants
-def test_the_next_state_depends_on_the_markov_state_only(tape, played, variant):
+def test_the_next_state_depends_on_the_markov_state_only(played, variant):
     """The 20 values of the paper's appendix (θ_t follows from p, v, g), and b and l where the setpoint moves.
 
     θ[t-9], c and f are among the 20, yet feed nothing: here they are scrambled with all derived values.

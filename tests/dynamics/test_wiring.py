@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import tape
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, State
 from ibdata.dynamics.fatigue import effective_gain, effective_velocity, noise_component, update_mu
@@ -34,12 +35,12 @@ FEEDS = {
 
 
 @pytest.fixture(scope="module")
-def drawn(tape):
+def drawn():
     return tape.draw(23, STEPS, LANES)
 
 
 @pytest.fixture(scope="module")
-def played(tape, drawn):
+def played(drawn):
     """The states of both variants over the tape, the first being the start."""
     start = tape.start(LANES, "half")
     return {v: [start, *tape.play(start, drawn, v)] for v in (SIEMENS, PAPER)}
@@ -52,7 +53,7 @@ def lanes(state):
 
 @variants
 @pytest.mark.parametrize("name", Noise._fields)
-def test_a_draw_moves_the_listed_outputs_only(tape, drawn, variant, name):
+def test_a_draw_moves_the_listed_outputs_only(drawn, variant, name):
     """Over a tape in which that one draw is made anew at every step; all setpoints move."""
     other = tape.noise(np.random.default_rng(24), STEPS, LANES)
     changed = tape.Tape(drawn.actions, drawn.noise._replace(**{name: getattr(other, name)}))
@@ -61,7 +62,7 @@ def test_a_draw_moves_the_listed_outputs_only(tape, drawn, variant, name):
 
 
 @variants
-def test_the_latents_of_the_fatigue_follow_their_own_past_and_their_own_draws(tape, drawn, played, variant):
+def test_the_latents_of_the_fatigue_follow_their_own_past_and_their_own_draws(drawn, played, variant):
     k = variant.parameters()
     for t, (before, after) in enumerate(zip(played[variant], played[variant][1:], strict=False)):
         noise = tape.at(drawn.noise, t)
@@ -88,7 +89,7 @@ def test_the_mis_calibration_turns_with_the_new_shift_and_is_charged_in_the_new_
 
 
 @variants
-def test_a_setpoint_moves_by_its_own_draws_and_only_where_it_moves_at_all(tape, drawn, played, variant):
+def test_a_setpoint_moves_by_its_own_draws_and_only_where_it_moves_at_all(drawn, played, variant):
     for t, (before, after) in enumerate(zip(played[variant], played[variant][1:], strict=False)):
         draws = np.transpose(tape.at(drawn.noise, t)[8:])  # length, rate, zero, flip
         for i, (old, new, u) in enumerate(zip(lanes(before), lanes(after), draws, strict=True)):
@@ -99,7 +100,7 @@ def test_a_setpoint_moves_by_its_own_draws_and_only_where_it_moves_at_all(tape, 
 
 
 @variants
-def test_the_noise_of_the_consumption_is_scaled_once(tape, drawn, played, variant):
+def test_the_noise_of_the_consumption_is_scaled_once(drawn, played, variant):
     s, z = tape.stack(played[variant][1:]), drawn.noise.normal_consumption
     spread = 1.0 + variant.consumption_noise * s.expected_consumption
     np.testing.assert_allclose(s.consumption, s.expected_consumption + spread * z, rtol=1e-13, atol=1e-12)

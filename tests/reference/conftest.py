@@ -1,46 +1,12 @@
-"""The helpers of this folder as fixtures, and the table of largest differences after the run."""
+"""The table of largest differences after the run."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections import defaultdict
-from pathlib import Path
 
 import pytest
 
 LABEL = "largest difference"
-
-
-def _load(name):
-    """A helper module beside this file: pytest's import mode `importlib` puts no folder on the path."""
-    full = f"ibdata_tests_reference_{name}"
-    if full not in sys.modules:
-        spec = importlib.util.spec_from_file_location(full, Path(__file__).with_name(f"{name}.py"))
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[full] = module
-        spec.loader.exec_module(module)
-    return sys.modules[full]
-
-
-@pytest.fixture(scope="session")
-def published():
-    return _load("published")
-
-
-@pytest.fixture(scope="session")
-def printed():
-    return _load("printed_equations")
-
-
-@pytest.fixture(scope="session")
-def tapes():
-    return _load("tapes")
-
-
-@pytest.fixture(scope="session")
-def replay_module():
-    return _load("replay")
 
 
 @pytest.fixture

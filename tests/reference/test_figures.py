@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import tapes
 
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
 
@@ -138,7 +139,7 @@ def test_the_table_of_run_aways(variant, setpoint):
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_a_drifting_setpoint_is_piecewise_linear_with_the_drawn_lengths_and_rates(name, tapes):
+def test_a_drifting_setpoint_is_piecewise_linear_with_the_drawn_lengths_and_rates(name):
     """Figure 5: lengths and rates, from the uniforms alone, give each segment up to the bound it meets."""
     low, high = VARIANTS[name].drift_rate
     longest = VARIANTS[name].drift_length

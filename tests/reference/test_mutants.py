@@ -15,13 +15,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from helpers import ROOT, tapes
+from helpers import replay as replaying
 
 import ibdata.dynamics
 
 pytestmark = pytest.mark.slow
 
 DYNAMICS = Path(ibdata.dynamics.__file__).parent
-REPLAY = Path(__file__).with_name("replay.py")
 
 MUTANTS = {  # name: file, then (old, new) for each changed line
     "unchanged": ("step.py", []),
@@ -131,10 +132,12 @@ def mutate(name, folder):
 
 
 def replay(folder, files):
-    """The report of `replay.py` with the package in `folder`, not compiled; its errors are errors here."""
-    env = os.environ | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    """The report of `helpers/replay.py` with the package in `folder`, not compiled; errors are raised."""
+    path = os.pathsep.join([str(folder), str(ROOT / "tests")])
+    env = os.environ | {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     env |= {"NUMBA_DISABLE_JIT": "1", "IBDATA_CACHE_DIR": str(folder)}
-    child = subprocess.run([sys.executable, str(REPLAY), *files], env=env, capture_output=True, text=True)
+    command = [sys.executable, "-m", "helpers.replay", *files]
+    child = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     report = json.loads(child.stdout)
     assert Path(report["file"]).is_relative_to(folder), report["file"]
@@ -142,14 +145,14 @@ def replay(folder, files):
 
 
 @pytest.fixture(scope="module")
-def worst(tapes, replay_module, tmp_path_factory):
+def worst(tmp_path_factory):
     """A future for each mutant: the largest differences by field, None for one that is not a number."""
     root = tmp_path_factory.mktemp("mutants")
     files = []
     for drifting in (False, True):
         tape = tapes.make((2, 50, 98), drifting, 300, 8)
         files.append(str(root / f"{drifting}.npz"))
-        replay_module.save(files[-1], tape, tapes.run_ibdata(tape, "siemens"))
+        replaying.save(files[-1], tape, tapes.run_ibdata(tape, "siemens"))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         yield {
             name: pool.submit(lambda n, folder: replay(mutate(n, folder), files), name, root / f"mutant{i}")
@@ -157,14 +160,14 @@ def worst(tapes, replay_module, tmp_path_factory):
         }
 
 
-def test_a_copy_without_a_change_gives_the_states_of_the_compiled_code(worst, tapes):
+def test_a_copy_without_a_change_gives_the_states_of_the_compiled_code(worst):
     """Else every mutant would be "caught"."""
     found = worst["unchanged"].result()
     assert {field: x for field, x in found.items() if x is None or x > tapes.TOLERANCE} == {}
 
 
 @pytest.mark.parametrize("name", [name for name in MUTANTS if name != "unchanged"])
-def test_a_planted_bug_is_caught(name, worst, tapes):
+def test_a_planted_bug_is_caught(name, worst):
     """At least one value lies beyond the tolerance of the comparison with the published package."""
     found = worst[name].result()
     assert [field for field, x in found.items() if x is None or x > tapes.TOLERANCE]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import published, tapes
 
 from ibdata.dynamics import SIEMENS, State
 
@@ -13,7 +14,7 @@ TAPES = {  # name: setpoints, drifting, steps, seed
 }
 
 
-def published_states(tape, published, tapes):
+def published_states(tape):
     """The published package's states, stacked as ibdata's: (steps, n, ...)."""
     lanes = [
         published.run(p, tape.drifting, tape.action[:, lane], tapes.rows(tape, lane))
@@ -23,27 +24,27 @@ def published_states(tape, published, tapes):
 
 
 @pytest.mark.parametrize("name", TAPES)
-def test_every_variable_of_every_step_is_that_of_the_published_package(name, published, tapes, report):
+def test_every_variable_of_every_step_is_that_of_the_published_package(name, report):
     """All fields of `State`, from the first, zero-action step on, within 1e-12 · max(1, |value|)."""
     tape = tapes.make(*TAPES[name])
     ours = tapes.run_ibdata(tape, "siemens")
-    table = tapes.differences(ours, published_states(tape, published, tapes))
+    table = tapes.differences(ours, published_states(tape))
     report(f"siemens {name}", tapes.transitions(tape), table)
     assert {field: x for field, x in table.items() if not x <= tapes.TOLERANCE} == {}
 
 
-def test_the_tapes_hold_at_least_100_000_transitions(tapes):
+def test_the_tapes_hold_at_least_100_000_transitions():
     """Every setpoint is run with each of four styles of actions; the zero-action step is not counted."""
     assert sum(tapes.transitions(tapes.make(*made)) for made in TAPES.values()) >= 100_000
 
 
-def test_the_tapes_take_every_branch(tapes):
+def test_the_tapes_take_every_branch():
     """A comparison proves nothing about a branch that was not taken: each one, at least ten times."""
     total = tapes.total_coverage([tapes.make(*made) for made in TAPES.values()], SIEMENS)
     assert {name: n for name, n in total.items() if n < 10} == {}
 
 
-def test_the_draws_of_numpy_are_restored_after_a_run(published, tapes):
+def test_the_draws_of_numpy_are_restored_after_a_run():
     """Also `np.float`, which current numpy does not have."""
     before = {name: getattr(np.random, name) for name in published.DRAWS}
     tape = tapes.make([50], False, 5, 3)
@@ -57,7 +58,7 @@ def fail_within(context):
         raise ZeroDivisionError
 
 
-def test_the_draws_of_numpy_are_restored_after_a_failure(published):
+def test_the_draws_of_numpy_are_restored_after_a_failure():
     """An error while they are replaced leaves nothing behind."""
     before = {name: getattr(np.random, name) for name in published.DRAWS}
     with published.replaced_draws():
@@ -69,7 +70,7 @@ def test_the_draws_of_numpy_are_restored_after_a_failure(published):
     assert "float" not in vars(np)
 
 
-def test_a_draw_more_than_given_is_an_error(published, tapes):
+def test_a_draw_more_than_given_is_an_error():
     """The reader cannot pass over a call that the published code makes and the tape does not foresee."""
     tape = tapes.make([50], False, 0, 4)
     with published.replaced_draws() as reader:

@@ -2,29 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
+from helpers.matrix import SIZE, UNMODIFIED, Matrix, Row
 from ruamel.yaml import YAML
 
 HERE = Path(__file__).parent
 HEADING = pytest.StashKey()
-
-
-def _load(name):
-    """A helper module beside this file: pytest's import mode `importlib` puts no folder on the path."""
-    full = f"ibdata_tests_same_bits_{name}"
-    if full not in sys.modules:
-        spec = importlib.util.spec_from_file_location(full, HERE / f"{name}.py")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[full] = module
-        spec.loader.exec_module(module)
-    return sys.modules[full]
-
-
-Row = _load("matrix").Row
 
 
 def pytest_generate_tests(metafunc):
@@ -37,7 +22,7 @@ def pytest_generate_tests(metafunc):
 @pytest.fixture(scope="session")
 def matrix(request, tmp_path_factory):
     """All rows of the tests that run, begun at once."""
-    made = _load("matrix").Matrix(tmp_path_factory.mktemp("same-bits"))
+    made = Matrix(tmp_path_factory.mktemp("same-bits"))
     request.config.stash[HEADING] = made.seconds
     if not hasattr(request.config, "workerinput"):
         params = [item.callspec.params for item in request.session.items if hasattr(item, "callspec")]
@@ -47,14 +32,9 @@ def matrix(request, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def new_row():
-    return Row
-
-
-@pytest.fixture(scope="session")
 def unmodified(matrix):
     """What a child prints in which nothing is changed."""
-    return matrix.result(_load("matrix").UNMODIFIED)
+    return matrix.result(UNMODIFIED)
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +54,7 @@ def check(golden, unmodified):
         if usual:
             files = {name: made["shards"] for name, made in result["results"].items()}
             assert files == golden["shards"][row.size]
-        if usual and row.size == _load("matrix").SIZE:
+        if usual and row.size == SIZE:
             for name, made in result["results"].items():
                 assert made["files"] == unmodified["results"][name]["files"]
 

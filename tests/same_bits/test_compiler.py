@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
+from helpers.matrix import Row
 
 pytestmark = pytest.mark.same_bits
 
@@ -49,10 +50,8 @@ def test_the_compilers_settings_do_not_change_the_data(row, matrix, check):
     check(matrix.result(row), row)
 
 
-def test_the_interpreted_run_writes_the_files_of_the_compiled_one(matrix, new_row):
-    results = [
-        matrix.result(new_row(name, **ROWS[name]))["results"] for name in (INTERPRETED, "numba on, tiny")
-    ]
+def test_the_interpreted_run_writes_the_files_of_the_compiled_one(matrix):
+    results = [matrix.result(Row(name, **ROWS[name]))["results"] for name in (INTERPRETED, "numba on, tiny")]
     assert results[0] == results[1]
 
 
@@ -61,14 +60,14 @@ def test_the_compiler_fuses_multiply_and_add_where_it_may(unmodified):
     assert unmodified["facts"]["fuses"] == HAS_FMA
 
 
-def test_machine_code_for_one_processor_is_not_run_on_another(matrix, new_row, tmp_path):
+def test_machine_code_for_one_processor_is_not_run_on_another(matrix, tmp_path):
     """They share a folder; numba names what it keeps there by processor and features."""
 
     def kept():
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
 
     def run(name, **env):
-        child = matrix.child(new_row(name, env=env, spec={"size": "tiny"}), code=tmp_path)
+        child = matrix.child(Row(name, env=env, spec={"size": "tiny"}), code=tmp_path)
         assert child.returncode == 0, child.stderr
         return kept()
 

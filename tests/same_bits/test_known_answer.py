@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.matrix import PACKAGE, Row
 
 import ibdata
 from ibdata.simulation import self_check
@@ -36,40 +37,38 @@ FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
 COMPILE = 'numba.njit(nogil=True, error_model="numpy")'
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
-    "fused multiply-add": ("compiling.py", COMPILE, "numba.njit(fastmath={'contract'})"),
-    "fastmath": ("compiling.py", COMPILE, "numba.njit(fastmath=True)"),
+    "fused multiply-add": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath={'contract'})"),
+    "fastmath": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath=True)"),
     "exp of the C library": (
-        "dynamics/exact.py",
+        "numerics/exact.py",
         "    k = np.rint(x",
         "    return math.exp(x)\n    k = np.rint(x",
     ),
-    "log of the C library": ("dynamics/exact.py", "    bits = ", "    return math.log(x)\n    bits = "),
+    "log of the C library": ("numerics/exact.py", "    bits = ", "    return math.log(x)\n    bits = "),
 }
 if os.environ.get("IBDATA_SAME_BITS") != "full":
     CHANGES = {name: CHANGES[name] for name in ("fused multiply-add", "exp of the C library")}
 
 
 @pytest.fixture(scope="module")
-def changed(matrix, new_row, tmp_path_factory):
+def changed(matrix, tmp_path_factory):
     """What children print of copies of the package with one change each."""
     rows = {}
     for name, (file, old, new) in CHANGES.items():
         copy = tmp_path_factory.mktemp("changed")
-        shutil.copytree(
-            new_row("").package / "ibdata", copy / "ibdata", ignore=shutil.ignore_patterns("__pycache__")
-        )
-        shutil.copytree(new_row("").package / "configs", copy / "configs")
+        shutil.copytree(PACKAGE / "ibdata", copy / "ibdata", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(PACKAGE / "configs", copy / "configs")
         path = copy / "ibdata" / file
         text = path.read_text()
         assert text.count(old) == 1, (file, old)
         path.write_text(text.replace(old, new))
-        rows[name] = new_row(f"package with {name}", spec={"size": "small"}, own_code=True, package=copy)
+        rows[name] = Row(f"package with {name}", spec={"size": "small"}, own_code=True, package=copy)
     matrix.start(rows.values())
     return {name: matrix.result(row) for name, row in rows.items()}
 
 
-def test_a_machine_with_another_answer_says_so_and_its_manifest_too(matrix, new_row, golden):
-    result = matrix.result(new_row("known answer forced to differ", **FORCED))
+def test_a_machine_with_another_answer_says_so_and_its_manifest_too(matrix, golden):
+    result = matrix.result(Row("known answer forced to differ", **FORCED))
     assert {made["reproducible"] for made in result["results"].values()} == {False}
     assert {name: made["root"] for name, made in result["results"].items()} == golden["roots"]["tiny"]
     line = "ibdata: this machine computes other bits than others; the manifest says reproducible: false\n"

@@ -7,6 +7,7 @@ import os
 from collections import defaultdict
 
 import pytest
+from helpers.matrix import Row
 
 pytestmark = pytest.mark.same_bits
 
@@ -49,11 +50,11 @@ def test_how_the_work_is_divided_does_not_change_the_data(row, matrix, check):
     assert (result["workers"] > 0) == (row.spec["workers"] > 1)
 
 
-def test_datasets_cut_into_the_same_shards_have_the_same_files(matrix, new_row, unmodified):
+def test_datasets_cut_into_the_same_shards_have_the_same_files(matrix, unmodified):
     """Those cut in the usual way are held against golden files in every row."""
     made = defaultdict(list)
     for name, given in ROWS.items():
-        made[given["spec"].get("shards")].append(matrix.result(new_row(name, **given))["results"])
+        made[given["spec"].get("shards")].append(matrix.result(Row(name, **given))["results"])
     assert min(len(results) for results in made.values()) > 1
     for results in made.values():
         assert all(other == results[0] for other in results)

@@ -6,6 +6,7 @@ import os
 
 import numpy
 import pytest
+from helpers.matrix import Row
 from numpy._core import _multiarray_umath as umath
 
 pytestmark = pytest.mark.same_bits
@@ -49,32 +50,32 @@ def test_numpy_has_features_to_turn_off():
 
 
 @pytest.mark.parametrize("name", NUMPY)
-def test_turning_numpys_features_off_changes_what_its_own_exp_computes(name, matrix, new_row, unmodified):
-    facts = matrix.result(new_row(name, **NUMPY[name]))["facts"]
+def test_turning_numpys_features_off_changes_what_its_own_exp_computes(name, matrix, unmodified):
+    facts = matrix.result(Row(name, **NUMPY[name]))["facts"]
     assert facts["numpy on"] == [x for x in DISPATCHED if x not in NUMPY[name]["spec"]["expect"]["off"]]
     if NO_AVX512 != "absent":
         assert facts["numpy exp"] != unmodified["facts"]["numpy exp"]
 
 
-def test_a_recipe_for_another_numpy_is_found_out(matrix, new_row):
+def test_a_recipe_for_another_numpy_is_found_out(matrix):
     """The names of numpy 1.26 turn nothing off in numpy 2.4."""
     names = ["SSSE3", "AVX512F_OF_ANOTHER_NUMPY"]
-    child = matrix.child(new_row("numpy recipe", **_without(names)))
+    child = matrix.child(Row("numpy recipe", **_without(names)))
     assert child.returncode == 1
     assert "AVX512F_OF_ANOTHER_NUMPY" in child.stderr
     assert child.stdout == ""
 
 
-def test_a_feature_that_stays_on_is_found_out(matrix, new_row):
-    row = new_row("numpy unchanged", spec={"expect": {"off": DISPATCHED}})
+def test_a_feature_that_stays_on_is_found_out(matrix):
+    row = Row("numpy unchanged", spec={"expect": {"off": DISPATCHED}})
     child = matrix.child(row)
     assert child.returncode == 1
     assert f"{DISPATCHED[0]}: found True, expected False" in child.stderr
 
 
-def test_the_c_library_without_fma_computes_another_exp(matrix, new_row, unmodified):
+def test_the_c_library_without_fma_computes_another_exp(matrix, unmodified):
     """Without this the row shows nothing."""
-    found = matrix.result(new_row(LIBC, **ROWS[LIBC]))["facts"]["libc exp"]
+    found = matrix.result(Row(LIBC, **ROWS[LIBC]))["facts"]["libc exp"]
     differs = found != unmodified["facts"]["libc exp"]
     assert differs == (NO_FMA != "absent"), (
         f"GLIBC_TUNABLES={TUNABLES}: math.exp {'differs' if differs else 'is the same'}; "

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.matrix import Row
 
 pytestmark = pytest.mark.same_bits
 
@@ -19,7 +20,7 @@ REPORTED = ("numpy", "numba", "pyarrow")
 
 
 @pytest.fixture(scope="module")
-def lowest(matrix, new_row, tmp_path_factory):
+def lowest(matrix, tmp_path_factory):
     """A row with a Python that has every dependency in the lowest version allowed."""
     folder = tmp_path_factory.mktemp("lowest")
     python = folder / "bin" / "python"
@@ -33,7 +34,7 @@ def lowest(matrix, new_row, tmp_path_factory):
         check=False,
     )
     assert pip.returncode == 0, f"the lower bounds {LOWEST} do not install together: {pip.stderr}"
-    return new_row("lowest versions", python=str(python), own_code=True)
+    return Row("lowest versions", python=str(python), own_code=True)
 
 
 def test_the_pinned_versions_are_those_that_run_here(unmodified):

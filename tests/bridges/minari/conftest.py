@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from runpy import run_path
-
 import pytest
 
 import ibdata
 from ibdata import Dataset
-
-_page = run_path(str(Path(__file__).parents[2] / "use_with.py"))
-generated, use_with = _page["generated"], _page["use_with"]
 
 
 @pytest.fixture(scope="session")

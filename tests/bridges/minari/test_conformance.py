@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from pathlib import Path
-from runpy import run_path
 
 import pytest
-
-CORE = Path(__file__).parents[2] / "exporters"
+from exporters import test_conformance
+from exporters.conftest import dataset  # noqa: F401
 
 
 @pytest.fixture
@@ -16,7 +14,6 @@ def to() -> str:
     return "minari"
 
 
-dataset = run_path(str(CORE / "conftest.py"))["dataset"]
-_suite = run_path(str(CORE / "test_conformance.py"))
-_tests = {name: test for name, test in _suite.items() if name.startswith("test_")}
+_tests = {name: test for name, test in vars(test_conformance).items() if name.startswith("test_")}
+del test_conformance
 globals().update({name: test for name, test in _tests.items() if "to" in inspect.signature(test).parameters})

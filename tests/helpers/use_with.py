@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 import ibdata
+from helpers import ROOT
 
-TEXT = (Path(__file__).parents[1] / "docs" / "use-with.md").read_text()
+TEXT = (ROOT / "docs" / "use-with.md").read_text()
 STEPS = 100  # of an episode; the page's datasets have 1000
 Snippets = Callable[[str], list[dict[str, Any]]]
 

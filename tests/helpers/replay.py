@@ -1,7 +1,7 @@
-"""Run as a script: replays saved tapes with the `ibdata` first on the path, and prints what differs.
+"""Replay saved tapes with the `ibdata` that comes first on the path, and print the differences.
 
-`python replay.py tape.npz …` prints one JSON object: the package's file and, by field of `State`, the largest
-|difference| / max(1, |value|) from the saved states over all tapes (null: not a number).
+`python -m helpers.replay tape.npz …` prints one JSON object: the package's file and, by field of `State`, the
+largest |difference| / max(1, |value|) from the saved states over all tapes (null: not a number).
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ import sys
 
 import numpy as np
 
+import ibdata.dynamics
+from helpers import tapes
+
 
 def save(path, tape, states):
     """One tape and the states expected on it, as `load` reads them."""
@@ -20,8 +23,8 @@ def save(path, tape, states):
     np.savez(path, setpoint=tape.setpoint, drifting=tape.drifting, action=tape.action, **arrays)
 
 
-def load(path, tapes):
-    """The tape and the expected states of a file, in the classes of the module `tapes`."""
+def load(path):
+    """The tape and the expected states of a file."""
     with np.load(path, allow_pickle=False) as file:
         noise = tapes.Noise(*(file[f"noise_{name}"] for name in tapes.Noise._fields))
         states = {name: file[f"state_{name}"] for name in tapes.State._fields}
@@ -30,13 +33,9 @@ def load(path, tapes):
 
 def main(paths):
     """Replay the tapes and print the JSON object."""
-    import tapes  # beside this script
-
-    import ibdata.dynamics
-
     worst = dict.fromkeys(tapes.State._fields, 0.0)
     for path in paths:
-        tape, expected = load(path, tapes)
+        tape, expected = load(path)
         for name, x in tapes.differences(tapes.run_ibdata(tape, "siemens"), expected).items():
             worst[name] = x if math.isnan(x) else max(worst[name], x)
     found = {name: None if math.isnan(x) else x for name, x in worst.items()}

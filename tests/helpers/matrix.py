@@ -1,4 +1,4 @@
-"""Rows of the matrix: each is a child process in a setting of its own, two or more at a time."""
+"""The matrix of tests/same_bits: each row is a child process with settings of its own."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import ibdata
+from helpers import ROOT
 
-CHILD = Path(__file__).with_name("child.py")
+CHILD = ROOT / "tests" / "same_bits" / "child.py"
 PACKAGE = Path(ibdata.__file__).parents[1]
 # What a setting may be made of: unset in every row that does not set it itself.
 VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHONPATH", "OMP_", "LD_")

@@ -1,0 +1,29 @@
+"""Documents in docs/ whose middle, between two markers, a script writes."""
+
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+OPEN, CLOSE = "<!-- measured -->", "<!-- /measured -->"
+
+
+def replaced(document: str, block: str) -> str:
+    """The document with other lines between its markers."""
+    before, rest = document.split(OPEN)
+    after = rest.split(CLOSE)[1]
+    return f"{before}{OPEN}\n{block}\n{CLOSE}{after}"
+
+
+def write_or_compare(path: Path, block: str, check: bool) -> int:
+    """Write the lines between the markers; with check, only compare them: exit code 1 if they differ."""
+    old = path.read_text(encoding="utf-8")
+    new = replaced(old, block)
+    if not check:
+        path.write_text(new, encoding="utf-8")
+    elif old != new:
+        name = Path(sys.argv[0]).name
+        print(
+            f"docs/{path.name}: the tables differ from the measurement; run scripts/{name}", file=sys.stderr
+        )
+        return 1
+    return 0

@@ -1,0 +1,52 @@
+"""How long it takes to read, check and export a dataset."""
+
+import subprocess
+from functools import partial
+
+import pyarrow.parquet as pq
+
+import ibdata
+from ibdata.exporters import FORMATS
+from measuring.timing import COMMAND, MILLION, Row, Scratch, described, paired, timed
+
+
+def reading(scratch: Scratch) -> list[Row]:
+    """validate, stats and arrays against reading the Parquet with the same threads."""
+    dataset = scratch.generate(described(MILLION))
+    opened = ibdata.open(dataset.path)
+    read, validate, stats, command, one, thirty = paired(
+        lambda: pq.read_table(dataset.path / "data"),
+        lambda: ibdata.validate(dataset.path),
+        lambda: ibdata.open(dataset.path).statistics(),
+        lambda: subprocess.run([COMMAND, "stats", dataset.path], check=True, capture_output=True),
+        lambda: opened.arrays(),
+        lambda: opened.arrays(history=30),
+    )
+    return [
+        ("reading, 1,000,000 rows", f"{read:.3f} s", "", "pyarrow, all columns, its own threads"),
+        ("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
+        ("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/stats.json"),
+        ("ibdata stats, against reading", f"{command / read:.1f} ×", "", f"{command:.2f} s: Python's start"),
+        ("arrays(), against reading", f"{one / read:.1f} ×", "", ""),
+        (
+            "arrays(history=30), against reading",
+            f"{thirty / read:.1f} ×",
+            "≤ 1.5 ×",
+            f"1.44 GB of arrays, written at {1.44 / thirty:.1f} GB/s",
+        ),
+    ]
+
+
+def exports(scratch: Scratch) -> list[Row]:
+    """Each format whose library is here, reading back included."""
+    dataset = scratch.generate(described(100_000, setpoints=70, episodes=100))
+    out = scratch.folder / "exported"
+    rows: list[Row] = []
+    for name in FORMATS:
+        try:
+            seconds = timed(partial(ibdata.export, dataset, to=name, out=out / name, history=1))
+        except ibdata.IbdataError as error:
+            rows.append((name, "–", "", str(error)))
+            continue
+        rows.append((name, f"{1e9 * seconds / 100_000:.0f} ns", "", ""))
+    return rows

@@ -1,0 +1,116 @@
+"""How long each stage of a run takes alone."""
+
+import io
+import os
+import tempfile
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from ibdata.dataset.digest import episode_digests
+from ibdata.experiment.plan import plan
+from ibdata.numerics.random import Purpose, slots, uniforms
+from ibdata.policies.actions import clip_and_round
+from ibdata.simulation import kernel
+from ibdata.simulation.noise import standard_noise
+from ibdata.simulation.packed import packed
+from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
+from ibdata.simulation.variables import columns, layout
+from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
+from ibdata.writing.statistics import moments
+from measuring.timing import MILLION, Row, described, paired
+
+
+def stages() -> list[Row]:
+    """(c): ns a transition, each stage alone."""
+    return simulating() + writing()
+
+
+def simulating() -> list[Row]:
+    """The stages from random integers to columns, of one chunk of one block."""
+    experiment = described(MILLION)
+    block = Block(experiment, 0, LANES)
+    n, count = LANES, CHUNK
+    per = 1e9 / (n * count)
+    raw, drift = block._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 1, count)
+    draws = block.policy.uniforms_per_step
+    policy_raw = block._raw(Purpose.POLICY, 0, count, slots(draws))
+    u, actions = np.empty((count, n, draws)), np.zeros((count, n, 3), dtype=np.float32)
+    u_rows, action_rows = u.reshape(count * n, draws), actions.reshape(count * n, 3)
+    seen, history = np.empty((count * n, 0, 6), dtype=np.float32), np.empty((n, 0, 6), dtype=np.float32)
+    places = layout(experiment)
+    record = np.zeros((count + 1, n, len(places.recorded)), dtype=np.float32)
+    table = np.empty((len(places.names), n * experiment.steps), dtype=np.float32)
+    log_prob, state = np.zeros((count, n)), packed(block.state)
+
+    def draw() -> None:
+        block._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 1, count)
+        block._raw(Purpose.POLICY, 0, count, slots(draws))
+
+    def policy() -> None:
+        uniforms(policy_raw, u)
+        clip_and_round(np.asarray(block.policy.act(seen, u_rows)), action_rows)
+        block.policy.log_prob(seen, action_rows)
+
+    def noise() -> None:
+        for t in range(count):
+            standard_noise(raw[t], block.noise)
+
+    def step() -> None:
+        kernel.simulate(state, actions, raw, drift, block.parameters, history, record[1:], False)
+
+    def scatter_columns() -> None:
+        kernel.scatter_columns(
+            record, actions, log_prob, places.at_t, places.at_t_plus_1, places.first_action, places.log_prob,
+            table, 0, count, experiment.steps,
+        )  # fmt: skip
+
+    parts = paired(draw, policy, noise, step, scatter_columns)
+    names = (
+        "Philox integers",
+        "policy and its density",
+        "noise from integers",
+        "noise, step, record",
+        "record into columns",
+    )
+    return [(name, f"{seconds * per:.0f} ns", "", "") for name, seconds in zip(names, parts, strict=True)]
+
+
+def writing() -> list[Row]:
+    """The stages from columns to a file on the disk, of a million rows."""
+    experiment = described(MILLION)
+    (shard,) = plan(experiment)
+    floats = rollout(experiment, 0, shard.stop)
+    made = arrow_table(experiment, shard, floats)
+    kinds = columns(experiment)
+
+    def encode() -> bytes:
+        out = io.BytesIO()
+        with pq.ParquetWriter(out, arrow_schema(kinds), **writer_options(kinds)) as writer:
+            writer.write_table(made, row_group_size=ROW_GROUP_ROWS)
+        return out.getvalue()
+
+    data = encode()
+
+    def durable() -> None:
+        with tempfile.TemporaryFile() as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+
+    lengths = [experiment.steps] * shard.stop
+    parts = paired(
+        lambda: arrow_table(experiment, shard, floats),
+        encode,
+        lambda: episode_digests(digest_runs(experiment, shard, floats), lengths),
+        lambda: moments(floats.table),
+        durable,
+    )
+    names = (
+        "columns into Arrow",
+        "encode as Parquet",
+        "content digests (SHA-256)",
+        "moments",
+        "write and fsync",
+    )
+    return [(name, f"{s * 1e9 / MILLION:.0f} ns", "", "") for name, s in zip(names, parts, strict=True)]
