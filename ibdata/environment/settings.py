@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
-from ibdata.environment.registration import ID
+from ibdata.environment import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
