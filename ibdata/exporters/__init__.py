@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.exporters._view import Block as Block
+    from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
 
@@ -113,6 +115,13 @@ def export(
 def added_formats() -> EntryPoints:
     """The formats that installed packages add, as entry points."""
     return entry_points(group=__name__)
+
+
+def __getattr__(name: str) -> Any:
+    """`View` and `Block`, for formats of other packages; imported when first used."""
+    if name not in ("Block", "View"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}._view"), name)
 
 
 def _format(to: str) -> Any:
