@@ -1,79 +1,62 @@
 """Offline reinforcement-learning datasets of the Industrial Benchmark (Hein et al. 2017)."""
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ibdata.environment.registration import register as _register
-from ibdata.version import __version__
+from ibdata.version import __version__ as __version__
 
-if TYPE_CHECKING:
-    from ibdata.dataset.difference import difference
-    from ibdata.dataset.reader import Dataset
-    from ibdata.dataset.reader import Dataset as open
-    from ibdata.errors import IbdataError
-    from ibdata.evaluation import evaluate
-    from ibdata.experiment import Experiment, load
-    from ibdata.exporters import export
-    from ibdata.generation.array_job import finalize, generate_shards
-    from ibdata.generation.estimate import estimate
-    from ibdata.generation.generate import generate
-    from ibdata.generation.suite import generate_all
-    from ibdata.maintenance.merge import merge
-    from ibdata.maintenance.repair import repair
-    from ibdata.maintenance.reproduce import reproduce
-    from ibdata.maintenance.split import split
-    from ibdata.validation.validate import validate
+if TYPE_CHECKING:  # for type checkers and editors
+    from ibdata.dataset.difference import difference as difference
+    from ibdata.dataset.reader import Dataset as Dataset
+    from ibdata.errors import IbdataError as IbdataError
+    from ibdata.evaluation import evaluate as evaluate
+    from ibdata.experiment import Experiment as Experiment
+    from ibdata.experiment import load as load
+    from ibdata.exporters import export as export
+    from ibdata.generation.array_job import finalize as finalize
+    from ibdata.generation.array_job import generate_shards as generate_shards
+    from ibdata.generation.estimate import estimate as estimate
+    from ibdata.generation.generate import generate as generate
+    from ibdata.generation.suite import generate_all as generate_all
+    from ibdata.maintenance.merge import merge as merge
+    from ibdata.maintenance.repair import repair as repair
+    from ibdata.maintenance.reproduce import reproduce as reproduce
+    from ibdata.maintenance.split import split as split
+    from ibdata.validation.validate import validate as validate
 
-__all__ = [
-    "Dataset",
-    "Experiment",
-    "IbdataError",
-    "__version__",
-    "difference",
-    "estimate",
-    "evaluate",
-    "export",
-    "finalize",
-    "generate",
-    "generate_all",
-    "generate_shards",
-    "load",
-    "merge",
-    "open",
-    "repair",
-    "reproduce",
-    "split",
-    "validate",
-]
+    open = Dataset
 
-# Imported when first used, so that `ibdata --help` answers at once.
-_HOMES = {
-    "Dataset": ("ibdata.dataset.reader", "Dataset"),
-    "Experiment": ("ibdata.experiment", "Experiment"),
-    "IbdataError": ("ibdata.errors", "IbdataError"),
-    "difference": ("ibdata.dataset.difference", "difference"),
-    "estimate": ("ibdata.generation.estimate", "estimate"),
-    "evaluate": ("ibdata.evaluation", "evaluate"),
-    "export": ("ibdata.exporters", "export"),
-    "finalize": ("ibdata.generation.array_job", "finalize"),
-    "generate": ("ibdata.generation.generate", "generate"),
-    "generate_all": ("ibdata.generation.suite", "generate_all"),
-    "generate_shards": ("ibdata.generation.array_job", "generate_shards"),
-    "load": ("ibdata.experiment", "load"),
-    "merge": ("ibdata.maintenance.merge", "merge"),
-    "open": ("ibdata.dataset.reader", "Dataset"),
-    "repair": ("ibdata.maintenance.repair", "repair"),
-    "reproduce": ("ibdata.maintenance.reproduce", "reproduce"),
-    "split": ("ibdata.maintenance.split", "split"),
-    "validate": ("ibdata.validation.validate", "validate"),
+# Public name → its module; imported when first used, so that `ibdata --help` answers at once.
+_MODULES = {
+    "Dataset": "dataset.reader",
+    "Experiment": "experiment",
+    "IbdataError": "errors",
+    "difference": "dataset.difference",
+    "estimate": "generation.estimate",
+    "evaluate": "evaluation",
+    "export": "exporters",
+    "finalize": "generation.array_job",
+    "generate": "generation.generate",
+    "generate_all": "generation.suite",
+    "generate_shards": "generation.array_job",
+    "load": "experiment",
+    "merge": "maintenance.merge",
+    "open": "dataset.reader",
+    "repair": "maintenance.repair",
+    "reproduce": "maintenance.reproduce",
+    "split": "maintenance.split",
+    "validate": "validation.validate",
 }
 
-
-_register()  # the environment, with Gymnasium where there is one
+__all__ = sorted([*_MODULES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'ibdata' has no attribute {name!r}")
-    module, attribute = _HOMES[name]
-    return getattr(import_module(module), attribute)
+    return getattr(import_module(f"ibdata.{_MODULES[name]}"), "Dataset" if name == "open" else name)
+
+
+if "gymnasium" in sys.modules:
+    import_module("ibdata.environment")  # registers the environment

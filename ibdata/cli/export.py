@@ -9,15 +9,16 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs, say, say_all
-from ibdata.exporters import FORMATS
+from ibdata.exporters import FORMATS, added_formats
 
 
 class _WithFormats(click.Command):
-    """A command whose help ends with what each format says of itself, read without importing it."""
+    """A command whose help ends with the docstring of each format, read without importing it."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Formats"):
-            formatter.write_dl([(name, _docstring(name)) for name in FORMATS])
+            own = [(name, _docstring(name)) for name in FORMATS]
+            formatter.write_dl([*own, *((added.name, f"Of {added.module}.") for added in added_formats())])
 
 
 def _docstring(name: str) -> str:
@@ -29,21 +30,27 @@ def _docstring(name: str) -> str:
 
 @click.command("export", cls=_WithFormats)
 @folder_argument
-@click.option("--to", required=True, type=click.Choice(FORMATS), help="The format, see below.")
+@click.option(
+    "--to",
+    required=True,
+    type=click.Choice([*FORMATS, *sorted(added_formats().names)]),
+    help="The format; they are described below.",
+)
 @click.option(
     "--out",
     required=True,
     type=click.Path(path_type=Path),
     metavar="PATH",
-    help="What to make; must not exist.",
+    help="The file or folder to write; it must not exist.",
 )
-@click.option("--split", metavar="NAME", help="Only this split.")
+@click.option("--split", metavar="NAME", help="Export only this split.")
 @click.option(
-    "--history", type=int, metavar="N", help="Frames an observation, newest first; default 1, neorl 30."
+    "--history", type=int, metavar="N", help="Observations to stack, newest first; default 1, neorl 30."
 )
-@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by this.")
-@click.option("--id", metavar="ID", help="Minari's NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
-@click.option("--quiet", "-q", is_flag=True, help="No progress bar.")
+@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
+@click.option("--id", metavar="ID", help="Minari only: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
+@click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
+@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 @json_option
 def command(
     folder: Path,
@@ -53,13 +60,14 @@ def command(
     history: int | None,
     reward_scale: float,
     id: str | None,
+    verify: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Write a dataset in the form of another library, and print the Python that loads it.
+    """Write a dataset in the format of another library, and print the Python code that loads it.
 
-    Every transition is kept, the last of each episode with its next observation. Floats are float32, but
-    in csv. What was written is read back and compared; it has its name only when it is whole.
+    Every transition is kept, also the last of each episode, with its next observation. Floats become
+    float32, except in csv. The output appears only when it is complete.
 
     \b
     ibdata export data/random --to minari --out minari-datasets
@@ -75,6 +83,7 @@ def command(
         history=history,
         reward_scale=reward_scale,
         id=id,
+        verify=verify,
         progress=False if quiet else None,
     )
     if as_json:

@@ -1,7 +1,7 @@
 """The Industrial Benchmark as a Gymnasium environment, and many of them at once as a vector environment.
 
-`gymnasium.make("ibdata/IndustrialBenchmark-v0", setpoint=70)` after `import ibdata`, or
-`gymnasium.make("ibdata:ibdata/IndustrialBenchmark-v0", setpoint=70)`. Needs the extra `gymnasium`.
+`gymnasium.make("ibdata.environment:ibdata/IndustrialBenchmark-v0", setpoint=70)`. The part before the colon
+may be left out once this package has been imported. Needs the extra `gymnasium`.
 """
 
 from importlib import import_module
@@ -13,11 +13,32 @@ if TYPE_CHECKING:
 
 __all__ = ["IndustrialBenchmarkEnv", "IndustrialBenchmarkVectorEnv"]
 
-# Imported when first used: what these two are made of needs no Gymnasium.
-_HOMES = {"IndustrialBenchmarkEnv": "single", "IndustrialBenchmarkVectorEnv": "vector"}
+ID = "ibdata/IndustrialBenchmark-v0"
+STEPS = 1000  # of an episode, unless `gymnasium.make(…, max_episode_steps=n)` says otherwise
+
+# Imported when first used: their settings and their simulation need no Gymnasium.
+_MODULES = {"IndustrialBenchmarkEnv": "single", "IndustrialBenchmarkVectorEnv": "vector"}
+
+
+def _register() -> None:
+    """Make the environment known to Gymnasium where that is installed."""
+    try:
+        import gymnasium
+    except ModuleNotFoundError:
+        return  # the two classes say what to install
+    if ID not in gymnasium.registry:
+        gymnasium.register(
+            id=ID,
+            entry_point=f"{__name__}:IndustrialBenchmarkEnv",
+            vector_entry_point=f"{__name__}:IndustrialBenchmarkVectorEnv",
+            max_episode_steps=STEPS,
+        )
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module 'ibdata.environment' has no attribute {name!r}")
-    return getattr(import_module(f"ibdata.environment.{_HOMES[name]}"), name)
+    return getattr(import_module(f"ibdata.environment.{_MODULES[name]}"), name)
+
+
+_register()

@@ -1,4 +1,4 @@
-"""What an environment is told: setpoint, dynamics, start, frames of history, scale of the reward."""
+"""The settings of an environment: setpoint, dynamics, start, length of history, scale of the reward."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
-from ibdata.environment.registration import ID
+from ibdata.environment import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
-from ibdata.experiment.messages import keys_at, rephrase, shown, suggestion
+from ibdata.experiment.messages import problems, shown, suggestion
 from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION
@@ -28,12 +28,12 @@ M_MIN, M_MAX = -1.001, 1.24  # the penalty m, see `VARIABLES`
 
 
 def _number(value: Any) -> Any:
-    """Numbers of numpy are numbers too."""
+    """Turn a NumPy number into one of Python."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def _one(value: Any) -> Any:
-    """An environment has one setpoint."""
+    """Refuse more than one setpoint."""
     start = value.get("drifting") if isinstance(value, dict) else value
     if value != "drifting" and not isinstance(start, float | int | np.number):
         near = suggestion(value, ["drifting"]) if isinstance(value, str) else ""
@@ -47,7 +47,7 @@ def _as_mapping(value: Any) -> Any:
 
 
 class Settings(FrozenModel):
-    """The settings of an environment, in the form that experiments have them; frozen."""
+    """The settings of an environment, with the values that experiments take."""
 
     setpoint: Annotated[Setpoints, BeforeValidator(_one)] = 50.0
     dynamics: Annotated[Dynamics, BeforeValidator(_as_mapping)] = "siemens"
@@ -72,21 +72,16 @@ class Settings(FrozenModel):
 
 
 def settings(**given: Any) -> Settings:
-    """The settings given; ConfigError with a line for each that cannot be meant."""
+    """Check the settings given; ConfigError with a line for each that is invalid."""
     try:
         return Settings.model_validate(given)
     except ValidationError as error:
-        raise ConfigError([_line(e, given) for e in error.errors()]) from None
-
-
-def _line(error: Any, given: dict[str, Any]) -> str:
-    loc = tuple(part for part in error["loc"] if not str(part).startswith("<"))
-    message = rephrase(error, keys_at(Settings, given, loc[:-1], {}))
-    return f"{ID}: {'.'.join(map(str, loc))}: {message}"
+        found = problems(error, Settings, given)
+        raise ConfigError([f"{ID}: {problem.key}: {problem.message}" for problem in found]) from None
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:
-    """The lowest and the highest consumption there can be.
+    """Return the lowest and the highest possible consumption.
 
     c = ĉ + (1 + k ĉ) z is linear in ĉ and in z, so its extremes are at those of both: z in ±8.21, and
     ĉ = θᶜ + 25 (m + offset) with θᶜ in [Σw, 4915 Σw] and the penalty m in its bounds.

@@ -1,4 +1,4 @@
-"""What may be evaluated: a built-in policy by name or block, or any object that acts."""
+"""Policies as a user gives them: a kind, a block, a file, or any object that acts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy.typing as npt
 from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError
@@ -16,14 +15,11 @@ from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
-from ibdata.policies.base import Floats, History
+from ibdata.policies.custom import Adapter
 
 
-class Acting(Policy):
-    """An object with `act(history, u)`, or with the `predict(observation)` of SB3 and d3rlpy.
-
-    Its uniform draws come from the address of its name.
-    """
+class Acting(Adapter):
+    """Any object that acts, under the name of its class, from which its random numbers follow."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
@@ -32,36 +28,37 @@ class Acting(Policy):
     history: int
 
     @property
+    def adapted(self) -> Any:
+        """The object."""
+        return self.target
+
+    @property
     def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """Observations of history: those that the object says, else those asked for."""
+        """The object's own `history_length` if it has one, else the number asked for."""
         return int(getattr(self.target, "history_length", self.history))
 
     @property
     def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """Uniform draws per step that the object says."""
+        """The object's own `uniforms_per_step` if it has one, else 0."""
         return int(getattr(self.target, "uniforms_per_step", 0))
 
     def form(self) -> dict[str, Any]:
         """The name: no more is known."""
         return {"kind": self.kind, "name": self.label}
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        if hasattr(self.target, "act"):
-            action: npt.ArrayLike = self.target.act(history, u)
-            return action
-        predicted: Any = self.target.predict(history.reshape(len(history), -1).copy())
-        actions: npt.ArrayLike = (
-            predicted[0] if isinstance(predicted, tuple) else predicted
-        )  # SB3: and a state
-        return actions
-
 
 def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
-    """The policy meant by a Policy, a kind, a block, YAML text, a file, or an object that acts.
+    """Return the policy that a user gave.
 
-    Code that a file names runs only with allow_code; a block that is given here says what is meant.
+    Args:
+        given: a `Policy`, a kind such as "safe", a block (mapping, YAML text or file), or an object with
+            `act(history, u)` or `predict(observation)`.
+        history: the number of observations that an object sees if it has no `history_length`.
+        allow_code: whether a custom policy that a file names may run; one in a block always may.
 
-    Raises UsageError or ConfigError with what is wrong with it.
+    Raises:
+        UsageError: given is none of these, or a file names a custom policy without allow_code.
+        ConfigError: the block is not valid.
     """
     if isinstance(given, Policy):
         return given

@@ -11,12 +11,11 @@ from typing import Any
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from ibdata.errors import ConfigError, Loc, Problems, UsageError
-from ibdata.experiment.messages import keys_at, rephrase
+from ibdata.errors import ConfigError, Loc, UsageError
+from ibdata.experiment.messages import Problem, problems
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
-from ibdata.policies import POLICIES
 
 __all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]
 
@@ -24,10 +23,17 @@ __all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suit
 def load(
     config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
 ) -> Experiment:
-    """The experiment of a YAML file (or shipped name), with `key.sub=value` overrides and a seed.
+    """Read the experiment of a YAML file.
 
-    Raises UsageError where there is no such file, ConfigError with every problem of the file and of the
-    overrides as `file:line:column: key: what was found, what was expected`.
+    Args:
+        config: the path of the file, or the name of a shipped experiment.
+        overrides: `key.sub=value`, each in place of a value of the file.
+        seed: in place of the seed of the file.
+
+    Raises:
+        UsageError: there is no such file, or it cannot be read.
+        ConfigError: the experiment is not valid. `problems` has a line for each problem of the file and of
+            the overrides: `file:line:column: key: what was found, what was expected`.
     """
     path = find(config)
     if is_suite(path):
@@ -46,12 +52,9 @@ def load(
     try:
         experiment = Experiment.model_validate(document.data)
     except ValidationError as error:
-        found = [
-            _line(*problem, document, str(path), places)
-            for e in error.errors()
-            for problem in _problems(e, document.data)
-        ]
-        raise ConfigError(list(dict.fromkeys(found))) from None
+        found = problems(error, Experiment, document.data)
+        lines = [_line(problem, document, str(path), places) for problem in found]
+        raise ConfigError(list(dict.fromkeys(lines))) from None
     vars(experiment)["folder"] = path.absolute().parent
     return experiment
 
@@ -61,8 +64,8 @@ def validated(data: dict[str, Any]) -> Experiment:
     try:
         return Experiment.model_validate(data)
     except ValidationError as error:
-        problems = [problem for e in error.errors() for problem in _problems(e, data)]
-        raise ConfigError([f"{'.'.join(map(str, loc))}: {text}" for loc, text, _ in problems]) from None
+        found = problems(error, Experiment, data)
+        raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None
 
 
 def load_all(
@@ -80,8 +83,7 @@ def load_all(
         try:
             experiment = load(file, overrides, seed)
         except UsageError as error:
-            problems = error.problems if isinstance(error, ConfigError) else [str(error)]
-            for problem in problems:
+            for problem in error.problems if isinstance(error, ConfigError) else [str(error)]:
                 found.setdefault(problem, []).append(str(file))
             continue
         if experiment.name in experiments:
@@ -153,40 +155,11 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
     return [*new, path]
 
 
-def _problems(error: Any, data: Any) -> list[tuple[Loc, str, bool]]:
-    """One pydantic error as paths and messages, and whether it is the key; several for those between keys."""
-    loc = _resolved(error["loc"], data, keep_last=error["type"] in ("extra_forbidden", "missing"))
-    inner = error.get("ctx", {}).get("error")
-    if isinstance(inner, Problems):
-        return [((*loc, *path), message, False) for path, message in inner.found]
-    if error["type"] == "union_tag_invalid":
-        loc = (*loc, "kind")
-    message = rephrase(error, keys_at(Experiment, data, loc[:-1], POLICIES))
-    return [(loc, message, error["type"] == "extra_forbidden")]
-
-
-def _line(loc: Loc, message: str, key: bool, document: Document, path: str, places: dict[Loc, str]) -> str:
+def _line(problem: Problem, document: Document, path: str, places: dict[Loc, str]) -> str:
     """A problem with its place: the override that put it there, or file, line and column."""
-    name = ".".join(map(str, loc))
+    loc, key, message = problem.loc, problem.key, problem.message
     for length in range(len(loc), 0, -1):
         if loc[:length] in places:
-            return f"{places[loc[:length]]}: {name}: {message}"
-    line, column = document.place(loc, key)
-    return f"{path}:{line}:{column}: {f'{name}: ' if name else ''}{message}"
-
-
-def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
-    """The path without the parts that pydantic adds for the branches of unions."""
-    out: list[str | int] = []
-    in_policy = False  # the next part is the kind of a policy, which may be a key as well
-    for i, part in enumerate(loc):
-        here = (isinstance(data, dict) and part in data) or (
-            isinstance(data, list) and isinstance(part, int) and part < len(data)
-        )
-        here = here and not in_policy
-        in_policy = loc[0] == "policies" and (i == 1 or (part == "base" and here))
-        if here:
-            data = data[part]
-        if here or (keep_last and i == len(loc) - 1):
-            out.append(part)
-    return tuple(out)
+            return f"{places[loc[:length]]}: {key}: {message}"
+    line, column = document.place(loc, problem.at_key)
+    return f"{path}:{line}:{column}: {f'{key}: ' if key else ''}{message}"

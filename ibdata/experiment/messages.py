@@ -1,4 +1,4 @@
-"""pydantic's errors, rephrased: what was found, what was expected, and what may have been meant."""
+"""Errors of pydantic in the words of a user: what was found, what was expected, what may have been meant."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import difflib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
-from ibdata.errors import Loc
+from ibdata.errors import Loc, Problems
+from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET
 
 # error type → what was expected, with the error's context filled in
@@ -48,7 +49,55 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
+class Problem(NamedTuple):
+    """One problem of the data of a model."""
+
+    loc: Loc
+    message: str
+    at_key: bool  # it is the key that is wrong, not its value
+
+    @property
+    def key(self) -> str:
+        """The path of the value, its parts joined by dots."""
+        return ".".join(map(str, self.loc))
+
+
+def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
+    """Return the problems that pydantic found in the data of a model, in the words of a user."""
+    return [problem for each in error.errors() for problem in _problems(each, model, data)]
+
+
+def _problems(error: Mapping[str, Any], model: type[BaseModel], data: Any) -> list[Problem]:
+    """The problems of one error: several if it is about more than one key."""
+    kind = error["type"]
+    loc = _resolved(error["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
+    inner = error.get("ctx", {}).get("error")
+    if isinstance(inner, Problems):
+        return [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
+    if kind == "union_tag_invalid":
+        loc = (*loc, "kind")
+    message = _rephrased(error, _keys_at(model, data, loc[:-1]))
+    return [Problem(loc, message, at_key=kind == "extra_forbidden")]
+
+
+def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
+    """The path without the parts that pydantic adds for the branches of unions."""
+    out: list[str | int] = []
+    in_policy = False  # the next part is the kind of a policy, which may be a key as well
+    for i, part in enumerate(loc):
+        here = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        )
+        here = here and not in_policy
+        in_policy = loc[0] == "policies" and (i == 1 or (part == "base" and here))
+        if here:
+            data = data[part]
+        if here or (keep_last and i == len(loc) - 1):
+            out.append(part)
+    return tuple(out)
+
+
+def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     """One pydantic error as 'found …, expected …'."""
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "extra_forbidden":
@@ -78,13 +127,13 @@ def rephrase(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     return f"found {shown(value)}, expected: {error['msg']}"
 
 
-def keys_at(model: type[BaseModel], data: Any, loc: Loc, kinds: Mapping[str, type[BaseModel]]) -> list[str]:
-    """The option names that the mapping at `loc` may hold, found by walking the models."""
+def _keys_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
+    """The option names that the mapping at `loc` may hold."""
     if loc and loc[0] == "policies" and len(loc) > 1:
         block = data
         for part in loc:
             block = block[part]
-        policy = kinds.get(str(block.get("kind"))) if isinstance(block, dict) else None
+        policy = POLICIES.get(str(block.get("kind"))) if isinstance(block, dict) else None
         return list(policy.model_fields) if policy else []
     for part in loc:
         field = model.model_fields.get(str(part))

@@ -1,9 +1,15 @@
 """Exports for other libraries, one format a file: the file's name is the format, nothing else lists them.
 
-A format is a module whose docstring is its help, with `export(view, path, target)`: it writes `path`,
-reads it back, and returns the Python that will load it from `target`, its name afterwards. Where it has
-them, `HISTORY` is its default history, `place(view, out)` the target that `out` means, and keyword
-arguments are its own options.
+A format is a module whose docstring is its help. It has `export(view, path, target)`, which writes the file
+or folder `path` and returns the Python code that will load it from `target`, its final name. It may also have
+
+- `verify(view, path)`, which compares what was written with the data;
+- `HISTORY`, its default history;
+- `place(view, out)`, the target for an `out`;
+- options of its own, as keyword arguments of `export` and `place`.
+
+Other packages add formats by an entry point in the group `ibdata.exporters`: its name is that of the format,
+its value the module. The module is imported only if somebody asks for that format by name.
 """
 
 from __future__ import annotations
@@ -13,17 +19,20 @@ import math
 import os
 import pkgutil
 from importlib import import_module
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.exporters._view import Block as Block
+    from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
 
 
 class Exported(NamedTuple):
-    """What an export made."""
+    """The result of an export."""
 
     format: str
     path: str  # of the file or folder
@@ -43,18 +52,32 @@ def export(
     history: int | None = None,
     reward_scale: float = 1.0,
     id: str | None = None,
+    verify: bool = False,
     progress: bool | None = False,
 ) -> Exported:
-    """Write a dataset, or a split of it, in the form of another library, and read it back.
+    """Write a dataset, or a split of it, in the format of another library.
 
-    to is one of FORMATS; out a path that does not exist (`minari`: the root above NAMESPACE/NAME-vN, the id
-    is `id`, else made from the dataset's name). history stacks observations, newest first, 1 unless the
-    format has another default (`neorl`: 30); rewards are multiplied by reward_scale. progress None shows a
-    bar on stderr if that is a terminal. Every transition is kept, and nothing is left behind on failure.
+    Every transition is kept. `out` appears only when it is complete; nothing is left behind on failure.
 
-    Raises UsageError for an option or a path that cannot be meant, or data that the format cannot hold;
-    MissingError where a library is not installed; DatasetError for a damaged dataset; IbdataError where the
-    system refuses.
+    Args:
+        dataset: a `Dataset`, or the path of one.
+        to: the format: one of `FORMATS`, or one that an installed package adds.
+        out: a path that does not exist; for `minari` the root folder, which gets a folder named `id`.
+        split: only this split.
+        history: the number of observations to stack, newest first; 1 if the format has no other default.
+        reward_scale: the factor by which rewards are multiplied.
+        id: for `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
+        verify: whether to read back what was written and compare it with the dataset, value by value.
+        progress: whether to show a progress bar on stderr; None: if stderr is a terminal.
+
+    Returns:
+        What was written, and the Python code that loads it.
+
+    Raises:
+        UsageError: an argument is invalid, or the format cannot hold these data.
+        MissingError: a library is not installed.
+        DatasetError: the dataset is damaged.
+        IbdataError: the system refused to write, or `verify` found other values than were written.
     """
     from ibdata.dataset.reader import Dataset
     from ibdata.errors import UsageError
@@ -69,6 +92,8 @@ def export(
         raise UsageError(f"history: found {history}, expected at least 1")
     if not 0 < reward_scale < math.inf:
         raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
+    if verify and not hasattr(format, "verify"):
+        raise UsageError(f"the format {to} has no function to verify an export; leave out --verify")
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     view = View(source, split, history, reward_scale, progress)
     refuse_too_much("history", view.history_bytes)
@@ -82,16 +107,35 @@ def export(
     target = Path(format.place(view, Path(out), **options) if hasattr(format, "place") else out)
     with stoppable(target), whole(target) as path:
         snippet = format.export(view, path, target, **options)
+        if verify:
+            format.verify(view, path)
     return Exported(to, str(target), view.episodes, view.rows, history, reward_scale, snippet)
+
+
+def added_formats() -> EntryPoints:
+    """The formats that installed packages add, as entry points."""
+    return entry_points(group=__name__)
+
+
+def __getattr__(name: str) -> Any:
+    """`View` and `Block`, for formats of other packages; imported when first used."""
+    if name not in ("Block", "View"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}._view"), name)
 
 
 def _format(to: str) -> Any:
     """The module of a format."""
-    from ibdata.errors import UsageError
+    from ibdata.errors import IbdataError, UsageError
     from ibdata.experiment.messages import suggestion
 
-    if to not in FORMATS:
-        raise UsageError(
-            f"format: found {to!r}, expected one of {', '.join(FORMATS)}{suggestion(to, FORMATS)}"
-        )
-    return import_module(f"{__name__}.{to}")
+    if to in FORMATS:
+        return import_module(f"{__name__}.{to}")
+    added = added_formats()
+    if to in added.names:
+        try:
+            return added[to].load()
+        except Exception as error:
+            raise IbdataError(f"format {to}: {added[to].module} cannot be imported: {error}") from error
+    known = [*FORMATS, *sorted(added.names)]
+    raise UsageError(f"format: found {to!r}, expected one of {', '.join(known)}{suggestion(to, known)}")

@@ -19,7 +19,7 @@ OVERHEAD = 2**20  # bytes, of the file; measured: 0.37 MB
 
 
 def export(view: View, path: Path, target: Path) -> str:
-    """Write the HDF5 file and compare it with the data."""
+    """Write the HDF5 file."""
     h5py = needed("h5py", "d4rl", "hdf5")
     reserve(path, view.bytes + OVERHEAD)
     with h5py.File(path, "x") as file:
@@ -29,7 +29,18 @@ def export(view: View, path: Path, target: Path) -> str:
         file.attrs["reward_scale"] = view.reward_scale
         file.attrs["history"] = view.history
         _write(view, file)
-    with h5py.File(path, "r") as file:
+    return f"""\
+import h5py
+
+with h5py.File({str(target)!r}) as file:
+    keys = ("observations", "actions", "rewards", "next_observations", "terminals", "timeouts")
+    data = {{key: file[key][:] for key in keys}}
+"""
+
+
+def verify(view: View, path: Path) -> None:
+    """Compare the file with the data."""
+    with needed("h5py", "d4rl", "hdf5").File(path, "r") as file:
         done: dict[str, int] = {}
 
         def read(name: str, rows: int) -> Array:
@@ -39,13 +50,6 @@ def export(view: View, path: Path, target: Path) -> str:
             return array
 
         check(view, transitions, read, path)
-    return f"""\
-import h5py
-
-with h5py.File({str(target)!r}) as file:
-    keys = ("observations", "actions", "rewards", "next_observations", "terminals", "timeouts")
-    data = {{key: file[key][:] for key in keys}}
-"""
 
 
 def _write(view: View, file: Any) -> None:

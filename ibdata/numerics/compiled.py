@@ -47,10 +47,9 @@ def compiled(function: F) -> F:
 
 
 def is_compiled() -> bool:
-    """Whether this Python finds machine code of the rollout's last function in `PLACES`, or needs none."""
+    """Whether machine code has been kept by an earlier run, or none is needed."""
     config: Any = numba.config
-    files = f"kernel.scatter_columns-*.py{sys.version_info.major}{sys.version_info.minor}*.nbc"
-    return bool(config.DISABLE_JIT) or any(any(Path(folder).glob(files)) for folder in PLACES.folders)
+    return bool(config.DISABLE_JIT) or any(any(Path(folder).glob("*.nbc")) for folder in PLACES.folders)
 
 
 def is_kept() -> bool:
@@ -59,7 +58,7 @@ def is_kept() -> bool:
 
 
 def _digest() -> str:
-    hasher = hashlib.sha256(numba.__version__.encode())
+    hasher = hashlib.sha256(f"{numba.__version__} {sys.implementation.cache_tag}".encode())
     for pattern in SOURCES:
         for path in sorted(PACKAGE.glob(pattern)):
             hasher.update(path.read_bytes())

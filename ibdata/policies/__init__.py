@@ -1,9 +1,13 @@
-"""Behaviour policies, one a file. Every module of this folder is read; nothing else lists them."""
+"""Behaviour policies, one a file. Every module of this folder is imported; nothing else lists them.
+
+`Policy`, `Deterministic` and `Wrapper` are the base classes, also for policies of other packages, which an
+experiment names with `kind: custom`. `ibdata.testing.check_policy` checks a policy.
+"""
 
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
@@ -15,18 +19,22 @@ for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
 
-def _leaves(cls: Any) -> list[type[Policy]]:
-    return [leaf for sub in cls.__subclasses__() for leaf in _leaves(sub)] or [cls]
+def _subclasses(cls: Any) -> Iterator[type[Policy]]:
+    for subclass in cls.__subclasses__():
+        yield subclass
+        yield from _subclasses(subclass)
 
 
+# By kind, in the order of the files. A base class requires a kind; a policy has it as a default.
 POLICIES: dict[str, type[Policy]] = {
     policy.model_fields["kind"].default: policy
-    for policy in sorted(_leaves(Policy), key=lambda policy: policy.__module__)
+    for policy in sorted(_subclasses(Policy), key=lambda policy: policy.__module__)
+    if not policy.model_fields["kind"].is_required()
 }
 
 
 def _one_of(kinds: Iterable[type[Policy]]) -> Any:
-    """The block of any of these kinds."""
+    """The type of a block of any of these kinds."""
     return Annotated[Union[tuple(kinds)], Field(discriminator="kind")]  # noqa: UP007
 
 
@@ -64,4 +72,14 @@ def described() -> list[dict[str, Any]]:
     ]
 
 
-__all__ = ["OBSERVATION", "POLICIES", "AnyBase", "AnyPolicy", "DeterministicBase", "Policy", "described"]
+__all__ = [
+    "OBSERVATION",
+    "POLICIES",
+    "AnyBase",
+    "AnyPolicy",
+    "Deterministic",
+    "DeterministicBase",
+    "Policy",
+    "Wrapper",
+    "described",
+]

@@ -1,4 +1,4 @@
-"""Proposed actions become those that are applied and stored."""
+"""Clip and round actions, as they are applied and stored."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ibdata.numerics.compiled import compiled
 
 @compiled
 def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float32]) -> int:
-    """Proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
+    """Write proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
 
-    -0.0 becomes 0.0; NaN stays. Returns the number of lanes that were clipped, or -1 - lane for the first one
+    -0.0 becomes 0.0; NaN stays. Returns the number of rows that were clipped, or -1 - row for the first row
     that is not finite.
     """
     clipped, broken = 0, -1
@@ -30,7 +30,7 @@ def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float3
 
 
 def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Proposed actions (n, 3) as they are applied: clipped to [-1, 1] and rounded to float32."""
+    """Return proposed actions (n, 3), clipped to [-1, 1] and rounded to float32."""
     given = np.asarray(proposed, dtype=np.float64)
     out = np.empty(given.shape, dtype=np.float32)
     clip_and_round(given, out)

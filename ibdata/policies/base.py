@@ -1,4 +1,4 @@
-"""What a policy is: a frozen block of options and two pure functions."""
+"""The base classes of policies: a policy is a frozen block of options with two pure functions."""
 
 from __future__ import annotations
 
@@ -48,11 +48,16 @@ class FrozenModel(BaseModel):
 
 
 class Policy(FrozenModel, ABC):
-    """A behaviour policy. A subclass in a file of this folder is all it takes to add one.
+    """A behaviour policy: the base class of all. To add one, add a file with a subclass to this folder.
 
-    It names its `kind: Literal["…"]`, its options as fields, the number of observations it sees
-    (`history_length`; 0: none), and the number of uniform draws it uses per step (`uniforms_per_step`). It
-    sees nothing but observations. `Deterministic` and `Wrapper` below do part of the work.
+    A subclass has a default for `kind: Literal["…"]`, its options as further fields, and:
+
+    - `history_length`: the number of observations it sees, 0 for none;
+    - `uniforms_per_step`: the number of uniform random numbers it uses per step;
+    - `act`, and `log_prob` if its density is known.
+
+    A policy sees observations only, never the hidden state. `Deterministic` and `Wrapper` below do part of
+    the work, and `ibdata.testing.check_policy` checks the result.
     """
 
     history_length: ClassVar[int] = 1
@@ -68,36 +73,48 @@ class Policy(FrozenModel, ABC):
 
     @property
     def code_target(self) -> str | None:
-        """The `package.module:name` of somebody's code, which runs only where that is allowed; else None."""
+        """The `package.module:name` of foreign code, which runs only if the user allows it; else None."""
         return None
 
     def form(self) -> dict[str, Any]:
-        """What the policy is, for digests: its kind and the options that differ from their defaults."""
+        """The kind and the options that differ from their defaults, from which digests are made."""
         return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
 
     @abstractmethod
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        """Actions (n, 3) = (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32 by the caller.
+        """Return the actions of n episodes at one step. A pure function.
 
-        history (n, history_length, 6) holds observations in the order of `OBSERVATION`, newest first, the
-        first one repeated at the start; u (n, uniforms_per_step) is U(0, 1). A pure function.
+        Args:
+            history: the latest observations, float32 (n, history_length, 6), newest first, with the columns
+                of `OBSERVATION`; at the start of an episode its first observation is repeated.
+            u: independent random numbers, uniform on (0, 1), float64 (n, uniforms_per_step).
+
+        Returns:
+            (Δvelocity, Δgain, Δshift) of each episode, (n, 3); the caller clips them to [-1, 1] and rounds
+            them to float32.
         """
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Log density (n,) of actions (n, 3) given histories (n, history_length, 6).
+        """Return the log density of actions given histories. A pure function.
 
         The measure is Lebesgue's on (-1, 1) plus unit masses at ±1 and at a base policy's own float32
-        action, in each dimension (or at its whole action, where it is replaced as a whole). NaN where no
-        density is known.
+        action, in each dimension (or at its whole action, where it is replaced as a whole).
+
+        Args:
+            history: as in `act`.
+            action: the actions after clipping and rounding, float32 (n, 3).
+
+        Returns:
+            Float64 (n,); NaN where no density is known, which is the default.
         """
         return np.full(len(action), np.nan)
 
 
 class Deterministic(Policy):
-    """A policy whose action follows from the history: all mass lies at it."""
+    """A policy whose action follows from the history alone; all probability mass lies on that action."""
 
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
-        """The actions (n, 3) as they are applied."""
+        """Return the actions (n, 3), clipped and rounded."""
         return applied(self.act(history, np.empty((len(history), 0))))
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
@@ -114,7 +131,11 @@ Unnamed = AfterValidator(_without_name)
 
 
 class Wrapper(Policy):
-    """A policy around another, its `base`, whose history and draws it passes on; the base's come first."""
+    """A policy that changes the actions of another one, its `base`.
+
+    It sees what the base sees. Of its random numbers the first are the base's, the others its own
+    (`own_uniforms_per_step`); `split` separates them.
+    """
 
     own_uniforms_per_step: ClassVar[int]
 
@@ -122,12 +143,12 @@ class Wrapper(Policy):
 
     @property
     def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """Observations of history that the base wants."""
+        """The number of observations that the base sees."""
         return self.base.history_length
 
     @property
     def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """Uniform draws per step: the base's and its own."""
+        """The number of uniform random numbers per step, the base's and its own."""
         return self.base.uniforms_per_step + self.own_uniforms_per_step
 
     @property
@@ -136,10 +157,10 @@ class Wrapper(Policy):
         return self.base.code_target
 
     def form(self) -> dict[str, Any]:
-        """As every policy's, with the form of the base."""
+        """The form of every policy, with the form of the base in it."""
         return {**super().form(), "base": self.base.form()}
 
     def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:
-        """The base's action (n, 3) as it would be applied, and the draws left (n, own draws)."""
+        """Return the base's action (n, 3), clipped and rounded, and the policy's own random numbers."""
         n = self.base.uniforms_per_step
         return applied(self.base.act(history, np.ascontiguousarray(u[:, :n]))), np.ascontiguousarray(u[:, n:])

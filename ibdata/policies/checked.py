@@ -1,4 +1,4 @@
-"""Ask a policy for actions and densities, and refuse what is none."""
+"""Call a policy and check that it returns valid actions and log densities."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ibdata.policies.actions import clip_and_round
 
 
 class PolicyError(IbdataError):
-    """A policy returned something that is no action."""
+    """A policy raised an exception, or returned no valid action or log density."""
 
 
 class CheckedPolicy(NamedTuple):
-    """A policy, and what to call it and its lanes in errors."""
+    """A policy whose answers are checked; a lane is one of the episodes simulated at once."""
 
     policy: Policy
     label: str
@@ -28,10 +28,16 @@ class CheckedPolicy(NamedTuple):
     def act(
         self, seen: npt.NDArray[np.float32], u: npt.NDArray[np.float64], out: npt.NDArray[np.float32], t: int
     ) -> int:
-        """The policy's action, clipped and rounded, into out (n, 3); the number of lanes clipped.
+        """Write the policy's actions, clipped and rounded, into out (n, 3).
 
-        A policy that sees nothing may act for several steps, from t on: n is that many times the lanes.
-        Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
+        A policy that sees no observations may act for several steps at once, from step t on; n is then the
+        number of steps times the number of lanes.
+
+        Returns:
+            The number of actions that were clipped.
+
+        Raises:
+            PolicyError: an action is not finite or has the wrong shape, in which policy, episode and step.
         """
         action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
         clipped = int(clip_and_round(action, out))
@@ -44,7 +50,7 @@ class CheckedPolicy(NamedTuple):
     def log_prob(
         self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
     ) -> npt.NDArray[np.float64]:
-        """The log density (n,) of the actions taken. Raises PolicyError where it is of wrong shape."""
+        """Return the log density (n,) of the actions taken; PolicyError if it has the wrong shape."""
         taken = action.view()
         taken.flags.writeable = False
         return self._answer(lambda: self.policy.log_prob(seen, taken), (len(taken),), "log densities", t)
@@ -55,13 +61,13 @@ class CheckedPolicy(NamedTuple):
     def _answer(
         self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
     ) -> npt.NDArray[np.float64]:
-        """What a policy returns, as numbers of the right shape."""
+        """Return the policy's answer as an array of that shape."""
         place = self._place(t, self.first)
         try:
             given = ask()
         except IbdataError:  # a signal, say
             raise
-        except (Exception, SystemExit) as error:  # it is not the policy's to end the run
+        except (Exception, SystemExit) as error:  # a policy must not end the run
             raise PolicyError(
                 f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
             ) from error

@@ -1,9 +1,10 @@
-"""A policy that is somebody's own code; it runs only where that was allowed."""
+"""Policies that are foreign code: objects that act, and `kind: custom`, which an experiment names."""
 
 from __future__ import annotations
 
 import os
 import sys
+from abc import abstractmethod
 from contextlib import redirect_stdout
 from contextvars import ContextVar
 from functools import cached_property
@@ -29,13 +30,36 @@ class CustomError(IbdataError):
 
 
 def find_modules_here() -> None:
-    """Let modules of the current folder be found, as `python -m` does; of that in which a run began."""
+    """Make modules of the current folder importable, as `python -m` does; that in which the run began."""
     here = started_in.get() or os.getcwd()
     if here not in sys.path:
         sys.path.insert(0, here)
 
 
-class Custom(Policy):
+class Adapter(Policy):
+    """A policy made of an object with `act(history, u)`, or `predict(observations)` as in SB3 and d3rlpy."""
+
+    @property
+    @abstractmethod
+    def adapted(self) -> Any:
+        """The object."""
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        if hasattr(self.adapted, "act"):
+            actions: npt.ArrayLike = self.adapted.act(history, u)
+            return actions
+        answer = self.adapted.predict(history.reshape(len(history), -1).copy())
+        predicted: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer  # SB3: and a state
+        return predicted
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        if not hasattr(self.adapted, "log_prob"):
+            return super().log_prob(history, action)
+        density: Floats = self.adapted.log_prob(history, action)
+        return density
+
+
+class Custom(Adapter):
     """The object that `target` names, or that it makes of `params` if it is a class or a function.
 
     It has `act(history, u)` as the policies here do, or `predict(observations)` as those of SB3 and d3rlpy:
@@ -79,15 +103,16 @@ class Custom(Policy):
         return {key: value for key, value in super().form().items() if key != "files"}
 
     def load(self) -> None:
-        """Import and make it, if that was not done. Raises CustomError where that fails."""
-        _ = self._own
+        """Import or make the object, unless that was done before. Raises CustomError if that fails."""
+        _ = self.adapted
 
     @cached_property
-    def _own(self) -> Any:
+    def adapted(self) -> Any:
+        """The object; imported, or made, when first used."""
         module, _, name = self.target.partition(":")
         find_modules_here()
         try:
-            with redirect_stdout(sys.stderr):  # stdout is for what a command answers
+            with redirect_stdout(sys.stderr):  # stdout is for a command's results
                 found = getattr(import_module(module), name)
                 own = found(**self.params) if callable(found) else found
         except (Exception, SystemExit) as error:
@@ -99,18 +124,9 @@ class Custom(Policy):
         return own
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        own = self._own
         with redirect_stdout(sys.stderr):
-            if hasattr(own, "act"):
-                actions: npt.ArrayLike = own.act(history, u)
-                return actions
-            answer = own.predict(np.ascontiguousarray(history).reshape(len(history), -1))
-        taken: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer
-        return taken
+            return super().act(history, u)
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        if not hasattr(self._own, "log_prob"):
-            return super().log_prob(history, action)
         with redirect_stdout(sys.stderr):
-            density: Floats = self._own.log_prob(history, action)
-            return density
+            return super().log_prob(history, action)

@@ -39,8 +39,8 @@ print((time.perf_counter() - start) / (10 * steps))
 """
 GYMNASIUM = """
 import time
-import gymnasium, ibdata
-env = gymnasium.make("ibdata/IndustrialBenchmark-v0", setpoint=70)
+import gymnasium
+env = gymnasium.make("ibdata.environment:ibdata/IndustrialBenchmark-v0", setpoint=70)
 env.action_space.seed(0); env.reset(seed=0)
 rows, o = [], env.reset(seed=0)[0]
 start = time.perf_counter()

@@ -105,3 +105,8 @@ def test_a_current_folder_that_was_removed_is_named_for_what_it_is(tmp_path):
     done = subprocess.run([sys.executable, "-c", leave], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "ibdata: the current folder: No such file or directory\n"
+
+
+def test_python_m_ibdata_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "ibdata", "--version"], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == (f"ibdata, version {ibdata.__version__}\n", "")

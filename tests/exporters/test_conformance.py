@@ -56,16 +56,72 @@ def command(dataset, to, out) -> list[str]:
         "--out",
         str(out),
         *(["--split", split] if split else []),
+        "--verify",
     ]
 
 
 def test_the_formats_are_the_files():
-    assert FORMATS == ("csv", "d3rlpy", "d4rl", "minari", "neorl", "npz", "rllib")
+    assert {"csv", "d3rlpy", "d4rl", "minari", "neorl", "npz", "rllib"} <= set(FORMATS)
+
+
+ADDED = '''
+"""Rewards as text."""
+
+
+def export(view, path, target):
+    path.write_text("".join(f"{reward}\\n" for block in view.blocks("write") for reward in block.rewards))
+    return f"rewards = __import__('pathlib').Path({str(target)!r}).read_text().split()"
+'''
+
+
+@pytest.fixture
+def added(tmp_path, monkeypatch):
+    """An installed package that adds the formats `rewards` and `broken`."""
+    site = tmp_path / "site"
+    (site / "mine-1.0.dist-info").mkdir(parents=True)
+    (site / "mine-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    points = "[ibdata.exporters]\nrewards = mine_rewards\nbroken = mine_missing\n"
+    (site / "mine-1.0.dist-info" / "entry_points.txt").write_text(points)
+    (site / "mine_rewards.py").write_text(ADDED)
+    monkeypatch.syspath_prepend(site)
+    yield site
+    sys.modules.pop("mine_rewards", None)
+
+
+def test_a_format_of_another_package_is_found_and_imported_only_when_it_is_asked_for(
+    dataset, tmp_path, added
+):
+    ibdata.export(dataset, "npz", tmp_path / "made.npz")
+    assert "mine_rewards" not in sys.modules
+    names = {}
+    exec(ibdata.export(dataset, "rewards", tmp_path / "rewards.txt").snippet, names)
+    assert len(names["rewards"]) == 480
+    with pytest.raises(UsageError, match="the format rewards has no function to verify an export"):
+        ibdata.export(dataset, "rewards", tmp_path / "more.txt", verify=True)
+    with pytest.raises(IbdataError, match="format broken: mine_missing cannot be imported: No module"):
+        ibdata.export(dataset, "broken", tmp_path / "more.txt")
+    with pytest.raises(UsageError, match=r"expected one of csv, .*, broken, rewards; did you mean 'rewards'"):
+        ibdata.export(dataset, "reward", tmp_path / "more.txt")
+
+
+@pytest.mark.slow
+def test_the_help_names_the_formats_of_other_packages_without_importing_them(added):
+    code = "import sys\nfrom ibdata.cli import main\nmain(['export', '--help'])"
+    variables = {"PYTHONPATH": f"{added}:{os.environ.get('PYTHONPATH', '')}"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | variables, capture_output=True, text=True, check=True
+    )
+    assert "Of mine_rewards." in done.stdout
+
+
+def test_without_verify_nothing_is_read_back(dataset, tmp_path, to, monkeypatch):
+    monkeypatch.setattr(f"ibdata.exporters.{to}.verify", None)
+    ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
 
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
     out = tmp_path / "new" / "folder" / "made"
-    made = ibdata.export(dataset, to, out, split=one_setpoint(to), reward_scale=0.5)
+    made = ibdata.export(dataset, to, out, split=one_setpoint(to), reward_scale=0.5, verify=True)
     assert (made.format, made.reward_scale) == (to, 0.5)
     assert (made.rows, made.episodes) == ((160, 4) if to == "neorl" else (480, 12))
     assert made.history == (30 if to == "neorl" else 1)
@@ -76,10 +132,10 @@ def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to
 
 
 def test_an_existing_target_is_refused_and_left_as_it_is(dataset, tmp_path, to):
-    made = Path(ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to)).path)
+    made = Path(ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), verify=True).path)
     before = {path: path.read_bytes() for path in [made, *made.rglob("*")] if path.is_file()}
     with pytest.raises(UsageError, match="exists already"):
-        ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
+        ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), verify=True)
     assert {path: path.read_bytes() for path in before} == before
     assert (
         len(list(tmp_path.rglob("*")))
@@ -121,7 +177,7 @@ def test_other_values_read_back_than_written_fail(dataset, tmp_path, to, monkeyp
 
     monkeypatch.setattr(View, "tables", tables)
     with pytest.raises(IbdataError, match="read back other values than were written"):
-        ibdata.export(dataset, to, tmp_path / "a" / "made", split=one_setpoint(to))
+        ibdata.export(dataset, to, tmp_path / "a" / "made", split=one_setpoint(to), verify=True)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -134,14 +190,14 @@ def test_blocks_of_any_size_give_the_same_values(dataset, tmp_path, to, monkeypa
         return honest(self, columns, what)
 
     monkeypatch.setattr(View, "tables", tables)
-    made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=3)
+    made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=3, verify=True)
     assert made.history == 3
 
 
 def test_a_split_may_be_named_or_not_known(dataset, tmp_path, to):
-    assert ibdata.export(dataset, to, tmp_path / "a", split="target").rows == 160
+    assert ibdata.export(dataset, to, tmp_path / "a", split="target", verify=True).rows == 160
     with pytest.raises(UsageError, match="expected one of source, target"):
-        ibdata.export(dataset, to, tmp_path / "b", split="nonsense")
+        ibdata.export(dataset, to, tmp_path / "b", split="nonsense", verify=True)
 
 
 @pytest.mark.slow
@@ -183,7 +239,7 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
 )
 def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
     with pytest.raises(UsageError, match=message):
-        ibdata.export(dataset, **{"to": "npz", "out": tmp_path / "made", **options})
+        ibdata.export(dataset, **{"to": "npz", "out": tmp_path / "made", **options}, verify=True)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -202,26 +258,26 @@ def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
     empty = {**dataset.info["splits"], "none": {"episodes": 0, "rows": 0, "files": []}}
     monkeypatch.setitem(dataset.info, "splits", empty)
     with pytest.raises(UsageError, match="split: 'none' has no rows"):
-        ibdata.export(dataset, "csv", tmp_path / "made", split="none")
+        ibdata.export(dataset, "csv", tmp_path / "made", split="none", verify=True)
 
 
 def test_an_episode_that_does_not_end_is_a_damaged_dataset(dataset, tmp_path, monkeypatch):
     cut = dataset.table().slice(0, 90).to_batches()
     monkeypatch.setattr(dataset, "iter_batches", lambda *args: (b.select(args[0]) for b in cut))
     with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):
-        ibdata.export(dataset, "npz", tmp_path / "made")
+        ibdata.export(dataset, "npz", tmp_path / "made", verify=True)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_target_within_the_dataset_is_refused(dataset):
     with pytest.raises(UsageError, match="lies within the dataset"):
-        ibdata.export(dataset, "csv", dataset.path / "data" / "x.csv")
+        ibdata.export(dataset, "csv", dataset.path / "data" / "x.csv", verify=True)
     assert not (dataset.path / "data" / "x.csv").exists()
 
 
 def test_no_dataset_is_a_dataset_error(tmp_path):
     with pytest.raises(DatasetError, match="no finished dataset here"):
-        ibdata.export(tmp_path, "csv", tmp_path / "made")
+        ibdata.export(tmp_path, "csv", tmp_path / "made", verify=True)
 
 
 @pytest.mark.parametrize("to", ["d4rl", "d3rlpy"])
@@ -230,7 +286,7 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_pa
     with pytest.raises(
         MissingError, match=f"export to {to} needs h5py: pip install h5py, or ibdata with its extra 'hdf5'"
     ):
-        ibdata.export(dataset, to, tmp_path / "a" / "made")
+        ibdata.export(dataset, to, tmp_path / "a" / "made", verify=True)
     assert list(tmp_path.iterdir()) == []
 
 

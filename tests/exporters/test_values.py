@@ -39,7 +39,7 @@ def test_npz_and_d4rl_hold_the_same_keys_and_every_transition(
     dataset, plain, tmp_path, to, split, history, scale
 ):
     options = {"split": split, "history": history, "reward_scale": scale}
-    data = arrays_of(ibdata.export(dataset, to, tmp_path / "made", **options))
+    data = arrays_of(ibdata.export(dataset, to, tmp_path / "made", **options, verify=True))
     expected = plain(split, history, scale)
     rows = expected.pop("rows")
     pairs = {
@@ -59,7 +59,7 @@ def test_npz_and_d4rl_hold_the_same_keys_and_every_transition(
 
 def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(dataset, tmp_path):
     """D4RL's sequence_dataset takes every key at every row; a scalar there ends it."""
-    made = ibdata.export(dataset, "d4rl", tmp_path / "made", reward_scale=0.01)
+    made = ibdata.export(dataset, "d4rl", tmp_path / "made", reward_scale=0.01, verify=True)
     data = arrays_of(made)
     assert all(len(array) == 480 for array in data.values())
     assert data["rewards"].shape == data["terminals"].shape == (480,)
@@ -70,7 +70,7 @@ def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(da
 
 def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset, tmp_path):
     """qlearning_dataset shifts observations and leaves out rows that end by time; hence its warning."""
-    data = arrays_of(ibdata.export(dataset, "d4rl", tmp_path / "made"))
+    data = arrays_of(ibdata.export(dataset, "d4rl", tmp_path / "made", verify=True))
     kept = [i for i in range(len(data["rewards"]) - 1) if not data["timeouts"][i]]
     assert len(kept) == 480 - 12
     for i in kept:
@@ -80,7 +80,7 @@ def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset,
 @pytest.mark.parametrize("num", [1, 2, 4])
 def test_neorls_loader_finds_the_trajectories(dataset, plain, tmp_path, num):
     """By the rules of its loader: a 0 in front of index, then the rows before index[num]."""
-    made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
+    made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True)
     data = dict(np.load(made.path))
     expected = plain("target", 30)
     assert set(data) == {"obs", "next_obs", "action", "reward", "done", "index"}
@@ -99,7 +99,7 @@ def test_neorls_loader_finds_the_trajectories(dataset, plain, tmp_path, num):
 
 def test_neorls_reward_is_that_of_its_own_reward_function(dataset, tmp_path):
     """-(3·fatigue + consumption) of the newest frame of the next observation, entries 4 and 5."""
-    data = np.load(ibdata.export(dataset, "neorl", tmp_path / "made", split="target").path)
+    data = np.load(ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True).path)
     fatigue, consumption = data["next_obs"][:, 4].astype(float), data["next_obs"][:, 5].astype(float)
     bound = 2.0**-23 * (abs(consumption) + 3 * abs(fatigue) + abs(data["reward"][:, 0]))
     assert (abs(data["reward"][:, 0] + 3 * fatigue + consumption) <= bound).all()
@@ -108,10 +108,10 @@ def test_neorls_reward_is_that_of_its_own_reward_function(dataset, tmp_path):
 
 def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_path, monkeypatch):
     with pytest.raises(UsageError, match="neorl: found the setpoints 20, 70, expected one only; use --split"):
-        ibdata.export(dataset, "neorl", tmp_path / "made")
+        ibdata.export(dataset, "neorl", tmp_path / "made", verify=True)
     monkeypatch.setattr(neorl, "MAX_ROWS", 159)
     with pytest.raises(UsageError, match="neorl: found 160 rows, expected at most 159"):
-        ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
+        ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True)
     assert np.float32(2**24) == np.float32(2**24 + 1)
     assert list(tmp_path.iterdir()) == []
 
@@ -119,7 +119,7 @@ def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_pat
 @cases
 def test_d3rlpys_file_has_a_row_more_an_episode(dataset, plain, tmp_path, split, history, scale):
     options = {"split": split, "history": history, "reward_scale": scale}
-    made = ibdata.export(dataset, "d3rlpy", tmp_path / "made", **options)
+    made = ibdata.export(dataset, "d3rlpy", tmp_path / "made", **options, verify=True)
     expected = plain(split, history, scale)
     with h5py.File(made.path) as file:
         assert file["num_episodes"][()] == made.episodes
@@ -140,7 +140,7 @@ def test_d3rlpys_file_has_a_row_more_an_episode(dataset, plain, tmp_path, split,
 @cases
 def test_rllibs_file_has_vectors_and_no_text(dataset, plain, tmp_path, split, history, scale):
     options = {"split": split, "history": history, "reward_scale": scale}
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", **options)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", **options, verify=True)
     table = pq.read_table(tmp_path / "made" / "arrays.parquet")
     expected = plain(split, history, scale)
     for name, key, width in (
@@ -159,13 +159,13 @@ def test_rllibs_file_has_vectors_and_no_text(dataset, plain, tmp_path, split, hi
 
 
 def test_rllibs_file_may_be_named(dataset, tmp_path):
-    ibdata.export(dataset, "rllib", tmp_path / "mine.parquet")
+    ibdata.export(dataset, "rllib", tmp_path / "mine.parquet", verify=True)
     assert pq.read_metadata(tmp_path / "mine.parquet").num_rows == 480
 
 
 @pytest.mark.parametrize("name", ["made", "made.csv", "made.csv.gz"])
 def test_csv_gives_every_float_again(dataset, tmp_path, name):
-    made = ibdata.export(dataset, "csv", tmp_path / name)
+    made = ibdata.export(dataset, "csv", tmp_path / name, verify=True)
     found = pd.read_csv(made.path, engine="pyarrow")
     expected = dataset.to_pandas()
     assert list(found.columns) == list(expected.columns)
@@ -179,7 +179,7 @@ def test_csv_gives_every_float_again(dataset, tmp_path, name):
 def test_csv_of_float32_gives_every_float_again_with_its_history(tmp_path):
     experiment = ibdata.load("random.yaml", ["setpoints=70", "steps=60"])
     dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
-    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, reward_scale=0.01)
+    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, reward_scale=0.01, verify=True)
     found = pd.read_csv(made.path, engine="pyarrow")
     expected = dataset.to_pandas()
     for column in expected.columns.drop(["reward", "policy", "terminated", "truncated"]):
@@ -195,7 +195,9 @@ def test_csv_of_float32_gives_every_float_again_with_its_history(tmp_path):
 
 def test_the_snippets_of_files_run(dataset, tmp_path):
     for to, size in (("npz", 480), ("d4rl", 480), ("neorl", 160), ("csv", 480)):
-        made = ibdata.export(dataset, to, tmp_path / to, split="target" if to == "neorl" else None)
+        made = ibdata.export(
+            dataset, to, tmp_path / to, split="target" if to == "neorl" else None, verify=True
+        )
         names: dict = {}
         exec(made.snippet, names)
         data = names["data"]

@@ -24,7 +24,7 @@ from ibdata.system.cache_folders import PASSING
 
 pytestmark = pytest.mark.slow
 
-PACKAGE = Path(compiled.__file__).parent
+PACKAGE = compiled.PACKAGE
 
 REPORT = """
 import os

@@ -18,7 +18,14 @@ import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.base import Deterministic, Wrapper
+from ibdata.testing import check_policy
 
+
+def needs_options(kind):
+    return any(field.is_required() for field in POLICIES[kind].model_fields.values())
+
+
+ALONE = [kind for kind in POLICIES if not needs_options(kind)]
 # Options to try for each kind that has any to give, all of them different from their defaults.
 CUSTOM = {"target": "ibdata.policies.safe:Safe", "uniforms": 5}  # code that everyone has
 EXAMPLES = {
@@ -26,7 +33,7 @@ EXAMPLES = {
     "custom": [CUSTOM],
 }
 # Around every policy that may be a base; 24 nodes integrate a normal of 0.4 to 1e-7.
-PLAIN = [kind for kind in POLICIES if not issubclass(POLICIES[kind], Wrapper) and kind != "custom"]
+PLAIN = [kind for kind in ALONE if not issubclass(POLICIES[kind], Wrapper)]
 FIXED = [kind for kind in PLAIN if issubclass(POLICIES[kind], Deterministic)]
 EXAMPLES["epsilon_greedy"] = [
     *({"base": {"kind": kind}, "epsilon": 0.2} for kind in PLAIN),
@@ -39,7 +46,10 @@ EXAMPLES["epsilon_greedy"] = [
     {"base": {"kind": "constant", "action": [1.0, -0.25, 0.1]}, "epsilon": 0.4},
 ]
 EXAMPLES["gaussian"] = [{"base": {"kind": kind}, "scale": 0.4} for kind in FIXED]
-CASES = [(kind, options) for kind in POLICIES for options in EXAMPLES.get(kind, [{}])]
+# A policy that needs options and has no example here calls `check_policy` in its own test.
+CASES = [
+    (kind, options) for kind in POLICIES for options in EXAMPLES.get(kind, [{}] if kind in ALONE else [])
+]
 IDS = [f"{kind}-{json.dumps(options)}" for kind, options in CASES]
 policies = pytest.mark.parametrize("policy", [POLICIES[kind](**options) for kind, options in CASES], ids=IDS)
 EDGES = (0.0, 20.0, 39.999996, 40.0, 50.0, 60.0, 60.000004, 80.0, 100.0)
@@ -85,64 +95,26 @@ def test_a_policy_stands_under_its_own_kind(kind, options):
 
 
 @policies
-def test_actions_are_three_finite_numbers_a_lane(policy):
-    history = histories(policy)
-    action = np.asarray(policy.act(history, draws(policy, len(history))))
-    assert action.shape == (len(history), 3)
-    assert np.isfinite(action).all()
-
-
-@policies
-def test_the_same_draws_give_the_same_action(policy):
-    history = histories(policy)
-    u = draws(policy, len(history))
-    first = np.array(policy.act(history, u))
-    policy.act(history[::-1].copy(), 1.0 - u)
-    np.testing.assert_array_equal(policy.act(history, u), first)
-
-
-@policies
-def test_a_lane_alone_acts_as_it_does_among_others(policy):
-    history = histories(policy)
-    u = draws(policy, len(history))
-    together = np.array(policy.act(history, u))
-    density = policy.log_prob(history, applied(policy, history, u))
-    for i in range(len(history)):
-        one = slice(i, i + 1)
-        np.testing.assert_array_equal(policy.act(history[one], u[one]), together[one])
-        own = applied(policy, history[one], u[one])
-        np.testing.assert_array_equal(policy.log_prob(history[one], own), density[one])
-
-
-@policies
-def test_what_a_policy_is_given_stays_as_it_was(policy):
-    history, u = histories(policy), draws(policy, len(EDGES) ** 2)
-    action = applied(policy, history, u)
-    seen, drawn, done = read_only(history), read_only(u), read_only(action)
-    np.testing.assert_array_equal(policy.act(seen, drawn), policy.act(history, u))
-    np.testing.assert_array_equal(policy.log_prob(seen, done), policy.log_prob(history, action))
-    np.testing.assert_array_equal(seen, history)
-    np.testing.assert_array_equal(drawn, u)
-    np.testing.assert_array_equal(done, action)
-
-
-@policies
-def test_what_a_policy_returned_is_not_overwritten_by_its_next_call(policy):
-    history = histories(policy)
-    first = np.asarray(policy.act(history, np.full((len(history), policy.uniforms_per_step), 0.9)))
-    kept = first.copy()
-    policy.act(history, np.full((len(history), policy.uniforms_per_step), 0.1))
-    np.testing.assert_array_equal(first, kept)
+def test_a_policy_passes_the_checks_that_are_published_for_everybody(policy):
+    check_policy(policy)
+    check_policy(policy, histories(policy))
 
 
 @policies
 def test_its_own_actions_have_a_finite_log_density(policy):
     history = np.repeat(histories(policy), 20, axis=0)
     action = applied(policy, history, draws(policy, len(history)))
-    density = policy.log_prob(history, action)
-    assert density.shape == (len(history),)
-    assert density.dtype == np.float64
-    assert np.isfinite(density).all()
+    assert np.isfinite(policy.log_prob(history, action)).all()
+
+
+@policies
+def test_arrays_that_cannot_be_written_are_enough(policy):
+    history = histories(policy)
+    u = draws(policy, len(history))
+    action = applied(policy, history, u)
+    seen, drawn, done = read_only(history), read_only(u), read_only(action)
+    np.testing.assert_array_equal(policy.act(seen, drawn), policy.act(history, u))
+    np.testing.assert_array_equal(policy.log_prob(seen, done), policy.log_prob(history, action))
 
 
 def atoms_of(policy, lane, dimension):

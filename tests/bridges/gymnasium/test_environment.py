@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import ibdata
+import ibdata.environment
 from ibdata.dynamics import PAPER
 from ibdata.errors import ConfigError, UsageError
 from ibdata.policies import OBSERVATION
@@ -47,16 +47,29 @@ def episode(env, seed, steps=50):
     return [[x.tolist() if isinstance(x, np.ndarray) else x for x in part] for part in out]
 
 
-@pytest.mark.parametrize("order", ["import ibdata, gymnasium", "import gymnasium, ibdata"])
-@pytest.mark.parametrize("name", [ID, f"ibdata:{ID}"])
-def test_it_is_made_by_both_names_after_both_orders_of_import(order, name):
-    code = f"{order}; print(gymnasium.make({name!r}, setpoint=70).reset(seed=0)[0][0])"
+@pytest.mark.parametrize(
+    "order",
+    [
+        "import gymnasium",
+        "import ibdata, gymnasium",
+        "import gymnasium, ibdata",
+        "import ibdata.environment, gymnasium",
+    ],
+)
+def test_it_is_made_by_its_whole_name_after_every_order_of_imports(order):
+    code = (
+        f"import {order}; print(gymnasium.make('ibdata.environment:{ID}', setpoint=70).reset(seed=0)[0][0])"
+    )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("70.0\n", "")
 
 
-def test_it_is_made_by_the_long_name_without_importing_ibdata():
-    code = f"import gymnasium; print(gymnasium.make('ibdata:{ID}').reset(seed=0)[0][0])"
+@pytest.mark.parametrize(
+    ("order", "name"),
+    [("gymnasium", f"ibdata:{ID}"), ("gymnasium, ibdata", ID), ("ibdata.environment, gymnasium", ID)],
+)
+def test_a_shorter_name_will_do_where_gymnasium_came_first_or_the_environment_is_imported(order, name):
+    code = f"import {order}; print(gymnasium.make({name!r}).reset(seed=0)[0][0])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "50.0\n"
 
 

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-import ibdata  # noqa: F401 - registers the environment
+import ibdata.environment  # noqa: F401 - registers the environment
 from ibdata.environment.vector import MODES
 from ibdata.errors import ConfigError, UsageError
 

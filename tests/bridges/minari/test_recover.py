@@ -13,7 +13,7 @@ import ibdata
 def test_the_recovered_environment_has_the_datasets_spaces_start_and_length(root, tmp_path, history):
     overrides = ["setpoints=70", "episodes=2", "steps=30"]
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    ibdata.export(dataset, "minari", root, history=history)
+    ibdata.export(dataset, "minari", root, history=history, verify=True)
     found = minari.load_dataset("ibdata/random-v0")
     environment = found.recover_environment()
     observation, _ = environment.reset(seed=0)

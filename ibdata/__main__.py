@@ -1,0 +1,5 @@
+"""`python -m ibdata` is the command `ibdata`."""
+
+from ibdata.cli import main
+
+main()

@@ -1,0 +1,136 @@
+"""`ibdata.testing.check_policy` passes what is right and says what is wrong."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from ibdata.policies import POLICIES, Deterministic, Policy
+from ibdata.policies.checked import PolicyError
+from ibdata.testing import check_policy
+
+
+class Coin(Policy):
+    """Up or down, one as often as the other."""
+
+    uniforms_per_step: ClassVar[int] = 1
+    kind: str = "coin"
+
+    def act(self, history, u):
+        return np.where(u < 0.5, 0.5, -0.5) * np.ones(3)
+
+    def log_prob(self, history, action):
+        return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), -np.inf)
+
+
+class Changing(Coin):
+    def act(self, history, u):
+        history[:] = 0.0
+        return super().act(history, u)
+
+
+class Batch(Coin):
+    def act(self, history, u):
+        return super().act(history, u) - history[:, 0].mean() / 1000.0
+
+
+class Counting(Coin):
+    calls: ClassVar[list[int]] = []
+
+    def act(self, history, u):
+        self.calls.append(0)
+        return np.full((len(history), 3), len(self.calls) / 10000.0)
+
+
+class Reusing(Coin):
+    made: ClassVar[dict[int, np.ndarray]] = {}
+
+    def act(self, history, u):
+        out = self.made.setdefault(len(history), np.empty((len(history), 3)))
+        out[:] = super().act(history, u)
+        return out
+
+
+class Infinite(Coin):
+    def log_prob(self, history, action):
+        return np.full(len(action), -np.inf)
+
+
+class Peak(Coin):
+    def log_prob(self, history, action):
+        return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), np.inf)
+
+
+class Single(Coin):
+    def log_prob(self, history, action):
+        return super().log_prob(history, action).astype(np.float32)
+
+
+class Unlikely(Coin):
+    def log_prob(self, history, action):
+        return super().log_prob(history, action) - 0.2
+
+
+class Wide(Coin):
+    def act(self, history, u):
+        return np.zeros((len(history), 4))
+
+
+class Broken(Coin):
+    def act(self, history, u):
+        return np.full((len(history), 3), np.nan)
+
+
+@pytest.mark.parametrize("policy", [Coin(), POLICIES["gaussian"](base={"kind": "bad"}, scale=0.5), "safe"])
+def test_what_is_right_passes(policy):
+    check_policy(policy)
+
+
+def test_an_object_that_predicts_passes_with_the_history_it_asks_for():
+    class Learned:
+        def predict(self, observations):
+            return observations[:, 6:9] / 100.0, None
+
+    check_policy(Learned(), history=2)
+    with pytest.raises(PolicyError, match="shape"):
+        check_policy(Learned())
+
+
+def test_a_policy_without_a_density_passes():
+    class Still(Policy):
+        kind: str = "still"
+
+        def act(self, history, u):
+            return np.zeros((len(history), 3))
+
+    class Sure(Still, Deterministic):
+        kind: str = "sure"
+
+    check_policy(Still())
+    check_policy(Sure())
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (Changing, "act changed the history"),
+        (Batch, "in a batch, .* alone, at row 0"),
+        (Counting, "other actions for the same inputs"),
+        (Reusing, "changed the array that an earlier one returned"),
+        (Infinite, "finite at the policy's own actions"),
+        (Peak, r"log_prob is \[inf\] at"),
+        (Single, "must return float64"),
+        (Unlikely, "the probability 0.4094, but its share of 2000 draws was 0.[45]"),
+    ],
+)
+def test_what_is_wrong_is_said(policy, message):
+    with pytest.raises(AssertionError, match=message):
+        check_policy(policy())
+
+
+@pytest.mark.parametrize(("policy", "message"), [(Wide, "expected"), (Broken, "expected finite numbers")])
+def test_an_invalid_answer_is_a_policy_error(policy, message):
+    with pytest.raises(PolicyError, match=message):
+        check_policy(policy())
