@@ -97,7 +97,7 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     sweep_shards(root, [shard])  # of a worker that died at it
     agree(root, spec, folder)
-    return local.written(spec, shard, root, identity)
+    return local.write_shard(spec, shard, root, identity)
 
 
 @contextmanager

@@ -25,9 +25,8 @@ from ibdata.system.signals import check, stoppable
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
-from ibdata.writing.shard_writer import ShardWriter, WrittenShard
+from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.summary import describe
-from ibdata.writing.threads import Threads
 
 
 class Source(NamedTuple):
@@ -84,9 +83,11 @@ def _refuse(folder: Path) -> None:
 
 def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
     """A shard with a source's episodes, which are proven to be those that it lists."""
-    with Threads() as threads:
-        w = ShardWriter(spec, shard, root, threads, _parts(spec, shard, source)).finish()
-    _prove(w, source)
+    with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
+        for part, floats in _parts(spec, shard, source):
+            writer.add(part, floats)
+        w = writer.finish()
+        _prove(w, source)
     return w
 
 
