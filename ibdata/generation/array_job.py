@@ -20,11 +20,11 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, ranges, record
 from ibdata.generation.engine import select_engine
-from ibdata.generation.generate import default_folder, made_folder, make, refusals, resolve
+from ibdata.generation.generate import default_folder, make, resolve
 from ibdata.generation.record import Range
-from ibdata.system.lock import locked, refuse_busy, shared
+from ibdata.system.guard import refusals, writing_to
+from ibdata.system.lock import refuse_busy, shared
 from ibdata.system.object_store import is_url
-from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -72,12 +72,7 @@ def generate_shards(
     with refusals(folder), in_one_folder(spec):
         place = folder.absolute() if customs(spec) else folder  # code may go to another folder
         begun = origin.observe(spec, folder)
-        with (
-            stoppable(),
-            made_folder(place),
-            shared(place) as leaving,
-            ranges.locked(place, own, spec.shards),
-        ):
+        with writing_to(place, shared, folder) as leaving, ranges.locked(place, own, spec.shards):
             output_folder.check(place, experiment, resume=True, overwrite=False)
             output_folder.refuse_unsettled(place)
             mine = own.of(spec.shards)
@@ -115,7 +110,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
         if os.path.lexists(path / manifest.PATH):
             return Dataset(path)
         raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
-    with refusals(path), stoppable(), locked(path):
+    with writing_to(path):
         if not manifest.locate(path, manifest.PATH).is_file():
             _finish(path)
         output_folder.end(path)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import ConfigError, IbdataError, UsageError
+from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -20,10 +19,9 @@ from ibdata.generation import origin, output_folder, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
-from ibdata.system.atomic_files import sync_folder
-from ibdata.system.lock import locked, refuse_busy
+from ibdata.system.guard import refusals, writing_to
+from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
-from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -83,7 +81,7 @@ def _generate(
     with refusals(folder), in_one_folder(spec):
         place = folder.absolute() if customs(spec) else folder  # code may go to another folder
         begun = origin.observe(spec, folder)  # nothing is to be tidied yet: a signal may end the process
-        with stoppable(), made_folder(place), locked(place):
+        with writing_to(place, name=folder):
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
@@ -154,31 +152,3 @@ def make(
             written.append(w)
             bar.update(w.content.moments.rows)
     return written
-
-
-@contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
-    """Make the folder and its parents; those that are empty afterwards go again."""
-    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in missing:
-            sync_folder(path.parent)
-        yield
-    finally:
-        for path in missing:
-            with suppress(OSError):  # it was not made, or is not empty, maybe since now
-                path.rmdir()
-
-
-@contextmanager
-def refusals(folder: Path) -> Iterator[None]:
-    """What the system refuses, as one line."""
-    try:
-        yield
-    except OSError as error:
-        raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    except MemoryError:
-        raise IbdataError(
-            f"{folder}: memory is too short; use fewer --workers, or a smaller output.shard_rows"
-        ) from None

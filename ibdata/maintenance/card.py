@@ -10,12 +10,11 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation import output_folder, replacement
-from ibdata.generation.generate import refusals
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system import lock
 from ibdata.system.atomic_files import FileEntry, write
-from ibdata.system.signals import stoppable
+from ibdata.system.guard import writing_to
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
@@ -43,7 +42,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     spec = spec_in(path, dataset.manifest)
     refuse_other_plan(spec, dataset.manifest)
     report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
-    with refusals(path), stoppable(), lock.locked(path):
+    with writing_to(path):
         replacement.finish_interrupted(path)
         manifest.refuse_replaced(path, dataset.manifest)
         listed = dataset.manifest

@@ -14,11 +14,11 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import worker_count
-from ibdata.generation.generate import refusals
 from ibdata.generation.warm_up import warm_up
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
-from ibdata.system.lock import locked, refuse_busy
-from ibdata.system.signals import check, stoppable
+from ibdata.system.guard import writing_to
+from ibdata.system.lock import refuse_busy
+from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import check_files
@@ -48,7 +48,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
     output_folder.refuse_links(path)
-    with stoppable(), refusals(path), locked(path):
+    with writing_to(path):
         replacement.finish_interrupted(path)
         try:
             listed = manifest.read(path)

@@ -16,12 +16,12 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import output_folder, replacement
-from ibdata.generation.generate import made_folder, refusals
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
 from ibdata.system import lock
 from ibdata.system.atomic_files import FileEntry, file_sha256, write
-from ibdata.system.signals import check, stoppable
+from ibdata.system.guard import writing_to
+from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
@@ -51,7 +51,7 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
     folder = output_folder.meant(out)
     _refuse(folder)
     lock.refuse_busy(folder)
-    with refusals(folder), stoppable(), made_folder(folder), lock.locked(folder):
+    with writing_to(folder):
         _refuse(folder)
         replacement.withdraw(folder)
         with replacement.staged(folder) as root:
@@ -134,7 +134,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     folder = dataset.path
     lock.refuse_busy(folder)
     output_folder.refuse_links(folder)
-    with refusals(folder), stoppable(), lock.locked(folder):
+    with writing_to(folder):
         replacement.finish_interrupted(folder)
         listed = dataset.manifest
         manifest.refuse_replaced(folder, listed)
