@@ -109,7 +109,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     if not os.path.isfile(path / output_folder.EXPERIMENT):
         if os.path.lexists(path / manifest.PATH):
             return Dataset(path)
-        raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
+        raise UsageError(f"{path}: holds no run to finish; begin one with ibdata generate --shards i/n")
     with writing_to(path):
         if not manifest.locate(path, manifest.PATH).is_file():
             _finish(path)
@@ -146,6 +146,6 @@ def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], ranges: list
     more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
     which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
     return (
-        f"{folder}: found {len(spec.shards) - len(missing)} of {len(spec.shards)} shards, expected all; "
-        f"missing {named}: {again}{which}"
+        f"{folder}: {len(missing)} of {len(spec.shards)} shards are missing: {named}; "
+        f"make them with {again}{which}"
     )

@@ -41,7 +41,7 @@ def _local(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import local
 
     if address is not None:
-        raise UsageError(f"address: found {address!r} for the engine local, expected it with ray only")
+        raise UsageError(f"address: found {address!r}, which goes with the engine ray only")
     count = worker_count(workers)
     return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, count)
 

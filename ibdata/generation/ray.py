@@ -84,7 +84,7 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
     except ray.exceptions.RayError as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise IbdataError(
-            f"{shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
+            f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; run again with --resume"
         ) from None
     return written
 

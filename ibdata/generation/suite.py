@@ -90,5 +90,5 @@ def folders(
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path(out) if out is not None else Path("data") / find(config).resolve().name
     if os.path.lexists(root) and not root.is_dir():
-        raise UsageError(f"{root}: found a file, expected a folder or nothing; choose another --out")
+        raise UsageError(f"{root}: is a file, not a folder; choose another --out")
     return [root / experiment.name for experiment in experiments]

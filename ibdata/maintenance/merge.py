@@ -67,9 +67,8 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Sour
             known = home.setdefault((experiment.seed, cell.digest), source)
             if known is not source:
                 raise UsageError(
-                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: found "
-                    f"episodes that are also in {known.dataset.path}, expected others; make one of them "
-                    "with another --seed"
+                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the same "
+                    f"episodes are also in {known.dataset.path}; make one of the datasets with another --seed"
                 )
 
 
@@ -79,7 +78,6 @@ def _refuse_equal_digests(datasets: list[Dataset]) -> None:
         for episode, digest in enumerate(dataset.digests):
             if digest in home:
                 raise UsageError(
-                    f"{dataset.path}: episode {episode}: found an episode that is also in "
-                    f"{home[digest].path}, expected others"
+                    f"{dataset.path}: episode {episode} is also in {home[digest].path}; leave one of them out"
                 )
             home[digest] = dataset

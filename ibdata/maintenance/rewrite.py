@@ -69,7 +69,7 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
 def _refuse(folder: Path) -> None:
     manifest.refuse_inside(folder)
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UsageError(f"{folder}: found no folder, expected one or nothing; choose another --out")
+        raise UsageError(f"{folder}: exists and is not a folder; choose another --out")
     left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
     if folder.exists() and any(path.name not in left for path in folder.iterdir()):
         unsettled = os.path.lexists(folder / manifest.NEW)

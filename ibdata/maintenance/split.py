@@ -84,7 +84,7 @@ def _by_setpoint(
     if scheme == "distance" and source and within is not None:
         return split_schemes.by_distance(spec, source, within)
     if scheme == "distance":
-        raise UsageError("split: found the scheme distance without --source or --within, expected both")
+        raise UsageError("split: the scheme distance needs both --source and --within")
     raise UsageError(f"split: found the scheme {scheme!r}, expected one of {', '.join(SCHEMES)}")
 
 
@@ -93,8 +93,7 @@ def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: split_schemes.Splits
     for name in new:
         if name in declared:
             raise UsageError(
-                f"{dataset.path}: found a declared split {name}, which has files of its own; expected "
-                "another name"
+                f"{dataset.path}: {name} is a declared split, which has files of its own; choose another name"
             )
         try:
             valid.validate_python(name)
