@@ -18,10 +18,10 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, ranges, record
+from ibdata.generation import origin, output_folder, ranges
 from ibdata.generation.engine import select_engine
 from ibdata.generation.generate import default_folder, make, resolve
-from ibdata.generation.record import Range
+from ibdata.generation.ranges import Range
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy, shared
 from ibdata.system.object_store import is_url
@@ -83,7 +83,7 @@ def generate_shards(
             try:
                 output_folder.begin_range(place, experiment, mine)
                 origin.begin_range(place, begun, folder)
-                record.put(place, own)
+                ranges.note(place, own)
                 make(spec, mine, place, output_folder.identity(experiment), run, progress)
             except BaseException:
                 output_folder.sweep_shards(place, mine)
@@ -128,7 +128,7 @@ def _finish(folder: Path) -> None:
         missing += [shard] if w is None else []
         written += [] if w is None else [w]
     if missing:
-        raise IbdataError(_lacking(folder, spec, missing, record.get(folder)))
+        raise IbdataError(_lacking(folder, spec, missing, ranges.noted(folder)))
     try:
         finish(spec, written, folder, begun.reproducible, begun.code)
     except BaseException:
@@ -136,12 +136,12 @@ def _finish(folder: Path) -> None:
         raise
 
 
-def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], ranges: list[Range]) -> str:
+def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], begun: list[Range]) -> str:
     """Which shards are not there, and the commands that make them."""
     numbers = [str(shard.number) for shard in missing]
     named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
     again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "
-    parts = max((own.parts for own in ranges), default=0)
+    parts = max((own.parts for own in begun), default=0)
     wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(spec.shards)) & set(missing)]
     more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
     which = f"--shards {wanted[0]}{more}" if wanted else "--resume"

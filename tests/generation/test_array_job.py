@@ -23,7 +23,7 @@ from ibdata import Experiment, IbdataError
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import origin
-from ibdata.generation.record import Range
+from ibdata.generation.ranges import Range
 from ibdata.system import lock
 from ibdata.writing import receipt
 
@@ -120,9 +120,7 @@ def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
 ):
     make(tiny, "1/3")
     Path("out", shard_file("out", 1)).write_bytes(b"damaged")
-    with pytest.raises(
-        IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, "
-    ) as error:
+    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, ") as error:
         ibdata.finalize("out")
     assert error.value.exit_code == 1
     assert not Path("out/meta").exists()
@@ -141,7 +139,7 @@ def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
 def test_of_a_plain_run_that_was_stopped_the_command_is_resume(tiny):
     make(tiny, "1/2")
     Path("out/.run/range-1-2.json").unlink()
-    with pytest.raises(IbdataError, match=r"missing: 5, 6, 7, 8, 9; make them with ibdata generate .* --out out --resume$"):
+    with pytest.raises(IbdataError, match=r"missing: 5, 6, 7, 8, 9; make them .* --resume$"):
         ibdata.finalize("out")
 
 

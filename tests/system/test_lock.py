@@ -20,7 +20,7 @@ from ibdata import Experiment, IbdataError
 from ibdata.errors import BusyError
 from ibdata.experiment.plan import plan
 from ibdata.generation import ranges
-from ibdata.generation.record import Range
+from ibdata.generation.ranges import Range
 from ibdata.system import lock
 from ibdata.writing import receipt
 
