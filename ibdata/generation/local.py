@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, suppress
+from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -95,18 +96,15 @@ def _pool(
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
     try:
-        for shard in waiting:
+        while True:
+            more = islice(waiting, 2 * workers - len(running))
             with held():
-                running.add(pool.submit(_work, shard))
-            if len(running) == 2 * workers:
-                break
-        while running:
+                running |= {pool.submit(_work, shard) for shard in more}
+            if not running:
+                return
             done, running = wait(running, return_when=FIRST_COMPLETED)
             check()
-            for future in done:
-                yield future.result()
-                with held():
-                    running.update(pool.submit(_work, shard) for shard in _one(waiting))
+            yield from (future.result() for future in done)
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
@@ -115,11 +113,7 @@ def _pool(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one(shards: Iterator[Shard]) -> list[Shard]:
-    return [shard for _, shard in zip(range(1), shards, strict=False)]
-
-
-_job: list[Any] = []  # a worker's recipe, folder, identity and the YAML's folder, set once when it starts
+_job: list[Any] = []  # a worker's spec, folder, identity and the YAML's folder, set once when it starts
 
 
 def _start(plain: dict[str, Any], root: Path, identity: str, here: str, folder: Path | None) -> None:
