@@ -31,7 +31,7 @@ from ibdata.writing.shard_writer import WrittenShard
 
 
 class Made(NamedTuple):
-    """A range that is on the disk: its shards and rows, and how many shards the dataset still lacks."""
+    """A finished range: its folder, shards and rows, and how many shards the dataset still lacks."""
 
     folder: Path
     shards: int
@@ -52,19 +52,37 @@ def generate_shards(
     engine: str = "local",
     address: str | None = None,
 ) -> Made:
-    """Make one range of a dataset's shards, for `finalize` to finish when all are there.
+    """Make one range of a dataset's shards; `finalize` finishes the dataset when all ranges are there.
 
-    shards is "i/n" with i from 1 to n. Any number of hosts may make different ranges in one folder at the
-    same time; where their file system keeps locks between hosts, of two that share a shard one is refused.
-    What is there is not made again: the same call goes on with a range that was stopped. The other
-    arguments are those of `generate`, and so are the errors raised.
+    Any number of hosts may make different ranges in one folder at the same time. Where their file system
+    keeps locks between hosts, one of two that share a shard is refused. Shards that are there are not made
+    again, so the same call goes on with a range that was stopped.
+
+    Args:
+        config: As `generate` has it.
+        shards: "i/n", with i from 1 to n.
+        out: The folder that all hosts share; by default data/<name>.
+        workers: As `generate` has it.
+        seed: As `generate` has it.
+        overrides: As `generate` has it.
+        progress: As `generate` has it.
+        allow_code: As `generate` has it.
+        engine: As `generate` has it.
+        address: As `generate` has it.
+
+    Returns:
+        The folder, the shards and rows of the range, and how many shards the dataset still lacks.
+
+    Raises:
+        BusyError: Another process makes a range that shares a shard.
+        IbdataError: As `generate` raises it.
     """
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
     run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
-    folder = output_folder.meant(out) if out is not None else default_folder(experiment)
+    folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
     ranges.refuse_shared(folder, own, spec.shards)
@@ -93,13 +111,17 @@ def generate_shards(
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
-    """Finish a dataset of which `generate_shards` made all ranges: prove every shard, write the manifest.
+    """Finish a dataset whose ranges `generate_shards` has made: check every shard and write the manifest.
 
-    No code of a policy is imported: what made the shards was noted when they were begun. Where the dataset is
-    finished already, it is opened.
+    No code of a policy is imported: what made the shards was noted when they were begun.
 
-    Raises IbdataError where shards are missing or are not what their receipts say, UsageError where no run
-    was begun here or its note is missing, BusyError where ranges are still being made.
+    Args:
+        folder: The folder of the dataset. One that is finished already is only opened.
+
+    Raises:
+        IbdataError: Shards are missing or are not what their receipts say.
+        UsageError: No run was begun here, or its note is missing.
+        BusyError: Ranges are still being made.
     """
     path = Path(folder)
     refuse_busy(path)

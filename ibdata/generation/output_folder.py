@@ -38,8 +38,8 @@ def _hashed(experiment: bytes) -> str:
     return hashlib.sha256(experiment + bytes([manifest.DATA_VERSION])).hexdigest()
 
 
-def meant(out: str | os.PathLike[str]) -> Path:
-    """The folder that is meant; `..` after a folder that there is not leads back to where that would be."""
+def resolved(out: str | os.PathLike[str]) -> Path:
+    """The output folder; `..` after a folder that does not exist leads back to where that would be."""
     folder = Path(out)
     return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
 

@@ -24,14 +24,20 @@ from ibdata.writing.summary import UNREAD
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
-    """Write README.md and report.html into a dataset, anew where they are there, and open it.
+    """Write README.md and report.html of a dataset, anew where they exist, and open it.
 
-    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both are
-    listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
+    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both files
+    are listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
 
-    Raises UsageError where README.md is somebody's own text, DatasetError for what is no dataset, BusyError
-    where it is being written, MissingError without matplotlib, IbdataError where the system refuses; then
-    nothing is changed.
+    Args:
+        folder: The folder of the dataset.
+
+    Raises:
+        UsageError: README.md or report.html is not ibdata's.
+        DatasetError: There is no finished dataset.
+        BusyError: Another process writes to the dataset.
+        MissingError: matplotlib is not installed.
+        IbdataError: The system refuses; then nothing is changed.
     """
     path = Path(folder)
     dataset = Dataset(path)

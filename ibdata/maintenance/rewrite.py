@@ -48,7 +48,7 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
     Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
     lists; then nothing is left behind. What a killed run left is taken away by the next.
     """
-    folder = output_folder.meant(out)
+    folder = output_folder.resolved(out)
     _refuse(folder)
     lock.refuse_busy(folder)
     with writing_to(folder):
