@@ -47,7 +47,7 @@ class IbdataError(ValueError):
 
 
 class UsageError(IbdataError):
-    """The call cannot be meant as it stands: an option, a path, a name."""
+    """An argument (option, path or name) is invalid."""
 
     exit_code = 2
 

@@ -18,20 +18,20 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, ranges, record
+from ibdata.generation import origin, output_folder, ranges
 from ibdata.generation.engine import select_engine
-from ibdata.generation.generate import default_folder, made_folder, make, refusals, resolve
-from ibdata.generation.record import Range
-from ibdata.system.lock import locked, refuse_busy, shared
+from ibdata.generation.generate import default_folder, make, resolve
+from ibdata.generation.ranges import Range
+from ibdata.system.guard import refusals, writing_to
+from ibdata.system.lock import refuse_busy, shared
 from ibdata.system.object_store import is_url
-from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
 
 class Made(NamedTuple):
-    """A range that is on the disk: its shards and rows, and how many shards the dataset still lacks."""
+    """A finished range: its folder, shards and rows, and how many shards the dataset still lacks."""
 
     folder: Path
     shards: int
@@ -52,19 +52,37 @@ def generate_shards(
     engine: str = "local",
     address: str | None = None,
 ) -> Made:
-    """Make one range of a dataset's shards, for `finalize` to finish when all are there.
+    """Make one range of a dataset's shards; `finalize` finishes the dataset when all ranges are there.
 
-    shards is "i/n" with i from 1 to n. Any number of hosts may make different ranges in one folder at the
-    same time; where their file system keeps locks between hosts, of two that share a shard one is refused.
-    What is there is not made again: the same call goes on with a range that was stopped. The other
-    arguments are those of `generate`, and so are the errors raised.
+    Any number of hosts may make different ranges in one folder at the same time. Where their file system
+    keeps locks between hosts, one of two that share a shard is refused. Shards that are there are not made
+    again, so the same call goes on with a range that was stopped.
+
+    Args:
+        config: As `generate` has it.
+        shards: "i/n", with i from 1 to n.
+        out: The folder that all hosts share; by default data/<name>.
+        workers: As `generate` has it.
+        seed: As `generate` has it.
+        overrides: As `generate` has it.
+        progress: As `generate` has it.
+        allow_code: As `generate` has it.
+        engine: As `generate` has it.
+        address: As `generate` has it.
+
+    Returns:
+        The folder, the shards and rows of the range, and how many shards the dataset still lacks.
+
+    Raises:
+        BusyError: Another process makes a range that shares a shard.
+        IbdataError: As `generate` raises it.
     """
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
     run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
-    folder = output_folder.meant(out) if out is not None else default_folder(experiment)
+    folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
     ranges.refuse_shared(folder, own, spec.shards)
@@ -72,12 +90,7 @@ def generate_shards(
     with refusals(folder), in_one_folder(spec):
         place = folder.absolute() if customs(spec) else folder  # code may go to another folder
         begun = origin.observe(spec, folder)
-        with (
-            stoppable(),
-            made_folder(place),
-            shared(place) as leaving,
-            ranges.locked(place, own, spec.shards),
-        ):
+        with writing_to(place, shared, folder) as leaving, ranges.locked(place, own, spec.shards):
             output_folder.check(place, experiment, resume=True, overwrite=False)
             output_folder.refuse_unsettled(place)
             mine = own.of(spec.shards)
@@ -88,7 +101,7 @@ def generate_shards(
             try:
                 output_folder.begin_range(place, experiment, mine)
                 origin.begin_range(place, begun, folder)
-                record.put(place, own)
+                ranges.note(place, own)
                 make(spec, mine, place, output_folder.identity(experiment), run, progress)
             except BaseException:
                 output_folder.sweep_shards(place, mine)
@@ -98,13 +111,17 @@ def generate_shards(
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
-    """Finish a dataset of which `generate_shards` made all ranges: prove every shard, write the manifest.
+    """Finish a dataset whose ranges `generate_shards` has made: check every shard and write the manifest.
 
-    No code of a policy is imported: what made the shards was noted when they were begun. Where the dataset is
-    finished already, it is opened.
+    No code of a policy is imported: what made the shards was noted when they were begun.
 
-    Raises IbdataError where shards are missing or are not what their receipts say, UsageError where no run
-    was begun here or its note is missing, BusyError where ranges are still being made.
+    Args:
+        folder: The folder of the dataset. One that is finished already is only opened.
+
+    Raises:
+        IbdataError: Shards are missing or are not what their receipts say.
+        UsageError: No run was begun here, or its note is missing.
+        BusyError: Ranges are still being made.
     """
     path = Path(folder)
     refuse_busy(path)
@@ -114,8 +131,8 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     if not os.path.isfile(path / output_folder.EXPERIMENT):
         if os.path.lexists(path / manifest.PATH):
             return Dataset(path)
-        raise UsageError(f"{path}: found no run to finish, expected one of ibdata generate --shards i/n")
-    with refusals(path), stoppable(), locked(path):
+        raise UsageError(f"{path}: holds no run to finish; begin one with ibdata generate --shards i/n")
+    with writing_to(path):
         if not manifest.locate(path, manifest.PATH).is_file():
             _finish(path)
         output_folder.end(path)
@@ -133,7 +150,7 @@ def _finish(folder: Path) -> None:
         missing += [shard] if w is None else []
         written += [] if w is None else [w]
     if missing:
-        raise IbdataError(_lacking(folder, spec, missing, record.get(folder)))
+        raise IbdataError(_lacking(folder, spec, missing, ranges.noted(folder)))
     try:
         finish(spec, written, folder, begun.reproducible, begun.code)
     except BaseException:
@@ -141,16 +158,16 @@ def _finish(folder: Path) -> None:
         raise
 
 
-def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], ranges: list[Range]) -> str:
+def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], begun: list[Range]) -> str:
     """Which shards are not there, and the commands that make them."""
     numbers = [str(shard.number) for shard in missing]
     named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
     again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "
-    parts = max((own.parts for own in ranges), default=0)
+    parts = max((own.parts for own in begun), default=0)
     wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(spec.shards)) & set(missing)]
     more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
     which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
     return (
-        f"{folder}: found {len(spec.shards) - len(missing)} of {len(spec.shards)} shards, expected all; "
-        f"missing {named}: {again}{which}"
+        f"{folder}: {len(missing)} of {len(spec.shards)} shards are missing: {named}; "
+        f"make them with {again}{which}"
     )

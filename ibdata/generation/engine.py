@@ -1,4 +1,4 @@
-"""Who runs the shards, by name."""
+"""The engines that run shards, by name."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
-    """What writes shards to a folder, yielding each when it is there.
+    """A function that writes shards to a folder and yields each when it is there.
 
-    Raises UsageError for a name, number or address that cannot be meant, MissingError where the engine's
-    library is not installed.
+    Raises:
+        UsageError: The name, the number of workers or the address is invalid.
+        MissingError: The engine's library is not installed.
     """
     if name not in ENGINES:
         raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
@@ -29,7 +30,7 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
 
 
 def worker_count(workers: int | None) -> int:
-    """The number of processes to use: as asked for, or one a processor."""
+    """The number of processes to use; by default one a processor."""
     if workers is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not 1 <= workers <= MAX_WORKERS:
@@ -41,7 +42,7 @@ def _local(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import local
 
     if address is not None:
-        raise UsageError(f"address: found {address!r} for the engine local, expected it with ray only")
+        raise UsageError(f"address: found {address!r}, which goes with the engine ray only")
     count = worker_count(workers)
     return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, count)
 

@@ -33,7 +33,22 @@ def estimate(
     overwrite: bool = False,
     allow_code: bool = False,
 ) -> dict[str, Any]:
-    """Episodes, rows, shards, and estimated bytes and seconds of a run. Raises what `generate` would."""
+    """Estimate the size and duration of a run from a small sample of it; nothing is written.
+
+    Args:
+        experiment: What would be generated.
+        folder: Where it would be generated.
+        workers: How many processes would be used; by default one a processor.
+        resume: As `generate` has it.
+        overwrite: As `generate` has it.
+        allow_code: As `generate` has it.
+
+    Returns:
+        out, episodes, rows, shards, the number of workers that are busy, and estimated bytes and seconds.
+
+    Raises:
+        IbdataError: As `generate` raises it.
+    """
     processes, out = worker_count(workers), Path(folder)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import ConfigError, IbdataError, UsageError
+from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -20,10 +19,9 @@ from ibdata.generation import origin, output_folder, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
-from ibdata.system.atomic_files import sync_folder
-from ibdata.system.lock import locked, refuse_busy
+from ibdata.system.guard import refusals, writing_to
+from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
-from ibdata.system.signals import stoppable
 from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -43,19 +41,33 @@ def generate(
     engine: str = "local",
     address: str | None = None,
 ) -> Dataset:
-    """Make the dataset of an experiment and open it.
+    """Generate the dataset of an experiment and open it. The content does not depend on workers or engine.
 
-    config is a YAML file, the name of a shipped one, or an Experiment; out defaults to data/<name>,
-    workers to the number of processors; overrides are `key.sub=value`. The content does not depend on the
-    workers. resume goes on with a run that was stopped, or starts one; overwrite replaces a dataset, which
-    stays whole until the new one is. progress None shows a bar on stderr if that is a terminal. allow_code
-    lets custom policies run: they are code, and their bits are promised in the same environment only; a run
-    is resumed with the code that it began with. engine "ray" runs the shards on Ray, at address, or on one
-    started here. Where out is a URL, as s3://bucket/name, the dataset is made on this machine, then uploaded;
-    resume uploads what is missing. A folder of experiments is for `generate_all`.
+    Args:
+        config: A YAML file, the name of a shipped experiment, or an Experiment. A folder of experiments is
+            for `generate_all`.
+        out: The folder of the dataset; by default data/<name>. Where it is a URL, as s3://bucket/name, the
+            dataset is made on this machine, then uploaded.
+        workers: How many processes to use; by default one a processor.
+        seed: Replaces the experiment's seed.
+        overrides: Replace values of the YAML, as `key.sub=value`.
+        resume: Go on with a run that was stopped, or start one; upload what is missing at a URL.
+        overwrite: Replace a dataset, which stays whole until the new one is.
+        progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
+        allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust;
+            their bits are promised in the same environment only. A run is resumed with the code that it
+            began with.
+        engine: "local", or "ray" to run the shards on Ray.
+        address: Of Ray; by default one is started here.
 
-    Raises ConfigError for an experiment that is not valid, UsageError for a folder that holds something
-    else, BusyError where another process writes to it, IbdataError where the system refuses.
+    Returns:
+        The finished dataset.
+
+    Raises:
+        ConfigError: The experiment is not valid.
+        UsageError: An argument is invalid, or the folder holds something else.
+        BusyError: Another process writes to the folder.
+        IbdataError: The system refuses.
     """
     experiment = resolve(config, overrides, seed)
     run = select_engine(engine, workers, address)
@@ -67,7 +79,7 @@ def generate(
         folder = uploading.work_folder(remote, experiment)
         _generate(experiment, folder, run, True, False, progress)
         return uploading.upload(remote, folder)
-    folder = output_folder.meant(out) if out is not None else default_folder(experiment)
+    folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)
     return Dataset(folder)
@@ -83,7 +95,7 @@ def _generate(
     with refusals(folder), in_one_folder(spec):
         place = folder.absolute() if customs(spec) else folder  # code may go to another folder
         begun = origin.observe(spec, folder)  # nothing is to be tidied yet: a signal may end the process
-        with stoppable(), made_folder(place), locked(place):
+        with writing_to(place, name=folder):
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
@@ -97,7 +109,7 @@ def _generate(
 def resolve(
     config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
 ) -> Experiment:
-    """The experiment meant; overrides go with a file or name only."""
+    """The experiment that a config stands for; overrides go with a file or name only."""
     if not isinstance(config, Experiment):
         return load(config, overrides, seed)
     if overrides:
@@ -141,7 +153,7 @@ def _run(
 def make(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
 ) -> list[WrittenShard]:
-    """The shards, of which those that have no receipt are written."""
+    """Write the shards that have no receipt yet; return all of them."""
     written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
     done = {w.shard.number for w in written}
     missing = [shard for shard in shards if shard.number not in done]
@@ -154,31 +166,3 @@ def make(
             written.append(w)
             bar.update(w.content.moments.rows)
     return written
-
-
-@contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
-    """Make the folder and its parents; those that are empty afterwards go again."""
-    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in missing:
-            sync_folder(path.parent)
-        yield
-    finally:
-        for path in missing:
-            with suppress(OSError):  # it was not made, or is not empty, maybe since now
-                path.rmdir()
-
-
-@contextmanager
-def refusals(folder: Path) -> Iterator[None]:
-    """What the system refuses, as one line."""
-    try:
-        yield
-    except OSError as error:
-        raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
-    except MemoryError:
-        raise IbdataError(
-            f"{folder}: memory is too short; use fewer --workers, or a smaller output.shard_rows"
-        ) from None

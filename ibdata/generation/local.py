@@ -9,8 +9,8 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
-from functools import partial
+from contextlib import ExitStack, suppress
+from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,8 @@ from ibdata.policies.custom import started_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
 from ibdata.writing import receipt
-from ibdata.writing.shard_writer import ShardWriter, WrittenShard
-from ibdata.writing.threads import Threads
+from ibdata.writing.shard_writer import ShardWriter, WrittenShard, shard_writer, thread, writing_threads
+from ibdata.writing.summary import simulated
 
 MAX_DEATHS = 3  # of workers, without a shard finished in between
 
@@ -64,17 +64,15 @@ def _one_after_the_other(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str
 ) -> Iterator[WrittenShard]:
     """Each is simulated while the one before it is finished in a thread."""
-    with Threads() as threads:
+    with writing_threads() as threads, thread() as finishing:
         before: Future[WrittenShard] | None = None
         for shard in shards:
-            begun = ShardWriter(spec, shard, root, threads)
-            try:
+            with ExitStack() as opened:
+                writer = opened.enter_context(shard_writer(spec, shard, root, threads))
+                for part, floats in simulated(spec, shard):
+                    writer.add(part, floats)
                 made = before.result() if before else None  # so that no more than two are in memory
-                before = threads.finish(partial(_finished, begun, root, identity))
-            except BaseException:
-                begun.abandon()
-                raise
-            del begun
+                before = finishing.submit(_finish, writer, opened.pop_all(), root, identity)
             if made:
                 yield made
             check()
@@ -98,18 +96,15 @@ def _pool(
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
     try:
-        for shard in waiting:
+        while True:
+            more = islice(waiting, 2 * workers - len(running))
             with held():
-                running.add(pool.submit(_work, shard))
-            if len(running) == 2 * workers:
-                break
-        while running:
+                running |= {pool.submit(_work, shard) for shard in more}
+            if not running:
+                return
             done, running = wait(running, return_when=FIRST_COMPLETED)
             check()
-            for future in done:
-                yield future.result()
-                with held():
-                    running.update(pool.submit(_work, shard) for shard in _one(waiting))
+            yield from (future.result() for future in done)
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
@@ -118,11 +113,7 @@ def _pool(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one(shards: Iterator[Shard]) -> list[Shard]:
-    return [shard for _, shard in zip(range(1), shards, strict=False)]
-
-
-_job: list[Any] = []  # a worker's recipe, folder, identity and the YAML's folder, set once when it starts
+_job: list[Any] = []  # a worker's spec, folder, identity and the YAML's folder, set once when it starts
 
 
 def _start(plain: dict[str, Any], root: Path, identity: str, here: str, folder: Path | None) -> None:
@@ -147,16 +138,22 @@ def _end_with_parent() -> None:
 def _work(shard: Shard) -> WrittenShard:
     spec, root, identity, folder = _job
     agree(root, spec, folder)
-    return written(spec, shard, root, identity)
+    return write_shard(spec, shard, root, identity)
 
 
-def written(spec: DatasetSpec, shard: Shard, root: Path, identity: str) -> WrittenShard:
-    """A shard that is on the disk, and its receipt after it."""
-    with Threads() as threads:
-        return _finished(ShardWriter(spec, shard, root, threads), root, identity)
+def write_shard(spec: DatasetSpec, shard: Shard, root: Path, identity: str) -> WrittenShard:
+    """Simulate a shard and write it, and its receipt after it."""
+    with writing_threads() as threads, ExitStack() as opened:
+        writer = opened.enter_context(shard_writer(spec, shard, root, threads))
+        for part, floats in simulated(spec, shard):
+            writer.add(part, floats)
+        return _finish(writer, opened.pop_all(), root, identity)
 
 
-def _finished(begun: ShardWriter, root: Path, identity: str) -> WrittenShard:
-    made = begun.finish(partial(refuse_moved, root, identity))
+def _finish(writer: ShardWriter, opened: ExitStack, root: Path, identity: str) -> WrittenShard:
+    """Commit a shard whose parts are all added, and then its receipt."""
+    with opened:
+        made = writer.finish()
+        refuse_moved(root, identity)
     receipt.put(root, identity, made)
     return made

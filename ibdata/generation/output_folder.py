@@ -38,8 +38,8 @@ def _hashed(experiment: bytes) -> str:
     return hashlib.sha256(experiment + bytes([manifest.DATA_VERSION])).hexdigest()
 
 
-def meant(out: str | os.PathLike[str]) -> Path:
-    """The folder that is meant; `..` after a folder that there is not leads back to where that would be."""
+def resolved(out: str | os.PathLike[str]) -> Path:
+    """The output folder; `..` after a folder that does not exist leads back to where that would be."""
     folder = Path(out)
     return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
 
@@ -50,14 +50,14 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     Raises UsageError for a folder that may not be written to.
     """
     if resume and overwrite:
-        raise UsageError("found --resume with --overwrite, expected one of them")
+        raise UsageError("--resume and --overwrite exclude each other; give one of them")
     if "\0" in str(folder):
         raise UsageError(f"--out: found {str(folder)!r}, expected a path without NUL")
     manifest.refuse_inside(folder)
     if not os.path.lexists(folder):
         return folder
     if not folder.is_dir():
-        raise UsageError(f"{folder}: found a file, expected a folder or nothing; choose another --out")
+        raise UsageError(f"{folder}: is a file, not a folder; choose another --out")
     refuse_links(folder)
     empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():

@@ -1,7 +1,7 @@
-"""Ranges of one dataset that are made at the same time: those that share shards exclude each other.
+"""Ranges of a dataset's shards that hosts make at the same time, unless they have a shard in common.
 
-Each range holds a lock of its own. Whether ranges of other sizes hold theirs is looked at, and the own one
-taken, behind a gate, through which one process goes at a time.
+Each range holds a lock of its own. A process looks at the locks of the other ranges, and takes its own, while
+it holds a gate that admits one process at a time. A note says which ranges were begun.
 """
 
 from __future__ import annotations
@@ -10,16 +10,46 @@ import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
-from ibdata.errors import BusyError
+from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import Shard
 from ibdata.generation import output_folder
-from ibdata.generation.record import Range
 from ibdata.system import lock
+from ibdata.system.atomic_files import write
+from ibdata.writing import receipt
+from ibdata.writing.metadata import as_json
 
+MAX_PARTS = 100_000
 GATE = f"{output_folder.RANGE_LOCK}gate"
 GATE_PATIENCE = 60.0  # seconds; hundreds of hosts may come at once, and each stays for milliseconds
 NAME = re.compile(re.escape(output_folder.RANGE_LOCK) + "([1-9][0-9]{0,8})-([1-9][0-9]{0,8})")
+
+
+class Range(NamedTuple):
+    """The part-th of so many parts of a dataset's shards, counted from 1."""
+
+    part: int
+    parts: int
+
+    def __str__(self) -> str:
+        return f"{self.part}/{self.parts}"
+
+    @classmethod
+    def parse(cls, text: str) -> Range:
+        """That of `i/n`; UsageError for anything else."""
+        part, slash, parts = text.partition("/")
+        whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
+        if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
+            raise UsageError(
+                f"--shards: found {text!r}, expected i/n with i from 1 to n, such as 1/3, 2/3 and 3/3"
+            )
+        return cls(int(part), int(parts))
+
+    def of(self, shards: list[Shard]) -> list[Shard]:
+        """Its shards: consecutive ones, as many as the other parts have or one more or less."""
+        n = len(shards)
+        return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
 @contextmanager
@@ -49,3 +79,15 @@ def refuse_shared(folder: Path, own: Range, shards: list[Shard]) -> None:
 def _meet(a: list[Shard], b: list[Shard]) -> bool:
     """Whether two runs of consecutive shards have one in common."""
     return bool(a and b) and a[0].number <= b[-1].number and b[0].number <= a[-1].number
+
+
+def note(root: Path, own: Range) -> None:
+    """Note that a range was begun."""
+    write(root, f"{receipt.FOLDER}/range-{own.part}-{own.parts}.json", as_json({"range": own}))
+
+
+def noted(root: Path) -> list[Range]:
+    """The ranges that were begun in a folder, as the names of their notes say; none without an array job."""
+    names = (path.name for path in (root / receipt.FOLDER).glob("range-*.json"))
+    found = (re.fullmatch(r"range-([0-9]{1,6})-([0-9]{1,6})\.json", name) for name in names)
+    return [Range(int(match[1]), int(match[2])) for match in found if match]

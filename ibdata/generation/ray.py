@@ -84,7 +84,7 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
     except ray.exceptions.RayError as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise IbdataError(
-            f"{shard.stem}: {type(error).__name__}, expected none; Ray says: {reason}; then --resume"
+            f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; run again with --resume"
         ) from None
     return written
 
@@ -97,7 +97,7 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     sweep_shards(root, [shard])  # of a worker that died at it
     agree(root, spec, folder)
-    return local.written(spec, shard, root, identity)
+    return local.write_shard(spec, shard, root, identity)
 
 
 @contextmanager

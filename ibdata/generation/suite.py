@@ -34,11 +34,28 @@ def generate_all(
     engine: str = "local",
     address: str | None = None,
 ) -> dict[str, Dataset]:
-    """Make the datasets of a folder of experiments, or of a shipped suite, by name.
+    """Generate the datasets of a folder of experiments, or of a shipped suite.
 
-    Each goes to out/<name>; out defaults to data/<folder>. All experiments and all places are checked
-    before the first is made. resume passes over what is finished and goes on with the rest. The other
-    arguments are those of `generate`, and so are the errors raised.
+    All experiments and all places are checked before the first dataset is made.
+
+    Args:
+        config: A folder of YAML files, or the name of a shipped suite.
+        out: The datasets go to out/<name>; by default out is data/<folder>.
+        workers: As `generate` has it.
+        seed: Replaces the seed of each experiment.
+        overrides: Replace values of each YAML, as `key.sub=value`.
+        resume: Pass over the datasets that are finished, and go on with the rest.
+        overwrite: Replace datasets; each stays whole until the new one is.
+        progress: As `generate` has it.
+        allow_code: As `generate` has it.
+        engine: As `generate` has it.
+        address: As `generate` has it.
+
+    Returns:
+        The datasets by name.
+
+    Raises:
+        IbdataError: As `generate` raises it.
     """
     experiments = load_all(config, overrides, seed)
     select_engine(engine, workers, address)
@@ -74,7 +91,7 @@ def estimate_all(
     overwrite: bool = False,
     allow_code: bool = False,
 ) -> list[dict[str, Any]]:
-    """What each run of `generate_all` would make, as `estimate` says, with its name."""
+    """Estimate each run of `generate_all`, as `estimate` does; each result also has its name."""
     experiments = load_all(config, overrides, seed)
     return [
         {"name": experiment.name, **estimate(experiment, folder, workers, resume, overwrite, allow_code)}
@@ -90,5 +107,5 @@ def folders(
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path(out) if out is not None else Path("data") / find(config).resolve().name
     if os.path.lexists(root) and not root.is_dir():
-        raise UsageError(f"{root}: found a file, expected a folder or nothing; choose another --out")
+        raise UsageError(f"{root}: is a file, not a folder; choose another --out")
     return [root / experiment.name for experiment in experiments]

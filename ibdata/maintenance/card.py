@@ -10,12 +10,11 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation import output_folder, replacement
-from ibdata.generation.generate import refusals
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system import lock
 from ibdata.system.atomic_files import FileEntry, write
-from ibdata.system.signals import stoppable
+from ibdata.system.guard import writing_to
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
@@ -25,14 +24,20 @@ from ibdata.writing.summary import UNREAD
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
-    """Write README.md and report.html into a dataset, anew where they are there, and open it.
+    """Write README.md and report.html of a dataset, anew where they exist, and open it.
 
-    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both are
-    listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
+    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both files
+    are listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
 
-    Raises UsageError where README.md is somebody's own text, DatasetError for what is no dataset, BusyError
-    where it is being written, MissingError without matplotlib, IbdataError where the system refuses; then
-    nothing is changed.
+    Args:
+        folder: The folder of the dataset.
+
+    Raises:
+        UsageError: README.md or report.html is not ibdata's.
+        DatasetError: There is no finished dataset.
+        BusyError: Another process writes to the dataset.
+        MissingError: matplotlib is not installed.
+        IbdataError: The system refuses; then nothing is changed.
     """
     path = Path(folder)
     dataset = Dataset(path)
@@ -43,7 +48,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     spec = spec_in(path, dataset.manifest)
     refuse_other_plan(spec, dataset.manifest)
     report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
-    with refusals(path), stoppable(), lock.locked(path):
+    with writing_to(path):
         replacement.finish_interrupted(path)
         manifest.refuse_replaced(path, dataset.manifest)
         listed = dataset.manifest

@@ -18,14 +18,19 @@ from ibdata.simulation.variables import columns
 
 
 def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:
-    """Merge datasets into a new one: their episodes one after another, numbered anew, and all their splits.
+    """Merge datasets into a new one, with all their splits.
 
-    Splits of the same name become one. The episodes keep their digests; the new content root is that of
-    all of them. Splits that were only labels get files of their own.
+    The episodes follow one another, numbered anew; they keep their digests, and the new content root is that
+    of all of them. Splits of the same name become one. Splits that were only labels get files of their own.
 
-    Raises UsageError for fewer than two datasets, for columns that differ, or where two hold the same
-    episode, or one the beginning of another's: such data would leak from one split into another.
-    DatasetError where a dataset is not what its manifest says.
+    Args:
+        folders: The folders of two or more datasets with equal columns.
+        out: The folder of the new dataset.
+
+    Raises:
+        UsageError: There are fewer than two datasets, columns differ, or two datasets hold the same episode,
+            or one the beginning of another's: such data would leak from one split into another.
+        DatasetError: A dataset is not what its manifest says.
     """
     if len(folders) < 2:
         raise UsageError(f"merge: found {len(folders)} dataset, expected at least 2")
@@ -67,9 +72,8 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Sour
             known = home.setdefault((experiment.seed, cell.digest), source)
             if known is not source:
                 raise UsageError(
-                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: found "
-                    f"episodes that are also in {known.dataset.path}, expected others; make one of them "
-                    "with another --seed"
+                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the same "
+                    f"episodes are also in {known.dataset.path}; make one of the datasets with another --seed"
                 )
 
 
@@ -79,7 +83,6 @@ def _refuse_equal_digests(datasets: list[Dataset]) -> None:
         for episode, digest in enumerate(dataset.digests):
             if digest in home:
                 raise UsageError(
-                    f"{dataset.path}: episode {episode}: found an episode that is also in "
-                    f"{home[digest].path}, expected others"
+                    f"{dataset.path}: episode {episode} is also in {home[digest].path}; leave one of them out"
                 )
             home[digest] = dataset

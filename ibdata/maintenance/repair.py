@@ -14,11 +14,11 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import worker_count
-from ibdata.generation.generate import refusals
 from ibdata.generation.warm_up import warm_up
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
-from ibdata.system.lock import locked, refuse_busy
-from ibdata.system.signals import check, stoppable
+from ibdata.system.guard import writing_to
+from ibdata.system.lock import refuse_busy
+from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import check_files
@@ -31,24 +31,32 @@ NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 
 
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
-    """Make the damaged and missing files of a dataset again; their paths.
+    """Make the damaged and missing files of a dataset again, and only them.
 
-    Only those are touched, and only if the rows that were made again, or from which metadata are made again,
-    have the content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if
-    the shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the
-    dataset, the manifest gets the new hashes. A damaged report.html is taken away instead: `ibdata card`
-    draws it again. A replacement that was interrupted is finished.
-    allow_code lets custom policies run, where shards are to be made again; they promise the same bits in the
-    same environment only.
+    They are replaced only if the rows that were made again, or from which metadata are made again, have the
+    content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if the
+    shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the dataset,
+    the manifest gets the new hashes. A damaged report.html is removed: `ibdata card` draws it again. A
+    replacement that was interrupted is finished.
 
-    Raises DatasetError where there is no dataset, or what was made again is not what was there.
+    Args:
+        folder: The folder of the dataset.
+        workers: How many processes to use; by default one a processor.
+        allow_code: Allow custom policies, which run arbitrary Python code, where shards are to be made
+            again. They promise the same bits in the same environment only.
+
+    Returns:
+        The paths of the files that were made again or removed.
+
+    Raises:
+        DatasetError: There is no dataset, or what was made again is not what was there.
     """
     path, processes = Path(folder), worker_count(workers)
     if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
     output_folder.refuse_links(path)
-    with stoppable(), refusals(path), locked(path):
+    with writing_to(path):
         replacement.finish_interrupted(path)
         try:
             listed = manifest.read(path)

@@ -26,14 +26,22 @@ from ibdata.writing.summary import simulated
 def reproduce(
     folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
 ) -> tuple[int, list[Problem]]:
-    """How many episodes were made again, and those that have another digest than the dataset lists.
+    """Make episodes again in memory and compare them with the digests that the dataset lists.
 
-    The content root is compared too: it is that of the experiment's cells and of the digests listed.
+    The content root is compared too: it must be that of the experiment's cells and of the listed digests.
 
-    episodes is a number, of episodes spread evenly, or a range such as 500-600; None means all. Nothing is
-    written. allow_code lets custom policies run, which promise the same bits in the same environment only.
+    Args:
+        folder: The folder of the dataset; nothing is written to it.
+        episodes: A number of episodes, which are spread evenly, or a range such as "500-600"; None means all.
+        allow_code: Allow custom policies, which run arbitrary Python code. They promise the same bits in the
+            same environment only.
 
-    Raises DatasetError where there is no finished dataset, UsageError for other episodes, or for code.
+    Returns:
+        How many episodes were made again, and a problem for each that differs.
+
+    Raises:
+        DatasetError: There is no finished dataset.
+        UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     path = Path(folder)
     listed = manifest.read(path)

@@ -16,18 +16,17 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import output_folder, replacement
-from ibdata.generation.generate import made_folder, refusals
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
 from ibdata.system import lock
 from ibdata.system.atomic_files import FileEntry, file_sha256, write
-from ibdata.system.signals import check, stoppable
+from ibdata.system.guard import writing_to
+from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
-from ibdata.writing.shard_writer import ShardWriter, WrittenShard
+from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.summary import describe
-from ibdata.writing.threads import Threads
 
 
 class Source(NamedTuple):
@@ -49,10 +48,10 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
     Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
     lists; then nothing is left behind. What a killed run left is taken away by the next.
     """
-    folder = output_folder.meant(out)
+    folder = output_folder.resolved(out)
     _refuse(folder)
     lock.refuse_busy(folder)
-    with refusals(folder), stoppable(), made_folder(folder), lock.locked(folder):
+    with writing_to(folder):
         _refuse(folder)
         replacement.withdraw(folder)
         with replacement.staged(folder) as root:
@@ -70,7 +69,7 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
 def _refuse(folder: Path) -> None:
     manifest.refuse_inside(folder)
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UsageError(f"{folder}: found no folder, expected one or nothing; choose another --out")
+        raise UsageError(f"{folder}: exists and is not a folder; choose another --out")
     left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
     if folder.exists() and any(path.name not in left for path in folder.iterdir()):
         unsettled = os.path.lexists(folder / manifest.NEW)
@@ -84,9 +83,11 @@ def _refuse(folder: Path) -> None:
 
 def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
     """A shard with a source's episodes, which are proven to be those that it lists."""
-    with Threads() as threads:
-        w = ShardWriter(spec, shard, root, threads, _parts(spec, shard, source)).finish()
-    _prove(w, source)
+    with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
+        for part, floats in _parts(spec, shard, source):
+            writer.add(part, floats)
+        w = writer.finish()
+        _prove(w, source)
     return w
 
 
@@ -133,7 +134,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     folder = dataset.path
     lock.refuse_busy(folder)
     output_folder.refuse_links(folder)
-    with refusals(folder), stoppable(), lock.locked(folder):
+    with writing_to(folder):
         replacement.finish_interrupted(folder)
         listed = dataset.manifest
         manifest.refuse_replaced(folder, listed)

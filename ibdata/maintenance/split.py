@@ -33,20 +33,34 @@ def split(
 ) -> Dataset:
     """Split a dataset by setpoint, episode or policy, and open it.
 
-    by setpoint, scheme is one of
-        transfer: source and target setpoints; shots (episodes) or transitions limit each target cell,
-            what they leave is target-rest
-        leave-one-out: train-p and test-p for every setpoint p
-        interpolation, extrapolation: train and test, with inner or with the outermost setpoints held out
-        distance: source, and the others near (at most `within` from it) or far
-    by episode: train, validation, test are these fractions of every cell, in order; two are train, test.
-    by policy: a split for each label.
+    The splits label episodes: nothing is copied and no row changes. A split of the same name that was made
+    like this before is replaced.
 
-    The splits label episodes: nothing is copied, no row changes; a split of the same name that was made
-    like this is replaced. With materialize the dataset stays as it is, and a copy with the same content
-    root is written there, in which every split is whole files; by None makes that of the splits there are.
+    Args:
+        folder: A dataset, or its folder.
+        by: "setpoint", as scheme says; "episode", into fractions; "policy", a split for each label. With
+            materialize also None, for the splits that the dataset has.
+        scheme: One of
+            transfer: the setpoints source and target; what shots or transitions leave of a target cell is
+                target-rest
+            leave-one-out: train-p and test-p for every setpoint p
+            interpolation, extrapolation: train and test, with inner or with the outermost setpoints held out
+            distance: the setpoints source, and the others near or far from them
+        source: Setpoints, for transfer and distance.
+        target: Setpoints, for transfer.
+        shots: Limits the episodes of each target cell, for transfer.
+        transitions: Limits the rows of each target cell, for transfer.
+        within: The largest distance from a source that is near, for distance.
+        fractions: Of every cell, in order: train, validation and test; two are train and test.
+        materialize: A folder for a copy with the same content root, in which every split is whole files; the
+            dataset itself stays as it is.
 
-    Raises UsageError for what cannot be meant, DatasetError for a dataset that is not whole.
+    Returns:
+        The dataset, or the copy.
+
+    Raises:
+        UsageError: An argument is invalid.
+        DatasetError: The dataset is not whole.
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
     spec = spec_in(dataset.path, dataset.manifest)
@@ -84,7 +98,7 @@ def _by_setpoint(
     if scheme == "distance" and source and within is not None:
         return split_schemes.by_distance(spec, source, within)
     if scheme == "distance":
-        raise UsageError("split: found the scheme distance without --source or --within, expected both")
+        raise UsageError("split: the scheme distance needs both --source and --within")
     raise UsageError(f"split: found the scheme {scheme!r}, expected one of {', '.join(SCHEMES)}")
 
 
@@ -93,8 +107,7 @@ def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: split_schemes.Splits
     for name in new:
         if name in declared:
             raise UsageError(
-                f"{dataset.path}: found a declared split {name}, which has files of its own; expected "
-                "another name"
+                f"{dataset.path}: {name} is a declared split, which has files of its own; choose another name"
             )
         try:
             valid.validate_python(name)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import os
 import secrets
 import stat
 from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 TEMPORARY = ".tmp-"
 TOKEN = "{token}"
@@ -26,21 +26,21 @@ class FileEntry(NamedTuple):
     sha256: str
 
 
-class HashingFile:
-    """A binary file being written, hashed on the way."""
+class HashingFile(io.RawIOBase):
+    """A binary file that hashes what is written to it."""
 
     def __init__(self, raw: BinaryIO, path: str = "") -> None:
         self._raw = raw
         self.path = path
         self._hasher = hashlib.sha256()
         self.size = 0
-        self.closed = False
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: Any) -> int:
         """Write and hash."""
         self._hasher.update(data)
-        self.size += len(data)
-        return self._raw.write(data)
+        written = self._raw.write(data)
+        self.size += written
+        return written
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
@@ -60,27 +60,11 @@ class HashingFile:
         return self.size
 
     def close(self) -> None:
-        """Nothing: whoever opened the file closes it."""
-
-    def readable(self) -> bool:
-        """Never."""
-        return False
+        """Nothing: whoever opened the raw file closes it."""
 
     def writable(self) -> bool:
         """Always."""
         return True
-
-    def seekable(self) -> bool:
-        """Never."""
-        return False
-
-    def __enter__(self) -> HashingFile:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 @contextmanager

@@ -131,8 +131,8 @@ def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
         if error.errno not in NO_LOCKS:
             raise
         raise _NoLocksError(
-            f"{folder}: found a file system that keeps no locks ({error.strerror}), expected one that does; "
-            "choose a folder elsewhere, or have it mounted with locks (Lustre: -o flock)"
+            f"{folder}: the file system keeps no locks ({error.strerror}); choose a folder elsewhere, or "
+            "have it mounted with locks (Lustre: -o flock)"
         ) from None
     return True
 

@@ -12,6 +12,6 @@ def refuse_too_much(what: str, size: int) -> None:
     most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if size > most:
         raise UsageError(
-            f"{what}: found a number that takes {size // 10**9} GB of memory, expected one for the "
-            f"{most // 10**9} GB of this machine; choose a smaller one"
+            f"{what}: this number takes {size // 10**9} GB of memory, but this machine has "
+            f"{most // 10**9} GB; choose a smaller one"
         )

@@ -88,10 +88,10 @@ def _content(descriptor: int) -> bytes:
 
 def _refuse_owner(status: os.stat_result, path: str) -> None:
     if status.st_uid not in (0, os.geteuid()):
-        raise PermissionError(errno.EPERM, "found another user's, expected one's own or root's", path)
+        raise PermissionError(errno.EPERM, "another user's, not one's own or root's", path)
 
 
 def _refuse_others(status: os.stat_result, path: str) -> None:
     _refuse_owner(status, path)
     if status.st_mode & OTHERS_MAY_WRITE:
-        raise PermissionError(errno.EPERM, "found that others may write, expected the owner alone", path)
+        raise PermissionError(errno.EPERM, "others may write to it, not its owner alone", path)

@@ -90,7 +90,7 @@ def test_a_dry_run_for_people_shows_the_resolved_experiment(ibdata):
         ),
         (("--config", "random", "--seed", "-1"), "seed: found -1, expected a whole number of at least 0"),
         (("--config", "random", "--workers", "0"), "workers: found 0, expected a whole number in [1, 1024]"),
-        (("--config", "random", "--out", "file"), "file: found a file, expected a folder or nothing"),
+        (("--config", "random", "--out", "file"), "file: is a file, not a folder"),
         ((), "Missing option '--config'."),
         (("--config", "random", "--nonsense"), "No such option"),
     ],

@@ -23,7 +23,7 @@ from ibdata import Experiment, IbdataError
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import origin
-from ibdata.generation.record import Range
+from ibdata.generation.ranges import Range
 from ibdata.system import lock
 from ibdata.writing import receipt
 
@@ -120,9 +120,7 @@ def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
 ):
     make(tiny, "1/3")
     Path("out", shard_file("out", 1)).write_bytes(b"damaged")
-    with pytest.raises(
-        IbdataError, match=r"^out: found 2 of 10 shards, expected all; missing 1, 3, 4, "
-    ) as error:
+    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, ") as error:
         ibdata.finalize("out")
     assert error.value.exit_code == 1
     assert not Path("out/meta").exists()
@@ -141,7 +139,7 @@ def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
 def test_of_a_plain_run_that_was_stopped_the_command_is_resume(tiny):
     make(tiny, "1/2")
     Path("out/.run/range-1-2.json").unlink()
-    with pytest.raises(IbdataError, match=r"missing 5, 6, 7, 8, 9: ibdata generate .* --out out --resume$"):
+    with pytest.raises(IbdataError, match=r"missing: 5, 6, 7, 8, 9; make them .* --resume$"):
         ibdata.finalize("out")
 
 
@@ -152,7 +150,7 @@ def test_where_no_run_was_begun_there_is_nothing_to_finish(found):
     if found == "foreign":
         Path("out").mkdir()
         Path("out/notes.txt").write_text("mine")
-    with pytest.raises(UsageError, match=r"^out: found no run to finish, expected one of ibdata generate"):
+    with pytest.raises(UsageError, match=r"^out: holds no run to finish; begin one with ibdata generate"):
         ibdata.finalize("out")
 
 
@@ -222,7 +220,7 @@ def test_a_shard_whose_receipt_is_none_is_made_again(tiny, shard_file, damage, f
         shutil.copy(Path("out", shard_file("out", 0)), "elsewhere")
         header["entry"][0] = "../elsewhere"
         forged({**body, "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}, shard)
-    with pytest.raises(IbdataError, match="found 9 of 10 shards, expected all; missing 0"):
+    with pytest.raises(IbdataError, match="1 of 10 shards are missing: 0; make them"):
         ibdata.finalize("out")
     made = ibdata.generate(tiny, "out", workers=1, resume=True)
     assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root

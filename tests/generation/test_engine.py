@@ -16,7 +16,7 @@ from ibdata.generation.engine import ENGINES, select_engine
     ("options", "line"),
     [
         ({"engine": "dask"}, "engine: found 'dask', expected one of local, ray"),
-        ({"address": "auto"}, "address: found 'auto' for the engine local, expected it with ray only"),
+        ({"address": "auto"}, "address: found 'auto', which goes with the engine ray only"),
         ({"engine": "ray", "workers": 0}, "workers: found 0, expected a whole number in [1, 1024]"),
     ],
 )

@@ -60,7 +60,7 @@ PLACES = [
     ("ibdata.generation.generate.finish", 0),
     ("ibdata.writing.finish.write", 0),
     ("ibdata.writing.finish.write", 5),
-    ("ibdata.generation.local.ShardWriter", 2),
+    ("ibdata.generation.local.shard_writer", 2),
     ("ibdata.writing.shard_writer.arrow_table", 0),
     ("ibdata.writing.shard_writer.ShardSummarizer", 3),
     ("os.fsync", 1),

@@ -66,7 +66,7 @@ def test_no_dataset_is_made_where_one_experiment_or_place_is_wrong(two):
     with pytest.raises(UsageError, match="workers"):
         ibdata.generate_all(two, "out", workers=0)
     Path("file").touch()
-    with pytest.raises(UsageError, match="file: found a file, expected a folder or nothing"):
+    with pytest.raises(UsageError, match="file: is a file, not a folder"):
         ibdata.generate_all(two, "file", workers=1)
     assert [path.name for path in Path("data/two").iterdir()] == ["set-b"]
 

@@ -215,7 +215,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
             "found 3 transitions, expected at least an episode",
         ),
         ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
-        ({"scheme": "distance", "source": [50]}, "without --source or --within, expected both"),
+        ({"scheme": "distance", "source": [50]}, "needs both --source and --within"),
         ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
         ({"scheme": "nearest"}, "found the scheme 'nearest', expected one of transfer"),
         ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
@@ -236,7 +236,7 @@ def test_what_cannot_be_meant_is_refused_and_changes_nothing(made, call, line):
 def test_a_name_of_a_declared_split_is_refused(experiment, tmp_path):
     plain = {**experiment.plain(), "splits": {"train": {"setpoint": [10.0]}}}
     ibdata.generate(Experiment.model_validate(plain), tmp_path / "x", workers=1)
-    with pytest.raises(UsageError, match="found a declared split train"):
+    with pytest.raises(UsageError, match="train is a declared split"):
         ibdata.split(tmp_path / "x", scheme="interpolation")
 
 

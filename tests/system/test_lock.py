@@ -20,7 +20,7 @@ from ibdata import Experiment, IbdataError
 from ibdata.errors import BusyError
 from ibdata.experiment.plan import plan
 from ibdata.generation import ranges
-from ibdata.generation.record import Range
+from ibdata.generation.ranges import Range
 from ibdata.system import lock
 from ibdata.writing import receipt
 
@@ -54,7 +54,7 @@ def no_locks(request, monkeypatch):
     return lambda: monkeypatch.setattr(fcntl, "flock", flock)
 
 
-REFUSAL = r"^{}: found a file system that keeps no locks \(.*\), expected one that does; choose a folder "
+REFUSAL = r"^{}: the file system keeps no locks \(.*\); choose a folder "
 WRITERS = {
     "generate": lambda: ibdata.generate(TINY, "new/er", workers=1),
     "shards": lambda: ibdata.generate_shards(TINY, "1/2", "new/er", workers=1),

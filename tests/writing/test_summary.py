@@ -6,6 +6,7 @@ import hashlib
 import io
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import parts, rollout
 from ibdata.system.atomic_files import HashingFile
-from ibdata.writing import arrow, shard_writer, summary, threads
+from ibdata.writing import arrow, shard_writer, summary
 from ibdata.writing.statistics import moments
 from ibdata.writing.summary import describe
 
@@ -34,6 +35,22 @@ def made(describe, monkeypatch):
     return DatasetSpec(experiment.name, (experiment,), later), whole
 
 
+@contextmanager
+def opened(spec, shard, folder):
+    with (
+        shard_writer.writing_threads() as threads,
+        shard_writer.shard_writer(spec, shard, folder, threads) as w,
+    ):
+        yield w
+
+
+def write(spec, shard, folder):
+    with opened(spec, shard, folder) as writer:
+        for part, floats in summary.simulated(spec, shard):
+            writer.add(part, floats)
+        return writer.finish()
+
+
 def test_parts_are_whole_blocks(made):
     spec, whole = made
     assert [*parts(spec.of_shard(whole), 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
@@ -49,8 +66,7 @@ def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
     spec, whole = made
     experiment = spec.of_shard(whole)
     (tmp_path / "data").mkdir()
-    with threads.Threads() as two:
-        written = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
+    written = write(spec, whole, tmp_path)
     file = HashingFile(io.BytesIO())
     shard_writer.encode(experiment, whole, rollout(experiment, whole.first, whole.stop), file)
     assert (written.entry.sha256, written.entry.bytes) == (file.sha256(), file.size)
@@ -62,8 +78,7 @@ def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypat
     spec, whole = made
     experiment = spec.of_shard(whole)
     (tmp_path / "data").mkdir()
-    with threads.Threads() as two:
-        simulated = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish().content
+    simulated = write(spec, whole, tmp_path).content
     floats = rollout(experiment, whole.first, whole.stop)
     described = describe(spec, whole, summary.simulated(spec, whole))
     for found in (simulated, described):
@@ -89,12 +104,20 @@ def assert_moments(found, table):
         np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-6)
 
 
-def test_a_shard_that_is_abandoned_leaves_nothing(made, tmp_path):
+def test_a_shard_whose_context_ends_with_an_error_leaves_nothing(made, tmp_path):
     spec, whole = made
     (tmp_path / "data").mkdir()
-    with threads.Threads() as two:
-        shard_writer.ShardWriter(spec, whole, tmp_path, two).abandon()
+
+    def fail():
+        with opened(spec, whole, tmp_path) as writer:
+            writer.add(*next(summary.simulated(spec, whole)))
+            raise KeyError
+
+    before = threading.active_count()
+    with pytest.raises(KeyError):
+        fail()
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
+    assert threading.active_count() == before
 
 
 @pytest.mark.parametrize("thread", ["_encode", "add"])
@@ -107,28 +130,32 @@ def test_an_error_in_a_thread_is_raised_and_leaves_nothing(made, tmp_path, monke
     )
     spec, whole = made
     (tmp_path / "data").mkdir()
-    with threads.Threads() as two, pytest.raises(OSError, match="No space left"):
-        shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
+    with pytest.raises(OSError, match="No space left"):
+        write(spec, whole, tmp_path)
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
 
 
-def test_threads_work_in_order_and_no_more_than_two_parts_wait():
+def test_parts_are_encoded_in_order_and_no_more_than_two_wait(made, tmp_path, monkeypatch):
     done, gate = [], threading.Event()
 
-    def first(i):
+    def encode(self, part, floats):
         gate.wait()
-        done.append(i)
+        done.append(part.first)
 
-    with threads.Threads() as two:
-        for i in range(threads.WAITING):
-            two.take(lambda i=i: first(i), lambda: None)
-        late = threading.Thread(target=two.take, args=(lambda: first(9), lambda: None))
+    monkeypatch.setattr(shard_writer.ShardWriter, "_encode", encode)
+    spec, whole = made
+    with opened(spec, whole, tmp_path) as writer:
+        found = list(summary.simulated(spec, whole))
+        for part, floats in found[: shard_writer.WAITING]:
+            writer.add(part, floats)
+        late = threading.Thread(target=writer.add, args=found[shard_writer.WAITING])
         late.start()
         time.sleep(0.05)
         assert late.is_alive()
         gate.set()
         late.join()
-    assert done == [0, 1, 9]
+        writer.finish()
+    assert done == [0, 8, 16]
 
 
 def test_row_groups_are_full_but_the_last(made, tmp_path):
@@ -136,8 +163,7 @@ def test_row_groups_are_full_but_the_last(made, tmp_path):
 
     spec, whole = made
     (tmp_path / "data").mkdir()
-    with threads.Threads() as two:
-        written = shard_writer.ShardWriter(spec, whole, tmp_path, two).finish()
+    written = write(spec, whole, tmp_path)
     found = pq.ParquetFile(tmp_path / written.entry.path).metadata
     assert [found.row_group(i).num_rows for i in range(found.num_row_groups)] == [100] * 6
     assert arrow.ROW_GROUP_ROWS == 100_000
