@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
 
 PATH = "meta/episodes.parquet"
@@ -31,11 +30,11 @@ SCHEMA = pa.schema(
 )
 
 
-def read_episodes(folder: Path, listed: Mapping[str, Any]) -> pa.Table:
+def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
     """The table of episodes of the dataset with this manifest; DatasetError where it is not one."""
     path = folder / PATH
     data = manifest.listed_content(folder, listed, PATH)
-    rows = max(shard["episodes"][1] for shard in listed["shards"])
+    rows = max(shard.episodes[1] for shard in listed.shards)
     table = parquet.read(path, rows=rows, data=data)
     for name in SCHEMA.names:
         found = table.schema.field(name).type if name in table.column_names else "none"
@@ -43,7 +42,7 @@ def read_episodes(folder: Path, listed: Mapping[str, Any]) -> pa.Table:
             raise DatasetError(f"{path}: {name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
             raise DatasetError(f"{path}: {name}: found no value in some rows, expected one in each")
-    _check_places(path, table, len(listed["shards"]))
+    _check_places(path, table, len(listed.shards))
     return table.select(SCHEMA.names)
 
 

@@ -15,9 +15,10 @@ import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from ibdata.dataset import shape
+from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
+from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import DatasetError, UsageError, printable
 from ibdata.system import object_store
 from ibdata.system.atomic_files import plain_bytes
@@ -32,10 +33,10 @@ NEW = ".new"
 REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
 RUN = ".run"
 FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
-FORMAT = "ibdata-manifest"
-VERSION = 1
+FORMAT: Final = "ibdata-manifest"
+VERSION: Final = 1
 DATA_VERSION = 1  # raised whenever the same experiment gives other bytes
-SAFE_PATH = re.compile(shape.SAFE_PATH)
+SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
 MOVES = 2  # of a file, while a reader looks for it
 
@@ -50,7 +51,7 @@ class ReplacedError(DatasetError):
     exit_code = 75
 
 
-def read(folder: Path) -> dict[str, Any]:
+def read(folder: Path) -> Manifest:
     """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
     try:
         data = content(folder, PATH)
@@ -63,7 +64,7 @@ def read(folder: Path) -> dict[str, Any]:
     return parsed(folder / PATH, data)
 
 
-def parsed(path: Path, data: bytes) -> dict[str, Any]:
+def parsed(path: Path, data: bytes) -> Manifest:
     """The manifest in a file with these bytes; DatasetError where it is not a whole one."""
     found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
@@ -73,15 +74,15 @@ def parsed(path: Path, data: bytes) -> dict[str, Any]:
         raise NewerError(f"{path}: found version {shown}, expected {VERSION}; use a newer ibdata")
     if found.get("checksum") != checksum(found):
         raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
-    return _of_shape(path, shape.Manifest, found)
+    return _parsed(path, Manifest, found)
 
 
-def read_json(folder: Path, listed: Mapping[str, Any], path: str, form: type[shape.Shape]) -> dict[str, Any]:
-    """A JSON file of the dataset with this manifest. Raises as `listed_content`, and for another shape."""
-    return _of_shape(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
+def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
+    """A JSON file of the dataset with this manifest. Raises as `listed_content`, and for another form."""
+    return _parsed(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
 
 
-def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
+def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
     """What is in a file of the dataset with this manifest.
 
     Raises DatasetError where the file is missing or is not the one listed; ReplacedError where that is so
@@ -95,7 +96,7 @@ def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
     except OSError as error:
         problem = f"cannot be read: {error.strerror}"
     if problem is None:
-        sha256 = next((file["sha256"] for file in listed["files"] if file["path"] == path), None)
+        sha256 = next((file.sha256 for file in listed.files if file.path == path), None)
         if hashlib.sha256(data).hexdigest() == sha256:
             return data
         problem = "found other content than the manifest lists"
@@ -103,13 +104,13 @@ def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
     raise DatasetError(f"{folder / path}: {problem}; ibdata repair {folder}")
 
 
-def refuse_replaced(folder: Path, listed: Mapping[str, Any]) -> None:
+def refuse_replaced(folder: Path, listed: Manifest) -> None:
     """ReplacedError where the dataset is no longer the one with this manifest."""
     try:
-        now = read(folder)["checksum"]
+        now = read(folder).checksum
     except DatasetError:
         return
-    if now != listed["checksum"]:
+    if now != listed.checksum:
         raise ReplacedError(f"{object_store.name_of(folder)}: replaced while it was read; open it again")
 
 
@@ -140,12 +141,11 @@ def _finite(digits: str) -> float:
     return number
 
 
-def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
-    wrong = shape.misfit(form, data)
-    if wrong is not None:
-        raise DatasetError(f"{path}: {wrong}")
-    whole: dict[str, Any] = data
-    return whole
+def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
+    try:
+        return parse(form, data)
+    except ValueError as error:
+        raise DatasetError(f"{path}: {error}") from None
 
 
 def locate(folder: Path, path: str) -> Path:
@@ -153,7 +153,7 @@ def locate(folder: Path, path: str) -> Path:
 
     Then an empty file in its place is there to stop readers of the folder.
     """
-    object_store.ensure(folder, path)
+    object_store.fetch_if_missing(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
         with suppress(OSError):
             status = place.lstat()
@@ -175,6 +175,11 @@ def refuse_inside(out: Path) -> None:
     for folder in Path(os.path.realpath(out)).parents:
         if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
+
+
+def sealed(listed: Manifest) -> Manifest:
+    """The manifest with its checksum."""
+    return listed.model_copy(update={"checksum": checksum(listed.plain())})
 
 
 def checksum(data: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from ibdata.errors import DatasetError
 
-UNREADABLE = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
+READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def _readable(path: Path, data: bytes | None) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except UNREADABLE as error:
+    except READ_ERRORS as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         line = (reason.splitlines() or [type(error).__name__])[0]
         raise DatasetError(f"{path}: cannot be read, see ibdata validate: {line}") from None

@@ -13,9 +13,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
+from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.returns import behaviour_returns
 from ibdata.errors import DatasetError, UsageError
 from ibdata.system import object_store
@@ -40,11 +41,11 @@ class Dataset:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = object_store.local_copy(path)
         self.place = object_store.name_of(self.path)
-        self.manifest: dict[str, Any] = {}
+        self.manifest_model: Manifest
         for _ in range(TRIES):  # until manifest and info are of one dataset
-            self.manifest = manifest.read(self.path)
+            self.manifest_model = manifest.read(self.path)
             try:
-                self.info  # noqa: B018  # kept
+                self.info_model  # noqa: B018  # kept
             except manifest.ReplacedError:
                 continue
             except DatasetError:
@@ -52,27 +53,37 @@ class Dataset:
             break
 
     def __repr__(self) -> str:
-        counts = self.info["counts"]
-        return f"<ibdata.Dataset {self.place}: {counts['rows']} rows, {counts['episodes']} episodes>"
+        counts = self.info_model.counts
+        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
 
     def __len__(self) -> int:
-        return int(self.manifest["rows"])
+        return self.manifest_model.rows
 
     @property
     def content_root(self) -> str:
         """Hex SHA-256 that names the content, whatever files hold it."""
-        return str(self.manifest["content_root"])
+        return self.manifest_model.content_root
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
+        return self.manifest_model.plain()
 
     @cached_property
     def info(self) -> dict[str, Any]:
         """meta/info.json: columns with roles, units and bounds; counts; splits."""
-        return manifest.read_json(self.path, self.manifest, "meta/info.json", shape.Info)
+        return self.info_model.plain()
+
+    @cached_property
+    def info_model(self) -> Info:
+        """`info`, typed."""
+        return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
-        stats = manifest.read_json(self.path, self.manifest, "meta/stats.json", shape.Stats)
-        columns: dict[str, Any] = stats["all"] if split is None else stats["splits"][self._known(split)]
-        return columns
+        stats = manifest.read_json(self.path, self.manifest_model, "meta/stats.json", Stats)
+        columns = stats.all if split is None else stats.splits[self._known(split)]
+        return {name: column.plain() for name, column in columns.items()}
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
@@ -93,7 +104,7 @@ class Dataset:
         and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
         published variant and constant setpoints, else it is None, as is every score.
         """
-        return behaviour_returns(self.episode_table, self.info)
+        return behaviour_returns(self.episode_table, self.info_model)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
         """The rows, or those of a split, as an Arrow table.
@@ -122,18 +133,18 @@ class Dataset:
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of one file, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
-        shard = self.manifest["shards"][number]
+        shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            return parquet.read(manifest.locate(self.path, shard["path"]), columns, shard["rows"])
+            return parquet.read(manifest.locate(self.path, shard.path), columns, shard.rows)
 
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
         """Rows start … stop - 1 of one file, at most batch_rows at a time. Raises as `read_shard`."""
-        shard = self.manifest["shards"][number]
-        place = manifest.locate(self.path, shard["path"])
+        shard = self.manifest_model.shards[number]
+        place = manifest.locate(self.path, shard.path)
         with self._unreplaced():
-            yield from parquet.batches(place, columns, batch_rows, shard["rows"], start, stop)
+            yield from parquet.batches(place, columns, batch_rows, shard.rows, start, stop)
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:
@@ -141,7 +152,7 @@ class Dataset:
         try:
             yield
         except DatasetError:
-            manifest.refuse_replaced(self.path, self.manifest)
+            manifest.refuse_replaced(self.path, self.manifest_model)
             raise
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
@@ -155,7 +166,7 @@ class Dataset:
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
-        groups = self.info["groups"]
+        groups = self.info_model.groups
         roles = ("observation", "action", "reward", "next_observation")
         names = ["episode", "step", "terminated", "truncated"]
         table = self.table([*names, *(name for role in roles for name in groups[role])], split)
@@ -176,10 +187,10 @@ class Dataset:
     @cached_property
     def episode_table(self) -> pa.Table:
         """meta/episodes.parquet as an Arrow table: `episodes` without pandas."""
-        return read_episodes(self.path, self.manifest)
+        return read_episodes(self.path, self.manifest_model)
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
-        known = [column["name"] for column in self.info["columns"]]
+        known = [column.name for column in self.info_model.columns]
         if columns is None:
             return known
         if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
@@ -191,13 +202,13 @@ class Dataset:
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
         """The numbers of the files of the dataset, or of a split; of those that hold more, runs of rows."""
-        numbers = range(len(self.manifest["shards"]))
+        shards = self.manifest_model.shards
         if split is None:
-            return [(number, None) for number in numbers]
-        files = self.info["splits"][self._known(split)]["files"]
+            return [(number, None) for number in range(len(shards))]
+        files = self.info_model.splits[self._known(split)].files
         if files is not None:
             known = set(files)
-            return [(n, None) for n in numbers if self.manifest["shards"][n]["path"] in known]
+            return [(number, None) for number, shard in enumerate(shards) if shard.path in known]
         return sorted(self._runs(split).items())
 
     def _runs(self, split: str) -> dict[int, Runs]:
@@ -230,7 +241,7 @@ class Dataset:
 
     def _known(self, split: str) -> str:
         """The split itself, if the dataset has it."""
-        splits = self.info["splits"]
+        splits = self.info_model.splits
         if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
             raise UsageError(f"split: found {split!r}, expected {known}")

@@ -9,10 +9,11 @@ import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import reference_returns
+from ibdata.dataset.models import Info
 from ibdata.numerics.confidence import estimate
 
 
-def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any]:
+def behaviour_returns(episodes: pa.Table, info: Info) -> dict[str, Any]:
     """The results of `Dataset.returns`, from the table of episodes and info.json.
 
     Episodes of different lengths, which a merged dataset may have, are different results: each has its own
@@ -44,8 +45,6 @@ def behaviour_returns(episodes: pa.Table, info: dict[str, Any]) -> dict[str, Any
     return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
 
 
-def _scale(info: dict[str, Any], steps: int) -> reference_returns.Scale | None:
+def _scale(info: Info, steps: int) -> reference_returns.Scale | None:
     """The scale for episodes of so many steps."""
-    return (
-        None if info["drifting"] else reference_returns.scale(info["dynamics"], info.get("start"), steps, 1.0)
-    )
+    return None if info.drifting else reference_returns.scale(info.dynamics, info.start, steps, 1.0)

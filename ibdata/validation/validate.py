@@ -7,13 +7,13 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.system import object_store
-from ibdata.system.atomic_files import FileEntry, file_sha256
+from ibdata.system.atomic_files import file_sha256
 from ibdata.system.lock import is_locked
 from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
@@ -78,7 +78,7 @@ def _unsettled(folder: Path) -> Iterator[Problem]:
         yield Problem(manifest.NEW, None, "unsettled", message)
 
 
-def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Problem]:
+def _problems(folder: Path, listed: Manifest, quick: bool) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
         message = "found the content in other bytes, expected those that ibdata writes"
         yield Problem(manifest.PATH, None, "manifest", message)
@@ -90,31 +90,29 @@ def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Pro
         yield from _contents(folder, listed, {*late, *(problem.path for problem in problems)})
 
 
-def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
+def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
     """Files that are missing, changed, or not listed."""
     late = LATE if _unsettled_here(folder) else ()
-    entries = [entry for entry in listed["files"] if entry["path"] not in late]
-    paths = [manifest.locate(folder, entry["path"]) for entry in entries]
+    entries = [entry for entry in listed.files if entry.path not in late]
+    paths = [manifest.locate(folder, entry.path) for entry in entries]
     with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
         hashes = list(threads.map(file_sha256, paths))
     for entry, found in zip(entries, hashes, strict=True):
         if found is None:
-            yield Problem(
-                entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
-            )
-        elif found != entry["sha256"]:
-            message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
-            yield Problem(entry["path"], None, "hash", message)
+            yield Problem(entry.path, None, "file", "found no file that can be read; ibdata repair makes it")
+        elif found != entry.sha256:
+            message = f"found {found[:12]}…, expected {entry.sha256[:12]}… as the manifest lists"
+            yield Problem(entry.path, None, "hash", message)
     if _unsettled_here(folder):
         return  # what is in data/ may be the new dataset's already
-    known = {entry["path"] for entry in listed["files"]}
+    known = listed.entries()
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
         if name not in known and not path.name.startswith("."):
             yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
 
 
-def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
+def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Problem]:
     try:
         spec = spec_in(folder, listed)
     except DatasetError as error:
@@ -125,20 +123,20 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
     written: list[WrittenShard] = []
-    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-    for shard, one in zip(spec.shards, listed["shards"], strict=True):
-        if one["path"] in damaged:
+    entries = listed.entries()
+    for shard, one in zip(spec.shards, listed.shards, strict=True):
+        if one.path in damaged:
             continue
-        content, problems = check_shard(spec, shard, manifest.locate(folder, one["path"]), one["path"])
+        content, problems = check_shard(spec, shard, manifest.locate(folder, one.path), one.path)
         yield from problems
         if content is not None:
-            written.append(WrittenShard(shard, entries[one["path"]], content))
-            if content_of(content.digests) != one["content"]:
+            written.append(WrittenShard(shard, entries[one.path], content))
+            if content_of(content.digests) != one.content:
                 message = "found other content than the manifest lists"
-                yield Problem(one["path"], None, "digest", message)
+                yield Problem(one.path, None, "digest", message)
     root = proven_root(spec, listed, written)
-    if root != listed["content_root"]:
-        message = f"found {listed['content_root']}, expected {root}"
+    if root != listed.content_root:
+        message = f"found {listed.content_root}, expected {root}"
         yield Problem(manifest.PATH, None, "content root", message)
     for path, check in checks(folder, listed, spec, written, root):
         if path not in damaged:

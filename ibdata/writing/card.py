@@ -69,10 +69,10 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "    data_files: data/*.parquet",
     ]
     for name, split in splits(spec, written).items():
-        if split["files"] is None:
+        if split.files is None:
             continue  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += [f"      - {file}" for file in split["files"]]
+        lines += [f"      - {file}" for file in split.files]
     return "\n".join([*lines, "---", ""])
 
 
@@ -102,7 +102,7 @@ def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
     per_split = splits(spec, written)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
-        made += [f"| {name} | {s['episodes']} | {s['rows']} |" for name, s in per_split.items()] + [""]
+        made += [f"| {name} | {s.episodes} | {s.rows} |" for name, s in per_split.items()] + [""]
     return "\n".join(made)
 
 
