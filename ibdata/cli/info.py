@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,6 +21,7 @@ from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.returns import Returns
 
 
 @click.command("info")
@@ -63,7 +64,7 @@ def _steps(dataset: Dataset) -> str:
     return " or ".join(map(str, dataset.episodes["length"].unique())) if steps is None else str(steps)
 
 
-def _print_returns(returns: dict[str, Any]) -> None:
+def _print_returns(returns: Returns) -> None:
     """Mean returns of the behaviour at each setpoint, the first so many."""
     rows = [
         (

@@ -11,7 +11,19 @@ from ibdata.dataset.reader import Dataset
 
 
 def difference(a: Dataset, b: Dataset) -> list[str]:
-    """What is different, a line each; nothing where the content is the same."""
+    """Compare the content of two datasets.
+
+    Args:
+        a: One dataset.
+        b: The other.
+
+    Returns:
+        A line for each difference: options of the experiment, counts, columns, episodes that only one has,
+        and the first step and column at which an episode differs. No lines where the content is the same.
+
+    Raises:
+        DatasetError: A file is missing or damaged.
+    """
     if a.content_root == b.content_root:
         return []
     lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]

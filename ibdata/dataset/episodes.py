@@ -1,4 +1,4 @@
-"""meta/episodes.parquet: a row an episode."""
+"""meta/episodes.parquet, the table of episodes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCHEMA = pa.schema(
 
 
 def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
-    """The table of episodes of the dataset with this manifest; DatasetError where it is not one."""
+    """The table of episodes. Raises DatasetError where it is damaged or does not fit the manifest."""
     path = folder / PATH
     data = manifest.listed_content(folder, listed, PATH)
     rows = max(shard.episodes[1] for shard in listed.shards)
@@ -47,7 +47,7 @@ def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
 
 
 def _check_places(path: Path, table: pa.Table, shards: int) -> None:
-    """Every episode is in a shard, and the episodes of a shard are its rows without a gap."""
+    """Check that the episodes of each shard are its rows without a gap."""
     shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
     total = np.cumsum(length) - length
     firsts = np.r_[True, shard[1:] != shard[:-1]]

@@ -1,7 +1,7 @@
 """meta/manifest.json, written last: what is listed there exists, and nothing else does.
 
-A dataset can be replaced while it is read (see `engines.replacement`): while that is under way, a file that
-is not in its place may be in `.new`.
+A dataset can be replaced while it is read (see `generation.replacement`): meanwhile a file that is not in its
+place may be in `.new`.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class NewerError(DatasetError):
 
 
 class ReplacedError(DatasetError):
-    """Another dataset has taken the place of the one that is being read."""
+    """Another dataset has taken the place of the one that was opened."""
 
     exit_code = 75
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
+    """The manifest of a finished dataset. Raises DatasetError where it is missing or damaged."""
     try:
         data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
@@ -65,7 +65,7 @@ def read(folder: Path) -> Manifest:
 
 
 def parsed(path: Path, data: bytes) -> Manifest:
-    """The manifest in a file with these bytes; DatasetError where it is not a whole one."""
+    """The manifest in a file's bytes. Raises DatasetError if damaged, NewerError if of a newer format."""
     found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise DatasetError(f"{path}: found another format, expected {FORMAT}")
@@ -78,15 +78,16 @@ def parsed(path: Path, data: bytes) -> Manifest:
 
 
 def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
-    """A JSON file of the dataset with this manifest. Raises as `listed_content`, and for another form."""
+    """A listed JSON file as a model. Raises as `listed_content`, and DatasetError for another form."""
     return _parsed(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
 
 
 def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
-    """What is in a file of the dataset with this manifest.
+    """The bytes of a listed file.
 
-    Raises DatasetError where the file is missing or is not the one listed; ReplacedError where that is so
-    because another dataset, or another version of this one, has taken its place.
+    Raises:
+        DatasetError: The file is missing, or has another SHA-256 than the manifest lists.
+        ReplacedError: That is so because another dataset, or version of this one, has taken its place.
     """
     problem = None
     try:
@@ -105,7 +106,7 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:
-    """ReplacedError where the dataset is no longer the one with this manifest."""
+    """Raise ReplacedError where the dataset in the folder no longer has this manifest."""
     try:
         now = read(folder).checksum
     except DatasetError:
@@ -126,7 +127,7 @@ def _no_constant(name: str) -> None:
 
 
 def _encodable(data: Any) -> Any:
-    """JSON data whose texts have no half of a character; no other text can be written again."""
+    """JSON data itself. Raises ValueError for half of a surrogate pair, which cannot be written again."""
     try:
         json.dumps(data, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
@@ -149,9 +150,9 @@ def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
 
 
 def locate(folder: Path, path: str) -> Path:
-    """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced.
+    """The path of a file of the dataset: in its place, or in `.new` while the dataset is being replaced.
 
-    Then an empty file in its place is there to stop readers of the folder.
+    An empty file in its place does not count: it is there to stop readers of the folder.
     """
     object_store.fetch_if_missing(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
@@ -163,7 +164,7 @@ def locate(folder: Path, path: str) -> Path:
 
 
 def content(folder: Path, path: str) -> bytes:
-    """What is in a file of the dataset; also while a replacement moves it to its place."""
+    """The bytes of a file of the dataset, also while a replacement moves it. Raises OSError."""
     for _ in range(MOVES):
         with suppress(FileNotFoundError):
             return plain_bytes(locate(folder, path), MAX_BYTES)
@@ -171,7 +172,7 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """UsageError where an output would lie within a dataset, finished or not: it could break its readers."""
+    """Raise UsageError for an output within a dataset, finished or not: it could break readers."""
     for folder in Path(os.path.realpath(out)).parents:
         if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
@@ -183,6 +184,6 @@ def sealed(listed: Manifest) -> Manifest:
 
 
 def checksum(data: Mapping[str, Any]) -> str:
-    """SHA-256 of the manifest without its checksum, as JSON with sorted keys."""
+    """The SHA-256 of a manifest without its checksum, as JSON with sorted keys."""
     rest = {key: value for key, value in data.items() if key != "checksum"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

@@ -30,6 +30,7 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
 ROLES = {"observation", "action", "reward", "next_observation"}  # which every dataset has
 FLOAT_ROLES = ROLES | {"latent", "next_latent", "log_prob"}
+Unchecked = dict[str, Any]  # a JSON object of an experiment, which `ibdata.experiment` checks
 Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
 
 
@@ -88,8 +89,8 @@ class Manifest(JsonObject):
     data_version: Count
     content_root: Sha256
     name: Name
-    experiments: Annotated[list[dict[str, Any]], Field(min_length=1)]
-    splits: dict[Name, dict[str, Any]]
+    experiments: Annotated[list[Unchecked], Field(min_length=1)]
+    splits: dict[Name, Unchecked]
     rows: Count
     clipped_actions: Count
     shards: Annotated[list[ShardEntry], Field(min_length=1)]
@@ -141,9 +142,9 @@ class Info(JsonObject):
     format: Literal["ibdata-dataset"]
     version: Literal[1]
     name: Name
-    dynamics: str | dict[str, Any] | None
+    dynamics: str | Unchecked | None
     drifting: bool
-    start: str | dict[str, Any] | None
+    start: str | Unchecked | None
     counts: Counts
     splits: dict[Name, SplitCounts]
     columns: Annotated[list[Column], Field(min_length=1)]

@@ -1,4 +1,4 @@
-"""Reading a finished dataset: pandas, Arrow, batches, arrays. Nothing of it runs code of the dataset."""
+"""Reading a finished dataset as pandas, Arrow, batches or arrays, without running any code of the dataset."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info, Manifest, Stats
-from ibdata.dataset.returns import behaviour_returns
+from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.errors import DatasetError, UsageError
 from ibdata.system import object_store
 
@@ -29,13 +29,21 @@ TRIES = 5
 
 
 class Dataset:
-    """A finished dataset in a folder, or at a URL; only what its manifest lists is ever read.
+    """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    What is read is the dataset that was opened: where another has taken its place meanwhile, reading raises
-    ReplacedError.
+    All reading is of the dataset that was opened: once another has taken its place, reading raises
+    ReplacedError. Files at a URL are copied to a temporary folder when they are first needed; the folder is
+    removed when the process ends.
 
-    `place` is where it is. Of a URL, the files that are needed are copied to the temporary folder `path`,
-    which goes with the process.
+    Args:
+        path: The folder, or a URL such as s3://bucket/name.
+
+    Attributes:
+        path: The folder, or the temporary folder of a URL.
+        place: The folder, or the URL without credentials, as a text.
+
+    Raises:
+        DatasetError: There is no finished dataset, or its manifest is damaged.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -49,7 +57,7 @@ class Dataset:
             except manifest.ReplacedError:
                 continue
             except DatasetError:
-                pass  # whoever asks for it is told
+                pass  # `info` raises it again
             break
 
     def __repr__(self) -> str:
@@ -61,7 +69,7 @@ class Dataset:
 
     @property
     def content_root(self) -> str:
-        """Hex SHA-256 that names the content, whatever files hold it."""
+        """The hex SHA-256 that names the content; it does not depend on files and encodings."""
         return self.manifest_model.content_root
 
     @cached_property
@@ -80,14 +88,25 @@ class Dataset:
         return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
-        """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
+        """Statistics of the float columns.
+
+        Args:
+            split: Over the rows of this split; by default over all rows.
+
+        Returns:
+            By column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
+
+        Raises:
+            UsageError: The dataset has no such split.
+            DatasetError: meta/stats.json is missing or damaged.
+        """
         stats = manifest.read_json(self.path, self.manifest_model, "meta/stats.json", Stats)
         columns = stats.all if split is None else stats.splits[self._known(split)]
         return {name: column.plain() for name, column in columns.items()}
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
+        """One row per episode: cell, index, setpoint, policy, splits, length, return, where its rows are."""
         frame: pd.DataFrame = self.episode_table.to_pandas()
         return frame
 
@@ -97,19 +116,27 @@ class Dataset:
         digests: list[bytes] = self.episode_table["digest"].to_pylist()
         return digests
 
-    def returns(self) -> dict[str, Any]:
-        """Undiscounted returns of the behaviour: by policy and setpoint, with a score where there is a scale.
+    def returns(self) -> Returns:
+        """The undiscounted returns of the behaviour, by policy and setpoint.
 
-        `results`: policy, setpoint, episodes, mean_return, standard_error, interval, mean_reward (per step)
-        and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
-        published variant and constant setpoints, else it is None, as is every score.
+        Returns:
+            `results`, each with policy, setpoint, episodes, mean_return, standard_error, interval,
+            mean_reward (per step) and score; and `scale`, the meaning of the scores. There are scores for
+            1000 steps from the default start under a published variant and constant setpoints; else they and
+            the scale are None.
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
-        """The rows, or those of a split, as an Arrow table.
+        """The rows as an Arrow table.
 
-        Raises UsageError for a column or a split that the dataset does not have.
+        Args:
+            columns: The names of the columns to read; by default all.
+            split: Only rows of this split.
+
+        Raises:
+            UsageError: The dataset has no such column or split.
+            DatasetError: A file is missing or damaged.
         """
         names = self._columns(columns)
         parts = []
@@ -119,20 +146,23 @@ class Dataset:
         return pa.concat_tables(parts).unify_dictionaries()
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
-        """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
+        """The rows as a pandas DataFrame. Arguments and errors as of `table`."""
         frame: pd.DataFrame = self.table(columns, split).to_pandas()
         return frame
 
     def iter_batches(
         self, columns: Sequence[str] | None = None, split: str | None = None, batch_rows: int = 65_536
     ) -> Iterator[pa.RecordBatch]:
-        """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
+        """The rows in order, at most `batch_rows` at a time, in constant memory.
+
+        Other arguments and errors as of `table`; UsageError for batch_rows below 1.
+        """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         return self._batches(self._shards(split), self._columns(columns), batch_rows)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of one file, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
+        """The rows of one shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
             return parquet.read(manifest.locate(self.path, shard.path), columns, shard.rows)
@@ -140,7 +170,7 @@ class Dataset:
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
-        """Rows start … stop - 1 of one file, at most batch_rows at a time. Raises as `read_shard`."""
+        """Rows start … stop - 1 of one shard, at most `batch_rows` at a time. Raises as `read_shard`."""
         shard = self.manifest_model.shards[number]
         place = manifest.locate(self.path, shard.path)
         with self._unreplaced():
@@ -148,7 +178,7 @@ class Dataset:
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:
-        """Say so where a file cannot be read because another dataset has taken the place of this one."""
+        """Raise ReplacedError where a file cannot be read because another dataset has taken its place."""
         try:
             yield
         except DatasetError:
@@ -156,13 +186,21 @@ class Dataset:
             raise
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Arrays as learning libraries take them.
+        """The rows as the arrays that learning libraries take.
 
-        observations (N, 6 · history) with the newest frame first, the first frame of an episode repeated at
-        its start; actions (N, 3); rewards (N,); next_observations (N, 6 · history); terminated, truncated
-        (N,) bool; episode, step (N,). A frame is setpoint, velocity, gain, shift, fatigue, consumption.
+        Args:
+            history: How many observations are stacked, the newest first; before the start of an episode its
+                first observation is repeated.
+            split: Only rows of this split.
 
-        Raises UsageError for a history below 1, or a split that the dataset does not have.
+        Returns:
+            observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
+            and consumption; actions (N, 3); rewards (N,); terminated and truncated (N,) bool; episode and
+            step (N,).
+
+        Raises:
+            UsageError: The history is below 1, or the dataset has no such split.
+            DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
@@ -186,7 +224,7 @@ class Dataset:
 
     @cached_property
     def episode_table(self) -> pa.Table:
-        """meta/episodes.parquet as an Arrow table: `episodes` without pandas."""
+        """`episodes` as an Arrow table."""
         return read_episodes(self.path, self.manifest_model)
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
@@ -201,7 +239,7 @@ class Dataset:
         return list(columns)
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
-        """The numbers of the files of the dataset, or of a split; of those that hold more, runs of rows."""
+        """The numbers of the shards to read, each with its runs of rows; None where all rows are wanted."""
         shards = self.manifest_model.shards
         if split is None:
             return [(number, None) for number in range(len(shards))]

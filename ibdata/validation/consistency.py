@@ -1,4 +1,4 @@
-"""Whether the files beside the shards are those that follow from the experiment and the rows."""
+"""Check that the files beside the shards follow from the experiment and the rows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card
-from ibdata.writing.finish import experiment_files, planned_entry, root_of, versions
+from ibdata.writing.finish import experiment_files, metadata_files, planned_entry, root_of, versions
 from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -42,7 +42,7 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
     """
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     files = sorted(file.path for file in listed.files if file.path != manifest.REPORT)
-    planned = sorted([*(entry.path for entry in listed.shards), *beside(spec)])
+    planned = sorted([*(entry.path for entry in listed.shards), *metadata_files(spec, [], "")])
     targets = list(dict.fromkeys(code.target for code in listed.code))
     yield from _differing(
         manifest.PATH,
@@ -63,18 +63,13 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
-    """DatasetError where the manifest lists other files or episodes than its experiments have."""
+    """Raise DatasetError where the manifest lists other files or episodes than its experiments have."""
     for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
 
 
-def beside(spec: DatasetSpec) -> list[str]:
-    """The paths of the files beside the shards, but for the manifest and a report."""
-    return [INFO, EPISODES, STATS, *experiment_files(spec), manifest.CARD]
-
-
 def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:
-    """The content root of the rows, where those of all shards keep every rule; else the one listed."""
+    """The content root of the rows if those of all shards keep every rule; else the listed one."""
     if len(written) < len(spec.shards):
         return listed.content_root
     return root_of(spec, ((w.shard, w.content.digests) for w in written))
@@ -83,7 +78,18 @@ def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]
 def checks(
     folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
-    """The check of each file beside the shards, given the shards whose rows keep every rule, and the root."""
+    """The checks of the files beside the shards.
+
+    Args:
+        folder: The dataset's folder.
+        listed: Its manifest.
+        spec: What the manifest says it is made of.
+        written: The shards whose rows keep every rule.
+        root: The content root.
+
+    Returns:
+        The path of each file, and the problems with it.
+    """
     shards = unread_shards(spec, listed)
     yield EPISODES, _episodes(folder, listed, spec, written)
     if len(written) == len(shards):
@@ -96,7 +102,7 @@ def checks(
 
 
 def _same_version(listed: Manifest, *of: str) -> bool:
-    """Whether what wrote the dataset is what runs now; else texts, and last digits, may be others."""
+    """Whether these packages have the versions that wrote the dataset; else texts or digits may differ."""
     return all(listed.versions.get(name) == versions()[name] for name in of)
 
 
@@ -177,7 +183,7 @@ def _episodes(
 
 
 def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
-    """What episodes.parquet says of each episode but its digest and its return."""
+    """Compare all columns of episodes.parquet but digest and return."""
     for name in expected.column_names:
         a, b = (_plain(table[name]) for table in (found, expected))
         if name not in ("digest", "return") and not a.equals(b):
@@ -187,13 +193,13 @@ def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
 
 
 def _plain(column: pa.ChunkedArray) -> pa.Array:
-    """A column in one piece, texts as themselves."""
+    """A column as one array, without a dictionary of its texts."""
     texts = pa.types.is_dictionary(column.type)
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 
 
 def _statistics(folder: Path, listed: Manifest, expected: Stats) -> Iterator[Problem]:
-    """Counts, moments, extremes and quantiles, over all rows and over each split."""
+    """Compare the statistics of all rows and of each split."""
     found = manifest.read_json(folder, listed, STATS, Stats)
     if list(found.splits) != list(expected.splits):
         message = f"found splits {list(found.splits)}, expected {list(expected.splits)}"
@@ -212,7 +218,7 @@ def _statistics(folder: Path, listed: Manifest, expected: Stats) -> Iterator[Pro
 
 
 def _numbers(where: str, found: Statistic, expected: Statistic, exact: bool) -> Iterator[Problem]:
-    """The numbers of one column; ranks of an even sample may be others with another numpy."""
+    """Compare the statistics of one column; another numpy may choose other quantiles of a sample."""
     spread = 0.0
     if not exact and expected.min is not None and expected.max is not None:
         spread = 0.01 * (expected.max - expected.min)

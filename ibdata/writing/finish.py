@@ -1,4 +1,4 @@
-"""Finishing a dataset: card, metadata and, last, the manifest."""
+"""Finish a dataset: write its card, its metadata and, last, the manifest."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> dict[str, Any]:
 def metadata_files(
     spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> dict[str, Callable[[], bytes]]:
-    """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
+    """Functions that make the files beside the shards; only episodes and stats need the shards' content."""
     return {
         "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
@@ -110,14 +110,14 @@ def metadata_files(
 
 
 def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
-    """The resolved experiments by their paths; a merged dataset has several."""
+    """The experiments by the paths of their files; a merged dataset has several."""
     if len(spec.experiments) == 1:
         return {manifest.EXPERIMENT: spec.experiments[0]}
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
 
 
 def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
-    """The manifest of a dataset some of whose files are others now."""
+    """The bytes of a manifest with other files, and with `changes` to its other fields."""
     files = [File(**entry._asdict()) for entry in entries.values()]
     if files != listed.files:
         changes = {"files": files, "versions": versions(), **changes}
@@ -125,7 +125,7 @@ def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry], **cha
 
 
 def versions() -> dict[str, str]:
-    """What the bytes of files may depend on; the content does not."""
+    """The versions on which the bytes of files may depend; the content does not depend on them."""
     return {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
@@ -137,7 +137,7 @@ def versions() -> dict[str, str]:
 
 
 def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
-    """The content root of shards in order, given the digests of the episodes of each."""
+    """The content root of all shards in order, each with the digests of its episodes."""
     return content_root(
         ((c.name, c.dtype) for c in columns(spec.experiments[0])),
         (episode for shard, digests in shards for episode in episode_addresses(spec, shard, digests)),

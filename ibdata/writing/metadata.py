@@ -1,4 +1,4 @@
-"""The files of `meta/`: what a dataset is, in JSON, YAML and one Parquet table."""
+"""The content of meta/info.json, meta/stats.json and meta/episodes.parquet."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ibdata.writing.summary import UNREAD
 
 
 def as_json(data: Any) -> bytes:
-    """JSON as ibdata's files hold it: indented, without NaN, ending in a newline."""
+    """The bytes of a JSON file: indented, without NaN, ending in a newline."""
     data = data.plain() if isinstance(data, JsonObject) else data
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
@@ -58,7 +58,7 @@ def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
 
 
 def _common(values: list[Any]) -> Any:
-    """The value that all have; null where they differ."""
+    """The value that all have; None where they differ."""
     return values[0] if all(value == values[0] for value in values) else None
 
 
@@ -88,7 +88,7 @@ def unread_shards(spec: DatasetSpec, listed: Manifest) -> list[WrittenShard]:
 
 
 def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
-    """episodes.parquet: a row an episode."""
+    """The bytes of episodes.parquet."""
     out = io.BytesIO()
     table = episodes_table(spec, written)
     pq.write_table(table, out, compression="zstd", write_page_checksum=True)
@@ -96,7 +96,7 @@ def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
 
 
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
-    """The table of episodes."""
+    """The table of episodes, which has a row for each."""
     numbers = [np.arange(w.shard.first, w.shard.stop) for w in written]
     parts = [_cells(spec, w, n) for w, n in zip(written, numbers, strict=True)]
     lengths = [np.full(len(n), spec.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
@@ -124,7 +124,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
 
 
 class _Episodes(NamedTuple):
-    """Cell, index in it, setpoint and policy of some episodes; texts as themselves and their numbers."""
+    """Cell, index in it, setpoint and policy of episodes; texts as a list, and a number for each episode."""
 
     cell: tuple[list[str], npt.NDArray[np.int64]]
     number: npt.NDArray[np.int64]
@@ -147,14 +147,14 @@ def _cells(spec: DatasetSpec, w: WrittenShard, numbers: npt.NDArray[np.int64]) -
 
 
 def _texts(parts: list[tuple[list[str], npt.NDArray[np.int64]]], known: list[str]) -> pa.DictionaryArray:
-    """Texts of which all are among those known."""
+    """A dictionary array of texts, given as lists and numbers; its dictionary is `known`."""
     number = {text: i for i, text in enumerate(known)}
     numbers = [np.array([number[text] for text in texts], dtype=np.int32)[of] for texts, of in parts]
     return arrow_texts(np.concatenate(numbers), known)
 
 
 def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
-    """Each list of texts, as often as its count says."""
+    """Each list of texts, repeated as often as its count says."""
     lengths = np.repeat([len(texts) for texts in lists], counts)
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
