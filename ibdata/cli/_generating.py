@@ -73,15 +73,15 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start
-    counts = dataset.info["counts"]
+    counts = dataset.info_model.counts
     if as_json:
         print_json({**_described(dataset), "seconds": seconds})
         return
     print_pairs(
         [
             ("dataset", folder),
-            ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {counts['steps']} steps"),
-            ("files", f"{counts['shards']} Parquet, {size(counts['data_bytes'])}"),
+            ("rows", f"{counts.rows} in {counts.episodes} episodes of {counts.steps} steps"),
+            ("files", f"{counts.shards} Parquet, {size(counts.data_bytes)}"),
             ("content root", dataset.content_root),
             ("time", f"{seconds:.1f} s"),
         ]
@@ -127,7 +127,8 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
     made = generate_all(config, out, **options)
     seconds = time.perf_counter() - start
     folder = next(iter(made.values())).path.parent
-    rows, data_bytes = (sum(d.info["counts"][key] for d in made.values()) for key in ("rows", "data_bytes"))
+    counts = [dataset.info_model.counts for dataset in made.values()]
+    rows, data_bytes = sum(c.rows for c in counts), sum(c.data_bytes for c in counts)
     if as_json:
         datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]
         print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})

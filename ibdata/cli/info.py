@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,6 +21,7 @@ from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.returns import Returns
 
 
 @click.command("info")
@@ -35,21 +36,22 @@ def command(folder: Path | str, as_json: bool) -> None:
     from ibdata.dataset.reader import Dataset
 
     dataset = Dataset(folder)
-    info, counts, returns = dataset.info, dataset.info["counts"], dataset.returns()
+    info, returns = dataset.info_model, dataset.returns()
+    counts = info.counts
     if as_json:
         root = dataset.content_root
-        print_json({"path": str(folder), "content_root": root, "info": info, "returns": returns})
+        print_json({"path": str(folder), "content_root": root, "info": dataset.info, "returns": returns})
         return
     pairs = [
-        ("name", info["name"]),
-        ("dynamics", "several" if info["dynamics"] is None else info["dynamics"]),
-        ("rows", f"{counts['rows']} in {counts['episodes']} episodes of {_steps(dataset)} steps"),
-        ("files", f"{counts['shards']} Parquet, {size(counts['data_bytes'])}"),
+        ("name", info.name),
+        ("dynamics", "several" if info.dynamics is None else info.dynamics),
+        ("rows", f"{counts.rows} in {counts.episodes} episodes of {_steps(dataset)} steps"),
+        ("files", f"{counts.shards} Parquet, {size(counts.data_bytes)}"),
         ("content root", dataset.content_root),
     ]
-    for name, split in info["splits"].items():
-        pairs.append((f"split {name}", f"{split['rows']} rows in {split['episodes']} episodes"))
-    for role, names in info["groups"].items():
+    for name, split in info.splits.items():
+        pairs.append((f"split {name}", f"{split.rows} rows in {split.episodes} episodes"))
+    for role, names in info.groups.items():
         pairs.append((role, ", ".join(names)))
     print_pairs(pairs)
     say()
@@ -58,11 +60,11 @@ def command(folder: Path | str, as_json: bool) -> None:
 
 def _steps(dataset: Dataset) -> str:
     """The steps of an episode; all numbers of them where a merged dataset has several."""
-    steps = dataset.info["counts"]["steps"]
+    steps = dataset.info_model.counts.steps
     return " or ".join(map(str, dataset.episodes["length"].unique())) if steps is None else str(steps)
 
 
-def _print_returns(returns: dict[str, Any]) -> None:
+def _print_returns(returns: Returns) -> None:
     """Mean returns of the behaviour at each setpoint, the first so many."""
     rows = [
         (

@@ -11,19 +11,32 @@ from ibdata.dataset.reader import Dataset
 
 
 def difference(a: Dataset, b: Dataset) -> list[str]:
-    """What is different, a line each; nothing where the content is the same."""
+    """Compare the content of two datasets.
+
+    Args:
+        a: One dataset.
+        b: The other.
+
+    Returns:
+        A line for each difference: options of the experiment, counts, columns, episodes that only one has,
+        and the first step and column at which an episode differs. No lines where the content is the same.
+
+    Raises:
+        DatasetError: A file is missing or damaged.
+    """
     if a.content_root == b.content_root:
         return []
     lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]
-    ours, theirs = (x.manifest["experiments"] for x in (a, b))
+    ours, theirs = (x.manifest_model.experiments for x in (a, b))
     if len(ours) != len(theirs):
         lines.append(f"experiments: {len(ours)} and {len(theirs)}")
-    for i, (mine, other) in enumerate(zip(ours, theirs, strict=False)):
-        lines += _experiments(mine, other, "experiment" if len(ours) == 1 else f"experiments.{i}")
+    for i, pair in enumerate(zip(ours, theirs, strict=False)):
+        lines += _experiments(*pair, "experiment" if len(ours) == 1 else f"experiments.{i}")
     for key in ("rows", "episodes", "steps", "cells"):
-        if a.info["counts"][key] != b.info["counts"][key]:
-            lines.append(f"{key}: {a.info['counts'][key]} and {b.info['counts'][key]}")
-    types = [{c["name"]: c["dtype"] for c in x.info["columns"]} for x in (a, b)]
+        one, other = (getattr(x.info_model.counts, key) for x in (a, b))
+        if one != other:
+            lines.append(f"{key}: {one} and {other}")
+    types = [{c.name: c.dtype for c in x.info_model.columns} for x in (a, b)]
     for name in dict.fromkeys([*types[0], *types[1]]):
         if types[0].get(name) != types[1].get(name):
             lines.append(f"column {name}: {types[0].get(name, 'none')} and {types[1].get(name, 'none')}")

@@ -18,10 +18,12 @@ Run = npt.NDArray[Any] | list[bytes]
 
 
 def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
-    """The digest of each episode of columns whose rows are whole episodes of these lengths, in order.
+    """The digests of whole episodes.
 
-    runs are the columns but `episode` in their order, those of one type that follow each other as one
-    array (columns, rows). A text column is constant within an episode and is one `text` an episode.
+    Args:
+        runs: The columns but `episode` in their order; neighbours of one type are one array (columns, rows).
+            A text column, constant within an episode, is a list of one `text` per episode.
+        lengths: The steps of each episode, in order.
     """
     runs = [run if isinstance(run, list) else _little_endian(run) for run in runs]
     digests = []
@@ -36,7 +38,7 @@ def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
 
 
 def text(value: str) -> bytes:
-    """A text as it enters a digest: its length in bytes, then its UTF-8 bytes."""
+    """The bytes of a text in a digest: its length in bytes, then its UTF-8 bytes."""
     encoded = value.encode()
     return len(encoded).to_bytes(8, "little") + encoded
 
@@ -46,7 +48,15 @@ def _little_endian(run: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def content_root(described: Iterable[tuple[str, str]], episodes: Iterable[tuple[bytes, int, bytes]]) -> str:
-    """The hex root over names and types of columns, and (cell digest, index in the cell, episode digest)."""
+    """The content root of a dataset.
+
+    Args:
+        described: Name and type of each column, in order.
+        episodes: Cell digest, index in the cell and episode digest of each episode, in any order.
+
+    Returns:
+        A SHA-256 in hex.
+    """
     hasher = hashlib.sha256()
     for name, dtype in described:
         if name != "episode":

@@ -1,15 +1,14 @@
-"""meta/episodes.parquet: a row an episode."""
+"""meta/episodes.parquet, the table of episodes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
 
 PATH = "meta/episodes.parquet"
@@ -31,11 +30,11 @@ SCHEMA = pa.schema(
 )
 
 
-def read_episodes(folder: Path, listed: Mapping[str, Any]) -> pa.Table:
-    """The table of episodes of the dataset with this manifest; DatasetError where it is not one."""
+def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
+    """The table of episodes. Raises DatasetError where it is damaged or does not fit the manifest."""
     path = folder / PATH
     data = manifest.listed_content(folder, listed, PATH)
-    rows = max(shard["episodes"][1] for shard in listed["shards"])
+    rows = max(shard.episodes[1] for shard in listed.shards)
     table = parquet.read(path, rows=rows, data=data)
     for name in SCHEMA.names:
         found = table.schema.field(name).type if name in table.column_names else "none"
@@ -43,12 +42,12 @@ def read_episodes(folder: Path, listed: Mapping[str, Any]) -> pa.Table:
             raise DatasetError(f"{path}: {name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
             raise DatasetError(f"{path}: {name}: found no value in some rows, expected one in each")
-    _check_places(path, table, len(listed["shards"]))
+    _check_places(path, table, len(listed.shards))
     return table.select(SCHEMA.names)
 
 
 def _check_places(path: Path, table: pa.Table, shards: int) -> None:
-    """Every episode is in a shard, and the episodes of a shard are its rows without a gap."""
+    """Check that the episodes of each shard are its rows without a gap."""
     shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
     total = np.cumsum(length) - length
     firsts = np.r_[True, shard[1:] != shard[:-1]]

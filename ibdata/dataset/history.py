@@ -13,11 +13,18 @@ Array = npt.NDArray[Any]
 
 
 def stacked(observations: Array, after: Array, step: Array, history: int) -> tuple[Array, Array]:
-    """Histories (N, 6 · history) of observations and of next observations, both (N, 6), newest first.
+    """Stack each observation with those before it, the newest first.
 
-    step (N,) is each row's step within its episode; at the start the first observation is repeated.
-    Episodes are whole and in order. Copies, not views: a view would be of one episode only, and have negative
-    strides, which PyTorch refuses.
+    The results are copies: views would have negative strides, which PyTorch refuses.
+
+    Args:
+        observations: (N, 6), of whole episodes in order.
+        after: The next observations (N, 6).
+        step: The step of each row within its episode (N,).
+        history: How many observations are stacked; before the start of an episode its first is repeated.
+
+    Returns:
+        The histories of the observations and of the next observations, both (N, 6 · history).
 
     >>> o = np.array([[1.0], [2.0], [5.0]]); n = np.array([[2.0], [3.0], [6.0]])
     >>> now, later = stacked(o, n, np.array([0, 1, 0]), 2)
@@ -36,9 +43,9 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
 
 
 def _windows(observations: Array, last: Array, history: int) -> Array:
-    """The histories (steps + 1, 6 · history) of an episode and of what came after it.
+    """The histories (steps + 1, 6 · history) of an episode and of its last next observation.
 
-    Frames are kept backwards in memory, so that the newest of each window comes first.
+    Frames are backwards in memory, so that the newest of each window comes first.
     """
     frames = np.concatenate(
         [last[None], observations[::-1], np.repeat(observations[:1], history - 1, axis=0)]

@@ -15,9 +15,10 @@ import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from ibdata.dataset import shape
+from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
+from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import DatasetError, UsageError, printable
 from ibdata.system import object_store
 from ibdata.system.atomic_files import plain_bytes
@@ -33,10 +34,10 @@ BAR = b"This dataset is being replaced, or was; read it again.\n"  # in place of
 REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
 RUN = ".run"
 FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
-FORMAT = "ibdata-manifest"
-VERSION = 1
+FORMAT: Final = "ibdata-manifest"
+VERSION: Final = 1
 DATA_VERSION = 1  # raised whenever the same experiment gives other bytes
-SAFE_PATH = re.compile(shape.SAFE_PATH)
+SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
 MOVES = 2  # of a file, while a reader looks for it
 
@@ -46,13 +47,13 @@ class NewerError(DatasetError):
 
 
 class ReplacedError(DatasetError):
-    """Another dataset has taken the place of the one that is being read."""
+    """Another dataset has taken the place of the one that was opened."""
 
     exit_code = 75
 
 
-def read(folder: Path) -> dict[str, Any]:
-    """The manifest of a finished dataset; DatasetError where there is none, or not a whole one."""
+def read(folder: Path) -> Manifest:
+    """The manifest of a finished dataset. Raises DatasetError where it is missing or damaged."""
     try:
         data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
@@ -64,8 +65,8 @@ def read(folder: Path) -> dict[str, Any]:
     return parsed(folder / PATH, data)
 
 
-def parsed(path: Path, data: bytes) -> dict[str, Any]:
-    """The manifest in a file with these bytes; DatasetError where it is not a whole one."""
+def parsed(path: Path, data: bytes) -> Manifest:
+    """The manifest in a file's bytes. Raises DatasetError if damaged, NewerError if of a newer format."""
     found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise DatasetError(f"{path}: found another format, expected {FORMAT}")
@@ -74,19 +75,20 @@ def parsed(path: Path, data: bytes) -> dict[str, Any]:
         raise NewerError(f"{path}: found version {shown}, expected {VERSION}; use a newer ibdata")
     if found.get("checksum") != checksum(found):
         raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
-    return _of_shape(path, shape.Manifest, found)
+    return _parsed(path, Manifest, found)
 
 
-def read_json(folder: Path, listed: Mapping[str, Any], path: str, form: type[shape.Shape]) -> dict[str, Any]:
-    """A JSON file of the dataset with this manifest. Raises as `listed_content`, and for another shape."""
-    return _of_shape(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
+def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
+    """A listed JSON file as a model. Raises as `listed_content`, and DatasetError for another form."""
+    return _parsed(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
 
 
-def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
-    """What is in a file of the dataset with this manifest.
+def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
+    """The bytes of a listed file.
 
-    Raises DatasetError where the file is missing or is not the one listed; ReplacedError where that is so
-    because another dataset, or another version of this one, has taken its place.
+    Raises:
+        DatasetError: The file is missing, or has another SHA-256 than the manifest lists.
+        ReplacedError: That is so because another dataset, or version of this one, has taken its place.
     """
     problem = None
     try:
@@ -96,7 +98,7 @@ def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
     except OSError as error:
         problem = f"cannot be read: {error.strerror}"
     if problem is None:
-        sha256 = next((file["sha256"] for file in listed["files"] if file["path"] == path), None)
+        sha256 = next((file.sha256 for file in listed.files if file.path == path), None)
         if hashlib.sha256(data).hexdigest() == sha256:
             return data
         problem = "found other content than the manifest lists"
@@ -104,13 +106,13 @@ def listed_content(folder: Path, listed: Mapping[str, Any], path: str) -> bytes:
     raise DatasetError(f"{folder / path}: {problem}; ibdata repair {folder}")
 
 
-def refuse_replaced(folder: Path, listed: Mapping[str, Any]) -> None:
-    """ReplacedError where the dataset is no longer the one with this manifest."""
+def refuse_replaced(folder: Path, listed: Manifest) -> None:
+    """Raise ReplacedError where the dataset in the folder no longer has this manifest."""
     try:
-        now = read(folder)["checksum"]
+        now = read(folder).checksum
     except DatasetError:
         return
-    if now != listed["checksum"]:
+    if now != listed.checksum:
         raise ReplacedError(f"{object_store.name_of(folder)}: replaced while it was read; open it again")
 
 
@@ -126,7 +128,7 @@ def _no_constant(name: str) -> None:
 
 
 def _encodable(data: Any) -> Any:
-    """JSON data whose texts have no half of a character; no other text can be written again."""
+    """JSON data itself. Raises ValueError for half of a surrogate pair, which cannot be written again."""
     try:
         json.dumps(data, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
@@ -141,20 +143,19 @@ def _finite(digits: str) -> float:
     return number
 
 
-def _of_shape(path: Path, form: type[shape.Shape], data: Any) -> dict[str, Any]:
-    wrong = shape.misfit(form, data)
-    if wrong is not None:
-        raise DatasetError(f"{path}: {wrong}")
-    whole: dict[str, Any] = data
-    return whole
+def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
+    try:
+        return parse(form, data)
+    except ValueError as error:
+        raise DatasetError(f"{path}: {error}") from None
 
 
 def locate(folder: Path, path: str) -> Path:
-    """Where a file of the dataset is: in its place, or in `.new` while the dataset is being replaced.
+    """The path of a file of the dataset: in its place, or in `.new` while the dataset is being replaced.
 
-    Then a file in its place that holds `BAR` is there to stop readers of the folder.
+    A file in its place that holds `BAR` does not count: it is there to stop readers of the folder.
     """
-    object_store.ensure(folder, path)
+    object_store.fetch_if_missing(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
         with suppress(OSError):
             status = place.lstat()
@@ -164,7 +165,7 @@ def locate(folder: Path, path: str) -> Path:
 
 
 def content(folder: Path, path: str) -> bytes:
-    """What is in a file of the dataset; also while a replacement moves it to its place."""
+    """The bytes of a file of the dataset, also while a replacement moves it. Raises OSError."""
     for _ in range(MOVES):
         with suppress(FileNotFoundError):
             return plain_bytes(locate(folder, path), MAX_BYTES)
@@ -172,13 +173,18 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """UsageError where an output would lie within a dataset, finished or not: it could break its readers."""
+    """Raise UsageError for an output within a dataset, finished or not: it could break readers."""
     for folder in Path(os.path.realpath(out)).parents:
         if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
 
 
+def sealed(listed: Manifest) -> Manifest:
+    """The manifest with its checksum."""
+    return listed.model_copy(update={"checksum": checksum(listed.plain())})
+
+
 def checksum(data: Mapping[str, Any]) -> str:
-    """SHA-256 of the manifest without its checksum, as JSON with sorted keys."""
+    """The SHA-256 of a manifest without its checksum, as JSON with sorted keys."""
     rest = {key: value for key, value in data.items() if key != "checksum"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()

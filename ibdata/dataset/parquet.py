@@ -1,4 +1,4 @@
-"""Reading Parquet files that may be damaged, or no files at all: what is wrong with them is one line."""
+"""Reading Parquet files that may be damaged or missing; every error is a DatasetError of one line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from ibdata.errors import DatasetError
 
-UNREADABLE = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
+READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def _readable(path: Path, data: bytes | None) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except UNREADABLE as error:
+    except READ_ERRORS as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         line = (reason.splitlines() or [type(error).__name__])[0]
         raise DatasetError(f"{path}: cannot be read, see ibdata validate: {line}") from None
@@ -34,17 +34,24 @@ def _readable(path: Path, data: bytes | None) -> Iterator[None]:
 def read(
     path: Path, names: Sequence[str] | None = None, rows: int | None = None, data: bytes | None = None
 ) -> pa.Table:
-    """The table in a file, or in the bytes that were read of it, or just these columns of it.
+    """Read a table.
 
-    Raises DatasetError where they cannot be read, or where the file has another number of rows: then nothing
-    is read of it, so that a small file cannot fill the memory.
+    Args:
+        path: The file.
+        names: The columns to read; by default all.
+        rows: The expected number of rows. It is compared before anything is read, so that a small file
+            cannot fill the memory.
+        data: The bytes of the file, if they were read already.
+
+    Raises:
+        DatasetError: The file cannot be read, lacks a column, or has another number of rows.
     """
     with _opened(path, names, rows, data) as file:
         return file.read(columns=None if names is None else list(names))
 
 
 def described(path: Path) -> tuple[pa.Schema, int]:
-    """The columns of a file, and its number of rows. Raises as `read`."""
+    """The schema and the number of rows of a file. Raises as `read`."""
     with _opened(path, None, None) as file:
         return file.schema_arrow, file.metadata.num_rows
 
@@ -57,7 +64,7 @@ def batches(
     start: int = 0,
     stop: int | None = None,
 ) -> Iterator[pa.RecordBatch]:
-    """Rows start … stop - 1 of a file in order, at most so many at a time. Raises as `read`."""
+    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises as `read`."""
     with _opened(path, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
         ends = list(accumulate(sizes))

@@ -1,4 +1,4 @@
-"""Reading a finished dataset: pandas, Arrow, batches, arrays. Nothing of it runs code of the dataset."""
+"""Reading a finished dataset as pandas, Arrow, batches or arrays, without running any code of the dataset."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ibdata.dataset import manifest, parquet, shape
+from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
-from ibdata.dataset.returns import behaviour_returns
+from ibdata.dataset.models import Info, Manifest, Stats
+from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.errors import DatasetError, UsageError
 from ibdata.system import object_store
 
@@ -28,55 +29,84 @@ TRIES = 5
 
 
 class Dataset:
-    """A finished dataset in a folder, or at a URL; only what its manifest lists is ever read.
+    """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    What is read is the dataset that was opened: where another has taken its place meanwhile, reading raises
-    ReplacedError.
+    All reading is of the dataset that was opened: once another has taken its place, reading raises
+    ReplacedError. Files at a URL are copied to a temporary folder when they are first needed; the folder is
+    removed when the process ends.
 
-    `place` is where it is. Of a URL, the files that are needed are copied to the temporary folder `path`,
-    which goes with the process.
+    Args:
+        path: The folder, or a URL such as s3://bucket/name.
+
+    Attributes:
+        path: The folder, or the temporary folder of a URL.
+        place: The folder, or the URL without credentials, as a text.
+
+    Raises:
+        DatasetError: There is no finished dataset, or its manifest is damaged.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = object_store.local_copy(path)
         self.place = object_store.name_of(self.path)
-        self.manifest: dict[str, Any] = {}
+        self.manifest_model: Manifest
         for _ in range(TRIES):  # until manifest and info are of one dataset
-            self.manifest = manifest.read(self.path)
+            self.manifest_model = manifest.read(self.path)
             try:
-                self.info  # noqa: B018  # kept
+                self.info_model  # noqa: B018  # kept
             except manifest.ReplacedError:
                 continue
             except DatasetError:
-                pass  # whoever asks for it is told
+                pass  # `info` raises it again
             break
 
     def __repr__(self) -> str:
-        counts = self.info["counts"]
-        return f"<ibdata.Dataset {self.place}: {counts['rows']} rows, {counts['episodes']} episodes>"
+        counts = self.info_model.counts
+        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
 
     def __len__(self) -> int:
-        return int(self.manifest["rows"])
+        return self.manifest_model.rows
 
     @property
     def content_root(self) -> str:
-        """Hex SHA-256 that names the content, whatever files hold it."""
-        return str(self.manifest["content_root"])
+        """The hex SHA-256 that names the content; it does not depend on files and encodings."""
+        return self.manifest_model.content_root
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
+        return self.manifest_model.plain()
 
     @cached_property
     def info(self) -> dict[str, Any]:
         """meta/info.json: columns with roles, units and bounds; counts; splits."""
-        return manifest.read_json(self.path, self.manifest, "meta/info.json", shape.Info)
+        return self.info_model.plain()
+
+    @cached_property
+    def info_model(self) -> Info:
+        """`info`, typed."""
+        return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
-        """count, mean, std, min, max and quantiles of each float column, over all rows or a split's."""
-        stats = manifest.read_json(self.path, self.manifest, "meta/stats.json", shape.Stats)
-        columns: dict[str, Any] = stats["all"] if split is None else stats["splits"][self._known(split)]
-        return columns
+        """Statistics of the float columns.
+
+        Args:
+            split: Over the rows of this split; by default over all rows.
+
+        Returns:
+            By column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
+
+        Raises:
+            UsageError: The dataset has no such split.
+            DatasetError: meta/stats.json is missing or damaged.
+        """
+        stats = manifest.read_json(self.path, self.manifest_model, "meta/stats.json", Stats)
+        columns = stats.all if split is None else stats.splits[self._known(split)]
+        return {name: column.plain() for name, column in columns.items()}
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """A row an episode: cell, index, setpoint, policy, splits, length, return, and where its rows are."""
+        """One row per episode: cell, index, setpoint, policy, splits, length, return, where its rows are."""
         frame: pd.DataFrame = self.episode_table.to_pandas()
         return frame
 
@@ -86,19 +116,27 @@ class Dataset:
         digests: list[bytes] = self.episode_table["digest"].to_pylist()
         return digests
 
-    def returns(self) -> dict[str, Any]:
-        """Undiscounted returns of the behaviour: by policy and setpoint, with a score where there is a scale.
+    def returns(self) -> Returns:
+        """The undiscounted returns of the behaviour, by policy and setpoint.
 
-        `results`: policy, setpoint, episodes, mean_return, standard_error, interval, mean_reward (per step)
-        and score. `scale` says what the score is; there is one for 1000 steps from the default start under a
-        published variant and constant setpoints, else it is None, as is every score.
+        Returns:
+            `results`, each with policy, setpoint, episodes, mean_return, standard_error, interval,
+            mean_reward (per step) and score; and `scale`, the meaning of the scores. There are scores for
+            1000 steps from the default start under a published variant and constant setpoints; else they and
+            the scale are None.
         """
-        return behaviour_returns(self.episode_table, self.info)
+        return behaviour_returns(self.episode_table, self.info_model)
 
     def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
-        """The rows, or those of a split, as an Arrow table.
+        """The rows as an Arrow table.
 
-        Raises UsageError for a column or a split that the dataset does not have.
+        Args:
+            columns: The names of the columns to read; by default all.
+            split: Only rows of this split.
+
+        Raises:
+            UsageError: The dataset has no such column or split.
+            DatasetError: A file is missing or damaged.
         """
         names = self._columns(columns)
         parts = []
@@ -108,54 +146,65 @@ class Dataset:
         return pa.concat_tables(parts).unify_dictionaries()
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
-        """The rows, or those of a split, as a pandas DataFrame. Raises as `table`."""
+        """The rows as a pandas DataFrame. Arguments and errors as of `table`."""
         frame: pd.DataFrame = self.table(columns, split).to_pandas()
         return frame
 
     def iter_batches(
         self, columns: Sequence[str] | None = None, split: str | None = None, batch_rows: int = 65_536
     ) -> Iterator[pa.RecordBatch]:
-        """The rows in order, at most batch_rows at a time, in constant memory. Raises as `table`."""
+        """The rows in order, at most `batch_rows` at a time, in constant memory.
+
+        Other arguments and errors as of `table`; UsageError for batch_rows below 1.
+        """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         return self._batches(self._shards(split), self._columns(columns), batch_rows)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of one file, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
-        shard = self.manifest["shards"][number]
+        """The rows of one shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
+        shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            return parquet.read(manifest.locate(self.path, shard["path"]), columns, shard["rows"])
+            return parquet.read(manifest.locate(self.path, shard.path), columns, shard.rows)
 
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
-        """Rows start … stop - 1 of one file, at most batch_rows at a time. Raises as `read_shard`."""
-        shard = self.manifest["shards"][number]
-        place = manifest.locate(self.path, shard["path"])
+        """Rows start … stop - 1 of one shard, at most `batch_rows` at a time. Raises as `read_shard`."""
+        shard = self.manifest_model.shards[number]
+        place = manifest.locate(self.path, shard.path)
         with self._unreplaced():
-            yield from parquet.batches(place, columns, batch_rows, shard["rows"], start, stop)
+            yield from parquet.batches(place, columns, batch_rows, shard.rows, start, stop)
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:
-        """Say so where a file cannot be read because another dataset has taken the place of this one."""
+        """Raise ReplacedError where a file cannot be read because another dataset has taken its place."""
         try:
             yield
         except DatasetError:
-            manifest.refuse_replaced(self.path, self.manifest)
+            manifest.refuse_replaced(self.path, self.manifest_model)
             raise
 
     def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
-        """Arrays as learning libraries take them.
+        """The rows as the arrays that learning libraries take.
 
-        observations (N, 6 · history) with the newest frame first, the first frame of an episode repeated at
-        its start; actions (N, 3); rewards (N,); next_observations (N, 6 · history); terminated, truncated
-        (N,) bool; episode, step (N,). A frame is setpoint, velocity, gain, shift, fatigue, consumption.
+        Args:
+            history: How many observations are stacked, the newest first; before the start of an episode its
+                first observation is repeated.
+            split: Only rows of this split.
 
-        Raises UsageError for a history below 1, or a split that the dataset does not have.
+        Returns:
+            observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
+            and consumption; actions (N, 3); rewards (N,); terminated and truncated (N,) bool; episode and
+            step (N,).
+
+        Raises:
+            UsageError: The history is below 1, or the dataset has no such split.
+            DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
-        groups = self.info["groups"]
+        groups = self.info_model.groups
         roles = ("observation", "action", "reward", "next_observation")
         names = ["episode", "step", "terminated", "truncated"]
         table = self.table([*names, *(name for role in roles for name in groups[role])], split)
@@ -175,11 +224,11 @@ class Dataset:
 
     @cached_property
     def episode_table(self) -> pa.Table:
-        """meta/episodes.parquet as an Arrow table: `episodes` without pandas."""
-        return read_episodes(self.path, self.manifest)
+        """`episodes` as an Arrow table."""
+        return read_episodes(self.path, self.manifest_model)
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
-        known = [column["name"] for column in self.info["columns"]]
+        known = [column.name for column in self.info_model.columns]
         if columns is None:
             return known
         if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
@@ -190,14 +239,14 @@ class Dataset:
         return list(columns)
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
-        """The numbers of the files of the dataset, or of a split; of those that hold more, runs of rows."""
-        numbers = range(len(self.manifest["shards"]))
+        """The numbers of the shards to read, each with its runs of rows; None where all rows are wanted."""
+        shards = self.manifest_model.shards
         if split is None:
-            return [(number, None) for number in numbers]
-        files = self.info["splits"][self._known(split)]["files"]
+            return [(number, None) for number in range(len(shards))]
+        files = self.info_model.splits[self._known(split)].files
         if files is not None:
             known = set(files)
-            return [(n, None) for n in numbers if self.manifest["shards"][n]["path"] in known]
+            return [(number, None) for number, shard in enumerate(shards) if shard.path in known]
         return sorted(self._runs(split).items())
 
     def _runs(self, split: str) -> dict[int, Runs]:
@@ -230,7 +279,7 @@ class Dataset:
 
     def _known(self, split: str) -> str:
         """The split itself, if the dataset has it."""
-        splits = self.info["splits"]
+        splits = self.info_model.splits
         if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
             raise UsageError(f"split: found {split!r}, expected {known}")

@@ -5,60 +5,80 @@ scripts/reference-returns makes `reference_returns.json`. Reading it needs neith
 
 from __future__ import annotations
 
-import json
 import math
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from ibdata.dataset.models import JsonObject
 
 FILE = Path(__file__).with_name("reference_returns.json")
 ZERO, HUNDRED = "random", "optimized"
 SIGMAS = 5.0
 
 
-class Scale:
+class Measured(JsonObject):
+    """The measured returns of a policy at a setpoint."""
+
+    policy: str
+    setpoint: float
+    mean_return: float
+    standard_error: float
+    interval: list[float]  # of 95 % confidence
+    p10: float
+    mean_reward: float
+
+
+class Scale(JsonObject):
     """The returns of the reference policies under one dynamics, start, number of steps and discount."""
 
-    def __init__(self, data: dict[str, Any]) -> None:
-        self.data = data
+    dynamics: str
+    start: str
+    steps: int
+    discount: float
+    episodes: int
+    results: list[Measured]
 
     @property
     def text(self) -> str:
-        """What the scale is, for those who read a score."""
+        """The meaning of a score."""
         return (
-            f"0 = {ZERO}, 100 = {HUNDRED} at the same setpoint: {self.data['dynamics']} dynamics, default "
-            f"start, {self.data['steps']} steps, discount {self.data['discount']:g}"
+            f"0 = {ZERO}, 100 = {HUNDRED} at the same setpoint: {self.dynamics} dynamics, default "
+            f"start, {self.steps} steps, discount {self.discount:g}"
         )
 
     def score(self, setpoint: float, mean_return: float) -> float | None:
-        """A mean return on the scale; None where the scale has no such setpoint, or its ends are too near.
+        """A mean return on the scale.
 
-        The upper end must be above the lower one by five standard errors of the difference.
+        None where the scale has no such setpoint, or where its upper end is not above the lower one by five
+        standard errors of their difference.
         """
-        low, high = self._of(ZERO, setpoint), self._of(HUNDRED, setpoint)
-        if low is None or high is None:
+        ends = {r.policy: r for r in self.results if r.setpoint == setpoint}
+        if not {ZERO, HUNDRED} <= ends.keys():
             return None
-        width = high["mean_return"] - low["mean_return"]
-        if width <= SIGMAS * math.hypot(low["standard_error"], high["standard_error"]):
+        low, high = ends[ZERO], ends[HUNDRED]
+        width = high.mean_return - low.mean_return
+        if width <= SIGMAS * math.hypot(low.standard_error, high.standard_error):
             return None
-        return float(100.0 * (mean_return - low["mean_return"]) / width)
+        return 100.0 * (mean_return - low.mean_return) / width
 
-    def _of(self, policy: str, setpoint: float) -> dict[str, Any] | None:
-        rows = self.data["results"]
-        return next((r for r in rows if r["policy"] == policy and r["setpoint"] == setpoint), None)
+
+class Reference(JsonObject):
+    """All of `reference_returns.json`."""
+
+    version: int
+    made_by: str
+    scales: list[Scale]
 
 
 @cache
-def reference() -> dict[str, Any]:
-    """All of `reference_returns.json`."""
-    data: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
-    return data
+def reference() -> Reference:
+    """The reference returns, read once."""
+    return Reference.model_validate_json(FILE.read_bytes())
 
 
 def scale(dynamics: Any, start: Any, steps: int, discount: float) -> Scale | None:
-    """The scale for these, or None: only equal things are compared."""
+    """The scale for episodes of this kind, or None where there is none: only equal things are compared."""
     wanted = (dynamics, start, steps, discount)
-    for data in reference()["scales"]:
-        if (data["dynamics"], data["start"], data["steps"], data["discount"]) == wanted:
-            return Scale(data)
-    return None
+    found = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount) == wanted)
+    return next(found, None)

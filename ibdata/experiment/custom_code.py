@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.machinery import ModuleSpec
 from pathlib import Path
-from typing import Any
 
+from ibdata.dataset.models import Code, Manifest
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.imported_modules import Source, imported
@@ -53,7 +53,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
         print(f"ibdata: running the code of {printable(target)}", file=sys.stderr, flush=True)
 
 
-def consented_spec(folder: Path, listed: dict[str, Any], allow_code: bool) -> DatasetSpec:
+def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetSpec:
     """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
     spec = spec_in(folder, listed)
     require_consent(spec, folder, allow_code)
@@ -74,7 +74,7 @@ def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
                 os.chdir(here)
 
 
-def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[dict[str, Any]]:
+def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[Code]:
     """What the custom policies are, without importing them; folder is that of the experiment's YAML file.
 
     Of each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
@@ -90,19 +90,19 @@ def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[dict[str, 
     return [_provenance(policy, folder, owners) for policy in policies.values()]
 
 
-def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[str]]) -> dict[str, Any]:
+def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[str]]) -> Code:
     module = policy.target.partition(":")[0]
     sources, others = imported(module)
     files = {name: _sha256(source) for name, source in sources.items()}
     own = next((name for name, source in sources.items() if source.module == module), "")
     version = _versions({module.partition(".")[0]}, owners)
-    return {
-        "target": policy.target,
-        "version": next(iter(version.values()), None),
-        "sha256": files.pop(own, None),
-        "files": files | {name: _declared(name, policy.target, folder) for name in policy.files or ()},
-        "distributions": _versions(others, owners),
-    }
+    return Code(
+        target=policy.target,
+        version=next(iter(version.values()), None),
+        sha256=files.pop(own, None),
+        files=files | {name: _declared(name, policy.target, folder) for name in policy.files or ()},
+        distributions=_versions(others, owners),
+    )
 
 
 def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str]:

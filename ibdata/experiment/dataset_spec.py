@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
@@ -137,10 +138,10 @@ class DatasetSpec:
         return [segments(experiment, self.later) for experiment in self.experiments]
 
 
-def spec_in(folder: Path, listed: Mapping[str, Any]) -> DatasetSpec:
+def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
     """What the manifest of a dataset says it is made of; DatasetError where that is not valid."""
     try:
-        return DatasetSpec.from_plain(listed)
+        return DatasetSpec.from_plain(listed.plain())
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

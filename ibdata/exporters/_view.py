@@ -12,6 +12,7 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from ibdata.dataset.history import stacked
+from ibdata.dataset.models import Counts, SplitCounts
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, UsageError
 
@@ -64,12 +65,12 @@ class View:
     @property
     def rows(self) -> int:
         """Transitions."""
-        return int(self._counts["rows"])
+        return int(self._counts.rows)
 
     @property
     def episodes(self) -> int:
         """Episodes."""
-        return int(self._counts["episodes"])
+        return int(self._counts.episodes)
 
     @property
     def bytes(self) -> int:
@@ -85,15 +86,13 @@ class View:
         return 2 * 4 * len(self.group("observation")) * self.history * longest
 
     @property
-    def _counts(self) -> dict[str, Any]:
-        info = self.dataset.info
-        counts: dict[str, Any] = info["counts"] if self.split is None else info["splits"][self.split]
-        return counts
+    def _counts(self) -> Counts | SplitCounts:
+        info = self.dataset.info_model
+        return info.counts if self.split is None else info.splits[self.split]
 
     def group(self, role: str) -> list[str]:
         """The columns that have a role."""
-        names: list[str] = self.dataset.info["groups"].get(role, [])
-        return names
+        return self.dataset.info_model.groups.get(role, [])
 
     def described(self) -> pd.DataFrame:
         """The rows of `Dataset.episodes` that are exported."""

@@ -35,7 +35,7 @@ data = pd.read_csv({str(target)!r}, engine="pyarrow")
 
 def _tables(view: View, what: str) -> Iterator[pa.Table]:
     """All columns as CSV can hold them: text instead of numbers for text."""
-    for table in view.tables([column["name"] for column in view.dataset.info["columns"]], what):
+    for table in view.tables([column.name for column in view.dataset.info_model.columns], what):
         for i, field in enumerate(table.schema):
             if pa.types.is_dictionary(field.type):
                 table = table.set_column(i, field.name, table[field.name].cast(pa.string()))

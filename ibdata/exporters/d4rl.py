@@ -24,7 +24,7 @@ def export(view: View, path: Path, target: Path) -> str:
     reserve(path, view.bytes + OVERHEAD)
     with h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__
-        file.attrs["name"] = view.dataset.info["name"]
+        file.attrs["name"] = view.dataset.info_model.name
         file.attrs["content_root"] = view.dataset.content_root
         file.attrs["reward_scale"] = view.reward_scale
         file.attrs["history"] = view.history

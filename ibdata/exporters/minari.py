@@ -89,7 +89,7 @@ dataset = minari.load_dataset({name!r})
 
 
 def _id(view: View, id: str | None) -> str:
-    name = id if id is not None else f"ibdata/{view.dataset.info['name']}-v0"
+    name = id if id is not None else f"ibdata/{view.dataset.info_model.name}-v0"
     if not ID.fullmatch(name) or "//" in name:
         raise UsageError(
             f"id: found {name!r}, expected NAMESPACE/NAME-vN of letters, digits, _ and -, "
@@ -115,7 +115,7 @@ def _spaces(view: View) -> tuple[Any, Any]:
     """Boxes with the bounds of the columns."""
     from gymnasium.spaces import Box
 
-    bounds = {c["name"]: (c["low"], c["high"]) for c in view.dataset.info["columns"]}
+    bounds = {c.name: (c.low, c.high) for c in view.dataset.info_model.columns}
 
     def box(role: str, times: int) -> Any:
         pairs = [bounds[name] for name in view.group(role)] * times
@@ -137,15 +137,14 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
     kwargs: dict[str, Any] = {"history": view.history, "reward_scale": view.reward_scale}
     kwargs |= {key: common(key) for key in ("dynamics", "start") if common(key) is not None}
     if len(setpoints) == 1:
-        kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info["drifting"] else setpoints[0]
+        kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info_model.drifting else setpoints[0]
     return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=common("steps"), kwargs=kwargs)
 
 
 def _common(view: View) -> Common:
     """What an option is in the dataset's experiment, or in all of them where it was merged; else None."""
-    paths = [file["path"] for file in view.dataset.manifest["files"]]
     experiments = []
-    for path in paths:
+    for path in view.dataset.manifest_model.entries():
         if path.startswith("meta/experiment"):
             try:
                 experiments.append(Document(manifest.content(view.dataset.path, path)).data)
@@ -162,12 +161,12 @@ def _common(view: View) -> Common:
 def _metadata(view: View, episodes: pd.DataFrame, name: str) -> dict[str, Any]:
     from minari import __version__ as minari_version
 
-    dataset = view.dataset
+    source, root = view.dataset.info_model.name, view.dataset.content_root
     return {
         "dataset_id": name,
         "minari_version": minari_version,
         "algorithm_name": ", ".join(sorted(episodes["policy"].unique())),
-        "description": f"Industrial Benchmark, {dataset.info['name']}, content root {dataset.content_root}",
+        "description": f"Industrial Benchmark, {source}, content root {root}",
         "requirements": [f"ibdata>={__version__}"],
     }
 

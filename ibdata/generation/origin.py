@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from ibdata.dataset import shape
+from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.custom_code import customs, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -26,11 +25,11 @@ MAX_BYTES = 2**20
 AGAIN = "or start again with --overwrite or another --out"
 
 
-class Origin(NamedTuple):
+class Origin(JsonObject):
     """What a run began with: the hash of the known answer there, and the provenance of custom policies."""
 
-    known_answer: str
-    code: list[dict[str, Any]]
+    known_answer: Sha256
+    code: list[Code]
 
     @property
     def reproducible(self) -> bool:
@@ -39,12 +38,7 @@ class Origin(NamedTuple):
 
     def note(self) -> bytes:
         """As it is written."""
-        return as_json(self._asdict())
-
-
-class _Note(shape.Shape):
-    known_answer: shape.Sha256
-    code: list[shape.Code]
+        return as_json(self)
 
 
 def observe(spec: DatasetSpec, where: Path) -> Origin:
@@ -59,12 +53,12 @@ def observe(spec: DatasetSpec, where: Path) -> Origin:
     return _imported(spec, folder, code, where)
 
 
-def _imported(spec: DatasetSpec, folder: Path | None, code: list[dict[str, Any]], where: Path) -> Origin:
+def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: Path) -> Origin:
     """The origin of this process, with all policies imported. Raises UsageError where they are other code."""
     for policy in customs(spec):
         policy.load()
     _refuse_other_code(code, provenance(spec, folder), where)
-    return Origin(self_check.digest(), code)
+    return Origin(known_answer=self_check.digest(), code=code)
 
 
 def begin(root: Path, origin: Origin, where: Path) -> None:
@@ -95,15 +89,12 @@ def begun(root: Path) -> bytes | None:
 def get(root: Path, where: Path) -> Origin:
     """What an unfinished run began with; UsageError where that is not known."""
     try:
-        data = json.loads(begun(root) or b"")
+        return parse(Origin, json.loads(begun(root) or b""))
     except ValueError:
-        data = None
-    if shape.misfit(_Note, data):
         raise UsageError(
             f"{where / PATH}: missing or damaged, so nobody knows what code made the shards; "
             "start again with ibdata generate --overwrite or another --out"
-        )
-    return Origin(**data)
+        ) from None
 
 
 _agreed: set[bytes] = set()  # notes with which this process has been compared
@@ -131,7 +122,7 @@ def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
         )
 
 
-def _refuse_other_code(began: Sequence[dict[str, Any]], here: Sequence[dict[str, Any]], where: Path) -> None:
+def _refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path) -> None:
     was, found = _parts(began), _parts(here)
     changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
     if changed:
@@ -141,10 +132,10 @@ def _refuse_other_code(began: Sequence[dict[str, Any]], here: Sequence[dict[str,
         )
 
 
-def _parts(code: Sequence[dict[str, Any]]) -> dict[str, str | None]:
+def _parts(code: Sequence[Code]) -> dict[str, str | None]:
     """Everything that is compared, by a name that tells what it is."""
     parts: dict[str, str | None] = {}
     for each in code:
-        parts |= {each["target"]: each["sha256"], **each["files"]}
-        parts |= {f"the version of {name}": version for name, version in each["distributions"].items()}
+        parts |= {each.target: each.sha256, **each.files}
+        parts |= {f"the version of {name}": version for name, version in each.distributions.items()}
     return parts

@@ -7,9 +7,9 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
@@ -117,19 +117,19 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         return folder / manifest.NEXT
     if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
-    if listed["data_version"] != manifest.DATA_VERSION:
+    if listed.data_version != manifest.DATA_VERSION:
         raise UsageError(
-            f"{folder}: holds a dataset of data version {listed['data_version']}, and this ibdata makes "
+            f"{folder}: holds a dataset of data version {listed.data_version}, and this ibdata makes "
             f"{manifest.DATA_VERSION}; --overwrite to replace it"
         )
     for problem in check_files(folder, listed):
-        if problem.path in {file["path"] for file in listed["files"]}:
+        if problem.path in listed.entries():
             raise DatasetError(f"{folder / problem.path}: damaged or missing; ibdata repair {folder}")
     return folder
 
 
-def _refuse_strangers(folder: Path, listed: dict[str, Any]) -> None:
-    known = {file["path"] for file in listed["files"]}
+def _refuse_strangers(folder: Path, listed: Manifest) -> None:
+    known = listed.entries()
     for path in (folder / "data").glob("*"):
         if f"data/{path.name}" not in known and not path.name.startswith("."):
             raise UsageError(f"{path}: found a file that is not the dataset's; move it away")

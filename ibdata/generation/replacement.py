@@ -17,10 +17,10 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
 from ibdata.generation.output_folder import discard, is_ours
 from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
@@ -183,12 +183,12 @@ def withdraw(folder: Path) -> None:
 def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:
     """The paths of the files that the manifest in a folder lists; none where there is no whole manifest."""
     try:
-        return [file["path"] for file in _manifest(folder, path)["files"]]
+        return [file.path for file in _manifest(folder, path).files]
     except (OSError, DatasetError):
         return []
 
 
-def _manifest(folder: Path, path: str = manifest.PATH) -> dict[str, Any]:
+def _manifest(folder: Path, path: str = manifest.PATH) -> Manifest:
     return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
 
 
@@ -234,11 +234,11 @@ def _exchanged(a: Path, b: Path) -> bool:
 
 def _place_single_files(new: Path, folder: Path) -> None:
     """Card and report go to their places, if they are what the manifest lists; a report of old goes."""
-    listed = {file["path"]: file["sha256"] for file in _manifest(folder)["files"]}
+    listed = _manifest(folder).entries()
     for path in (manifest.CARD, manifest.REPORT):
         if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
             (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
-        elif path in listed and file_sha256(new / path) == listed[path]:
+        elif path in listed and file_sha256(new / path) == listed[path].sha256:
             (new / path).replace(folder / path)
     sync_folder(folder)
 

@@ -58,9 +58,9 @@ def upload(remote: Remote, work: Path) -> Dataset:
         same = remote.read(PENDING) == listed.read_bytes()
         if not same:
             remote.put(listed, PENDING)
-        for file in manifest.read(work)["files"]:
-            if not (same and remote.size(file["path"]) == file["bytes"]):
-                remote.put(work / file["path"], file["path"])
+        for file in manifest.read(work).files:
+            if not (same and remote.size(file.path) == file.bytes):
+                remote.put(work / file.path, file.path)
             check()
         remote.put(listed, manifest.PATH)
         remote.remove(PENDING)

@@ -13,14 +13,13 @@ from ibdata.generation import output_folder, replacement
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system import lock
-from ibdata.system.atomic_files import FileEntry, write
+from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
 from ibdata.writing.finish import rewritten_manifest
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD
+from ibdata.writing.metadata import unread_shards
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
@@ -45,29 +44,24 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     output_folder.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
     _refuse_foreign_report(path, dataset)
-    spec = spec_in(path, dataset.manifest)
-    refuse_other_plan(spec, dataset.manifest)
+    spec = spec_in(path, dataset.manifest_model)
+    refuse_other_plan(spec, dataset.manifest_model)
     report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
     with writing_to(path):
         replacement.finish_interrupted(path)
-        manifest.refuse_replaced(path, dataset.manifest)
-        listed = dataset.manifest
-        entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-        paths = [shard["path"] for shard in listed["shards"]]
-        written = [
-            WrittenShard(shard, entries[file], UNREAD) for shard, file in zip(spec.shards, paths, strict=True)
-        ]
+        manifest.refuse_replaced(path, dataset.manifest_model)
+        listed = dataset.manifest_model
+        entries = listed.entries()
         with replacement.staged(path) as staged:
             replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
-            made = readme(spec, written, dataset.content_root)
+            made = readme(spec, unread_shards(spec, listed), dataset.content_root)
             entries[manifest.CARD] = write(staged, manifest.CARD, made)
             entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
-            data = rewritten_manifest(listed, entries, versions=listed["versions"])
+            data = rewritten_manifest(listed, entries, versions=listed.versions)
             write(staged, manifest.PATH, data)
     return Dataset(path)
 
 
 def _refuse_foreign_report(path: Path, dataset: Dataset) -> None:
-    listed = (file["path"] for file in dataset.manifest["files"])
-    if manifest.REPORT not in listed and os.path.lexists(path / manifest.REPORT):
+    if manifest.REPORT not in dataset.manifest_model.entries() and os.path.lexists(path / manifest.REPORT):
         raise UsageError(f"{path / manifest.REPORT}: found a file that ibdata did not write; move it away")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import as_yaml, load
 from ibdata.experiment.custom_code import provenance, require_consent
@@ -67,9 +67,9 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         return _mend(path, listed, processes, allow_code)
 
 
-def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) -> list[str]:
+def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
-    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+    entries = listed.entries()
     problems = list(check_files(folder, listed))
     damaged = [problem.path for problem in problems if problem.path in entries]
     if not damaged:
@@ -80,10 +80,10 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     spec = spec_in(folder, listed)
     refuse_other_plan(spec, listed)
-    paths = [shard["path"] for shard in listed["shards"]]
+    paths = [shard.path for shard in listed.shards]
     wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
     lost = [path for path in damaged if path not in paths]
-    if lost and listed["versions"]["ibdata"] != __version__:
+    if lost and listed.versions["ibdata"] != __version__:
         lost = list(metadata_files(spec, [], ""))  # so that all of them are of one version
     if wrong:
         require_consent(spec, folder, allow_code)
@@ -92,19 +92,19 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         written = []
-        for shard, one in zip(spec.shards, listed["shards"], strict=True):
+        for shard, one in zip(spec.shards, listed.shards, strict=True):
             w = made.get(shard.number)
             content = w.content if w else UNREAD
             if w is None and NEEDS_CONTENT & set(lost):
-                content = stored_content(spec, shard, folder / one["path"])
-            if content is not UNREAD and content_of(content.digests) != one["content"]:
+                content = stored_content(spec, shard, folder / one.path)
+            if content is not UNREAD and content_of(content.digests) != one.content:
                 found = "found other content when made again, expected what the manifest lists"
-                raise DatasetError(f"{folder / one['path']}: {found}; nothing was changed")
+                raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
             if w:
-                entries[one["path"]] = w.entry._replace(path=one["path"])
-            written.append(WrittenShard(shard, entries[one["path"]], content))
+                entries[one.path] = w.entry._replace(path=one.path)
+            written.append(WrittenShard(shard, entries[one.path], content))
             check()
-        for path, make in metadata_files(spec, written, listed["content_root"]).items():
+        for path, make in metadata_files(spec, written, listed.content_root).items():
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:
@@ -114,9 +114,7 @@ def _mend(folder: Path, listed: dict[str, Any], workers: int, allow_code: bool) 
     return damaged
 
 
-def _stage_manifest(
-    folder: Path, staged: Path, listed: dict[str, Any], entries: dict[str, FileEntry]
-) -> None:
+def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
     """Where files of `meta`, or hashes, are to change: the manifest, beside the files that stay."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]

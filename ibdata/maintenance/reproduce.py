@@ -6,11 +6,11 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
+from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
 from ibdata.experiment.custom_code import consented_spec
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -61,16 +61,16 @@ def reproduce(
         for episode, digest in enumerate(found, part.first + part.offset):
             if digest != digests[episode]:
                 message = f"episode {episode}: found other content when made again"
-                shard = listed["shards"][shards[episode]]["path"]
+                shard = listed.shards[shards[episode]].path
                 problems.append(Problem(shard, rows[episode], "reproduce", message))
     return count, problems
 
 
-def _root(spec: DatasetSpec, listed: dict[str, Any], digests: list[bytes]) -> Iterator[Problem]:
+def _root(spec: DatasetSpec, listed: Manifest, digests: list[bytes]) -> Iterator[Problem]:
     own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
     root = root_of(spec, own)
-    if root != listed["content_root"]:
-        message = f"content root: found {listed['content_root']}, expected {root}"
+    if root != listed.content_root:
+        message = f"content root: found {listed.content_root}, expected {root}"
         yield Problem(manifest.PATH, None, "reproduce", message)
 
 

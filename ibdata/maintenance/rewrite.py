@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
@@ -59,10 +60,10 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
             for shard in spec.shards:
                 written.append(_copied(spec, shard, of[shard.experiment], root))
                 check()
-            listed = list({id(source.dataset): source.dataset.manifest for source in of}.values())
-            code = [each for one in listed for each in one["code"]]
-            clipped = sum(one["clipped_actions"] for one in listed)
-            finish(spec, written, root, all(one["reproducible"] for one in listed), code, clipped)
+            listed = list({id(source.dataset): source.dataset.manifest_model for source in of}.values())
+            code = [each for one in listed for each in one.code]
+            clipped = sum(one.clipped_actions for one in listed)
+            finish(spec, written, root, all(one.reproducible for one in listed), code, clipped)
     return Dataset(folder)
 
 
@@ -106,10 +107,10 @@ def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Sh
 def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
     names, steps = layout(experiment).names, experiment.steps
     first, stop = source.first + shard.first, source.first + shard.stop
-    for number, listed in enumerate(source.dataset.manifest["shards"]):
-        low, high = max(first, listed["episodes"][0]), min(stop, listed["episodes"][1])
+    for number, listed in enumerate(source.dataset.manifest_model.shards):
+        low, high = max(first, listed.episodes[0]), min(stop, listed.episodes[1])
         if low < high:
-            start, end = ((episode - listed["episodes"][0]) * steps for episode in (low, high))
+            start, end = ((episode - listed.episodes[0]) * steps for episode in (low, high))
             yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
 
 
@@ -136,29 +137,29 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     output_folder.refuse_links(folder)
     with writing_to(folder):
         replacement.finish_interrupted(folder)
-        listed = dataset.manifest
+        listed = dataset.manifest_model
         manifest.refuse_replaced(folder, listed)
         refuse_other_plan(spec, listed)
         _refuse_edits(folder, listed)
-        entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
+        entries = listed.entries()
         of = sources(dataset, spec)
-        paths = [shard["path"] for shard in listed["shards"]]
+        paths = [shard.path for shard in listed.shards]
         written = [
             _read(spec, shard, of[shard.experiment], entries[path])
             for shard, path in zip(spec.shards, paths, strict=True)
         ]
         with replacement.staged(folder) as staged:
-            for path, make in metadata_files(spec, written, listed["content_root"]).items():
+            for path, make in metadata_files(spec, written, listed.content_root).items():
                 entries[path] = write(staged, path, make())
             entries.pop(manifest.REPORT, None)  # it tells of the old splits
             write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
     return Dataset(folder)
 
 
-def _refuse_edits(folder: Path, listed: dict[str, Any]) -> None:
+def _refuse_edits(folder: Path, listed: Manifest) -> None:
     """UsageError where somebody has edited the card, which the new splits would change."""
-    card = next(file for file in listed["files"] if file["path"] == manifest.CARD)
-    if file_sha256(folder / manifest.CARD) not in (None, card["sha256"]):
+    card = listed.entries()[manifest.CARD]
+    if file_sha256(folder / manifest.CARD) not in (None, card.sha256):
         raise UsageError(
             f"{folder / manifest.CARD}: was edited, and the new splits would replace it; move it away first"
         )

@@ -63,7 +63,7 @@ def split(
         DatasetError: The dataset is not whole.
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
-    spec = spec_in(dataset.path, dataset.manifest)
+    spec = spec_in(dataset.path, dataset.manifest_model)
     made: dict[str | None, Callable[[], split_schemes.Splits]] = {
         "setpoint": lambda: _by_setpoint(spec, scheme, source, target, shots, transitions, within),
         "episode": lambda: split_schemes.by_episode(spec, fractions),

@@ -110,11 +110,11 @@ def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
 
 
 def _splits(dataset: Dataset) -> Iterable[str]:
-    splits = dataset.info["splits"]
+    splits = dataset.info_model.splits
     if not splits:
         yield "<p>None.</p>"
         return
-    rows = [(name, s["episodes"], s["rows"], _files(s["files"])) for name, s in splits.items()]
+    rows = [(name, s.episodes, s.rows, _files(s.files)) for name, s in splits.items()]
     yield _table(("split", "episodes", "rows", "files"), rows)
 
 
@@ -132,7 +132,7 @@ def _statistics(dataset: Dataset) -> Iterable[str]:
 
 def _columns(dataset: Dataset) -> Iterable[str]:
     keys = ("name", "role", "dtype", "unit", "low", "high", "description")
-    yield _table(keys, [[column[key] for key in keys] for column in dataset.info["columns"]])
+    yield _table(keys, [[getattr(column, key) for key in keys] for column in dataset.info_model.columns])
 
 
 def _experiments(spec: DatasetSpec) -> Iterable[str]:
@@ -143,21 +143,16 @@ def _experiments(spec: DatasetSpec) -> Iterable[str]:
 
 
 def _provenance(dataset: Dataset) -> Iterable[str]:
-    listed = dataset.manifest
+    listed = dataset.manifest_model
+    entries = listed.entries()
     yield f'<p>content root <code class="root">{escape(dataset.content_root)}</code></p>'
-    reproducible = {True: "yes, on any machine", False: "no: made where bits differ"}
+    reproducible: dict[bool | str, str] = {True: "yes, on any machine", False: "no: made where bits differ"}
     rows: list[tuple[str, Any]] = [
-        ("reproducible", reproducible.get(listed["reproducible"], "in the same environment only")),
-        ("data version", listed["data_version"]),
-        ("actions cut to [-1, 1]", listed["clipped_actions"]),
-        *((f"made with {name}", version) for name, version in sorted(listed["versions"].items())),
-        *((f"code {c['target']}", c["sha256"] or c["version"]) for c in listed["code"]),
+        ("reproducible", reproducible.get(listed.reproducible, "in the same environment only")),
+        ("data version", listed.data_version),
+        ("actions cut to [-1, 1]", listed.clipped_actions),
+        *((f"made with {name}", version) for name, version in sorted(listed.versions.items())),
+        *((f"code {c.target}", c.sha256 or c.version) for c in listed.code),
     ]
     yield _table((), rows)
-    yield _table(
-        ("file", "bytes", "SHA-256"), [(s["path"], *_entry(listed, s["path"])) for s in listed["shards"]]
-    )
-
-
-def _entry(listed: Mapping[str, Any], path: str) -> tuple[int, str]:
-    return next((file["bytes"], file["sha256"]) for file in listed["files"] if file["path"] == path)
+    yield _table(("file", "bytes", "SHA-256"), [entries[shard.path] for shard in listed.shards])

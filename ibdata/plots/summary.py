@@ -22,7 +22,7 @@ class Summary:
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
-        self.columns: dict[str, dict[str, Any]] = {c["name"]: c for c in dataset.info["columns"]}
+        self.columns = {column.name: column for column in dataset.info_model.columns}
 
     @cached_property
     def episodes(self) -> Episodes:
@@ -63,10 +63,10 @@ class Summary:
     def label(self, column: str) -> str:
         """A column as an axis names it: its meaning and its unit, from meta/info.json."""
         described = self.columns[column]
-        unit = "" if described["unit"] == "1" else f" ({described['unit']})"
-        return f"{described['description']}{unit}"
+        unit = "" if described.unit == "1" else f" ({described.unit})"
+        return f"{described.description}{unit}"
 
     @property
     def setpoint_label(self) -> str:
         """What the groups of setpoints are."""
-        return "setpoint p at the start" if self.dataset.info["drifting"] else "setpoint p"
+        return "setpoint p at the start" if self.dataset.info_model.drifting else "setpoint p"

@@ -142,8 +142,11 @@ def name_of(folder: Path) -> str:
     return _mirrors[folder].name if folder in _mirrors else str(folder)
 
 
-def ensure(folder: Path, path: str) -> None:
-    """Have a file of the dataset here, if there is one; DatasetError where it cannot be read."""
+def fetch_if_missing(folder: Path, path: str) -> None:
+    """Copy a file of a dataset at a URL here, unless it is here already or there is none.
+
+    Raises DatasetError where it cannot be read.
+    """
     if folder in _mirrors and not os.path.lexists(folder / path):
         with readable(_mirrors[folder], path):
             _mirrors[folder].fetch(path, folder / path)

@@ -1,1 +1,1 @@
-"""Checks of a finished dataset: its files, its metadata, its rows."""
+"""Checks of the files, metadata and rows of a finished dataset."""

@@ -1,9 +1,9 @@
-"""Whether the files beside the shards are those that follow from the experiment and the rows."""
+"""Check that the files beside the shards follow from the experiment and the rows."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -12,83 +12,85 @@ import numpy as np
 import pyarrow as pa
 from pydantic import ValidationError
 
-from ibdata.dataset import manifest, shape
+from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
+from ibdata.dataset.models import Info, Manifest, Statistic, Stats
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.system.atomic_files import FileEntry
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card
-from ibdata.writing.finish import experiment_files, root_of, versions
+from ibdata.writing.finish import experiment_files, metadata_files, planned_entry, root_of, versions
+from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD
 
 INFO, STATS = "meta/info.json", "meta/stats.json"
 
 
-def check_plan(spec: DatasetSpec, listed: dict[str, Any]) -> Iterator[Problem]:
-    """What the manifest says of shards, files and code follows from its experiments."""
-    expected = [
-        {
-            "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,
-            "experiment": shard.experiment,
-            "episodes": [shard.first + shard.offset, shard.stop + shard.offset],
-            "splits": list(shard.splits),
-        }
-        for shard in spec.shards
-    ]
-    found = [{key: each[key] for key in expected[0]} for each in listed["shards"]]
-    plan = {
-        "shards": (found, expected),
-        "rows": (listed["rows"], spec.rows),
-        "files": (sorted(file["path"] for file in listed["files"] if file["path"] != manifest.REPORT),
-                  sorted([*(shard["path"] for shard in listed["shards"]), *beside(spec)])),
-        "code": (list(dict.fromkeys(code["target"] for code in listed["code"])), spec.code_targets),
-    }  # fmt: skip
-    for key, (given, right) in plan.items():
-        yield from _different(manifest.PATH, "experiments" if key == "shards" else key, given, right, key)
-    if listed["data_version"] > manifest.DATA_VERSION:
-        message = f"data_version: found {listed['data_version']}, expected at most {manifest.DATA_VERSION}"
+def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
+    """Whether the shards, files and code in a manifest follow from its experiments.
+
+    Args:
+        spec: The experiments and splits that the manifest lists.
+        listed: The manifest.
+
+    Returns:
+        The problems; of each kind the first.
+    """
+    shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
+    files = sorted(file.path for file in listed.files if file.path != manifest.REPORT)
+    planned = sorted([*(entry.path for entry in listed.shards), *metadata_files(spec, [], "")])
+    targets = list(dict.fromkeys(code.target for code in listed.code))
+    yield from _differing(
+        manifest.PATH,
+        ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
+        ("rows", listed.rows, spec.rows),
+        ("files", files, planned),
+        ("code", targets, spec.code_targets),
+    )
+    if listed.data_version > manifest.DATA_VERSION:
+        message = f"data_version: found {listed.data_version}, expected at most {manifest.DATA_VERSION}"
         yield Problem(manifest.PATH, None, "versions", message)
-    if listed["clipped_actions"] > listed["rows"]:
-        message = f"clipped_actions: found {listed['clipped_actions']}, expected at most one a row"
+    if listed.clipped_actions > listed.rows:
+        message = f"clipped_actions: found {listed.clipped_actions}, expected at most one a row"
         yield Problem(manifest.PATH, None, "counts", message)
-    if listed["code"] and listed["reproducible"] is True:
+    if listed.code and listed.reproducible is True:
         message = 'reproducible: found true, expected "same-environment" or false for custom policies'
         yield Problem(manifest.PATH, None, "code", message)
 
 
-def refuse_other_plan(spec: DatasetSpec, listed: dict[str, Any]) -> None:
-    """DatasetError where the manifest lists other files or episodes than its experiments have."""
+def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
+    """Raise DatasetError where the manifest lists other files or episodes than its experiments have."""
     for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
 
 
-def beside(spec: DatasetSpec) -> list[str]:
-    """The paths of the files beside the shards, but for the manifest and a report."""
-    return [INFO, EPISODES, STATS, *experiment_files(spec), manifest.CARD]
-
-
-def proven_root(spec: DatasetSpec, listed: dict[str, Any], written: list[WrittenShard]) -> str:
-    """The content root of the rows, where those of all shards keep every rule; else the one listed."""
+def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:
+    """The content root of the rows if those of all shards keep every rule; else the listed one."""
     if len(written) < len(spec.shards):
-        return str(listed["content_root"])
+        return listed.content_root
     return root_of(spec, ((w.shard, w.content.digests) for w in written))
 
 
 def checks(
-    folder: Path, listed: dict[str, Any], spec: DatasetSpec, written: list[WrittenShard], root: str
+    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
-    """The check of each file beside the shards, given the shards whose rows keep every rule, and the root."""
-    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-    shards = [
-        WrittenShard(shard, entries[each["path"]], UNREAD)
-        for shard, each in zip(spec.shards, listed["shards"], strict=True)
-    ]
+    """The checks of the files beside the shards.
+
+    Args:
+        folder: The dataset's folder.
+        listed: Its manifest.
+        spec: What the manifest says it is made of.
+        written: The shards whose rows keep every rule.
+        root: The content root.
+
+    Returns:
+        The path of each file, and the problems with it.
+    """
+    shards = unread_shards(spec, listed)
     yield EPISODES, _episodes(folder, listed, spec, written)
     if len(written) == len(shards):
         yield STATS, _statistics(folder, listed, metadata.stats(spec, written))
@@ -99,38 +101,43 @@ def checks(
         yield manifest.CARD, _card(folder, listed, card(spec, shards, root))
 
 
-def _same_version(listed: dict[str, Any], *of: str) -> bool:
-    """Whether what wrote the dataset is what runs now; else texts, and last digits, may be others."""
-    return all(listed["versions"].get(name) == versions()[name] for name in of)
+def _same_version(listed: Manifest, *of: str) -> bool:
+    """Whether these packages have the versions that wrote the dataset; else texts or digits may differ."""
+    return all(listed.versions.get(name) == versions()[name] for name in of)
 
 
-def _info(folder: Path, listed: dict[str, Any], expected: dict[str, Any]) -> Iterator[Problem]:
-    found = manifest.read_json(folder, listed, INFO, shape.Info)
+def _info(folder: Path, listed: Manifest, expected: Info) -> Iterator[Problem]:
+    found, right = manifest.read_json(folder, listed, INFO, Info).plain(), expected.plain()
     if not _same_version(listed, "ibdata"):
-        for column in [*found["columns"], *expected["columns"]]:
+        for column in [*found["columns"], *right["columns"]]:
             column["description"] = ""
-    for key in expected:
-        yield from _different(INFO, key, found[key], json.loads(json.dumps(expected[key])), key)
+    yield from _differing(INFO, *((key, found[key], right[key]) for key in right))
 
 
-def _different(path: str, rule: str, found: Any, expected: Any, key: str) -> Iterator[Problem]:
-    """The first place at which JSON data differ."""
+def _differing(path: str, *compared: tuple[str, Any, Any]) -> Iterator[Problem]:
+    """A problem for each rule whose JSON data, found and expected, differ."""
+    for rule, found, expected in compared:
+        message = _difference(found, expected)
+        if message is not None:
+            yield Problem(path, None, rule, message)
+
+
+def _difference(found: Any, expected: Any, *keys: object) -> str | None:
+    """The first place at which JSON data differ; `keys` lead there."""
+    place = f"{'.'.join(map(str, keys))}: " if keys else ""
+    pairs: Iterable[tuple[object, Any, Any]] = ()
     if isinstance(found, dict) and isinstance(expected, dict):
-        for name in dict.fromkeys([*expected, *found]):
-            inner = list(_different(path, rule, found.get(name), expected.get(name), f"{key}.{name}"))
-            if inner:
-                yield inner[0]
-                return
-        if list(found) != list(expected):
-            yield Problem(path, None, rule, f"{key}: found the right keys in another order")
+        pairs = [(k, found.get(k), expected.get(k)) for k in dict.fromkeys([*expected, *found])]
     elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
-        for i, pair in enumerate(zip(found, expected, strict=True)):
-            inner = list(_different(path, rule, *pair, f"{key}.{i}"))
-            if inner:
-                yield inner[0]
-                return
+        pairs = zip(range(len(found)), found, expected, strict=True)
     elif found != expected or isinstance(found, bool) != isinstance(expected, bool):
-        yield Problem(path, None, rule, f"{key}: found {_shown(found)}, expected {_shown(expected)}")
+        return f"{place}found {_shown(found)}, expected {_shown(expected)}"
+    for key, a, b in pairs:
+        if inner := _difference(a, b, *keys, key):
+            return inner
+    if isinstance(found, dict) and list(found) != list(expected):
+        return f"{place}found the right keys in another order"
+    return None
 
 
 def _shown(value: Any) -> str:
@@ -139,13 +146,13 @@ def _shown(value: Any) -> str:
     return f"{json.dumps(value)[:60]}"
 
 
-def _card(folder: Path, listed: dict[str, Any], expected: bytes) -> Iterator[Problem]:
+def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
     if manifest.listed_content(folder, listed, manifest.CARD) != expected:
         message = f"found another card than that of the dataset; ibdata card {folder} writes it again"
         yield Problem(manifest.CARD, None, "card", message)
 
 
-def _experiment(folder: Path, listed: dict[str, Any], path: str, experiment: Experiment) -> Iterator[Problem]:
+def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experiment) -> Iterator[Problem]:
     data = manifest.listed_content(folder, listed, path)
     same = data == as_yaml(experiment)
     if not same and not _same_version(listed, "ibdata"):  # another version may write it in other words
@@ -156,7 +163,7 @@ def _experiment(folder: Path, listed: dict[str, Any], path: str, experiment: Exp
 
 
 def _episodes(
-    folder: Path, listed: dict[str, Any], spec: DatasetSpec, written: list[WrittenShard]
+    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
@@ -176,7 +183,7 @@ def _episodes(
 
 
 def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
-    """What episodes.parquet says of each episode but its digest and its return."""
+    """Compare all columns of episodes.parquet but digest and return."""
     for name in expected.column_names:
         a, b = (_plain(table[name]) for table in (found, expected))
         if name not in ("digest", "return") and not a.equals(b):
@@ -186,22 +193,20 @@ def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
 
 
 def _plain(column: pa.ChunkedArray) -> pa.Array:
-    """A column in one piece, texts as themselves."""
+    """A column as one array, without a dictionary of its texts."""
     texts = pa.types.is_dictionary(column.type)
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 
 
-def _statistics(folder: Path, listed: dict[str, Any], expected: dict[str, Any]) -> Iterator[Problem]:
-    """Counts, moments, extremes and quantiles, over all rows and over each split."""
-    found = manifest.read_json(folder, listed, STATS, shape.Stats)
-    if list(found["splits"]) != list(expected["splits"]):
-        message = f"found splits {list(found['splits'])}, expected {list(expected['splits'])}"
+def _statistics(folder: Path, listed: Manifest, expected: Stats) -> Iterator[Problem]:
+    """Compare the statistics of all rows and of each split."""
+    found = manifest.read_json(folder, listed, STATS, Stats)
+    if list(found.splits) != list(expected.splits):
+        message = f"found splits {list(found.splits)}, expected {list(expected.splits)}"
         yield Problem(STATS, None, "splits", message)
         return
-    tables = [("", found["all"], expected["all"])]
-    tables += [
-        (f"split {name}: ", found["splits"][name], table) for name, table in expected["splits"].items()
-    ]
+    tables = [("", found.all, expected.all)]
+    tables += [(f"split {name}: ", found.splits[name], table) for name, table in expected.splits.items()]
     exact = _same_version(listed, "ibdata", "numpy")
     for where, given, right in tables:
         if list(given) != list(right):
@@ -212,16 +217,17 @@ def _statistics(folder: Path, listed: dict[str, Any], expected: dict[str, Any]) 
             yield from _numbers(f"{where}{name}: ", given[name], right[name], exact)
 
 
-def _numbers(where: str, found: dict[str, Any], expected: dict[str, Any], exact: bool) -> Iterator[Problem]:
-    """The numbers of one column; ranks of an even sample may be others with another numpy."""
-    given = {**found, **found["quantiles"]}
-    right = {**expected, **expected["quantiles"]}
-    spread = 0.0 if exact or right["max"] is None else 0.01 * (right["max"] - right["min"])
-    if list(given) != list(right):
-        yield Problem(STATS, None, "statistics", f"{where}found {list(given)}, expected {list(right)}")
+def _numbers(where: str, found: Statistic, expected: Statistic, exact: bool) -> Iterator[Problem]:
+    """Compare the statistics of one column; another numpy may choose other quantiles of a sample."""
+    spread = 0.0
+    if not exact and expected.min is not None and expected.max is not None:
+        spread = 0.01 * (expected.max - expected.min)
+    if list(found.quantiles) != list(expected.quantiles):
+        message = f"{where}found quantiles {list(found.quantiles)}, expected {list(expected.quantiles)}"
+        yield Problem(STATS, None, "statistics", message)
         return
-    for key in right.keys() - {"quantiles"}:
-        x, y = given[key], right[key]
-        near = spread if key in expected["quantiles"] else 1e-9
+    given, right = ({**of.model_dump(exclude={"quantiles"}), **of.quantiles} for of in (found, expected))
+    for key, y in right.items():
+        x, near = given[key], spread if key in expected.quantiles else 1e-9
         if x != y and (x is None or y is None or not np.isclose(x, y, rtol=1e-9, atol=near)):
             yield Problem(STATS, None, "statistics", f"{where}{key}: found {x}, expected {y}")

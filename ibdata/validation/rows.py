@@ -1,4 +1,4 @@
-"""Whether the rows of a shard keep every rule, part by part, and what is in them."""
+"""Check the rows of a shard against every rule, part by part, and summarize them on the way."""
 
 from __future__ import annotations
 
@@ -28,9 +28,16 @@ from ibdata.writing.summary import ShardSummarizer, ShardSummary
 def check_shard(
     spec: DatasetSpec, shard: Shard, path: Path, listed: str
 ) -> tuple[ShardSummary | None, list[Problem]]:
-    """The content of a shard, which the manifest lists under a name, and every rule that its rows break.
+    """Check the rows of a shard.
 
-    The content is None where rows break a rule, or cannot be read.
+    Args:
+        spec: What the dataset is made of.
+        shard: The shard.
+        path: Its file.
+        listed: The path under which the manifest lists it.
+
+    Returns:
+        The summary of the rows, or None where they break a rule or cannot be read; and the problems.
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     try:
@@ -42,7 +49,7 @@ def check_shard(
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
         batches = parquet.batches(path, None, BATCH_ROWS)
-        with ThreadPoolExecutor(1) as describing:  # which lets go of Python's lock
+        with ThreadPoolExecutor(1) as describing:  # it releases the interpreter's lock
             for row, own in _described(spec, shard, batches, account, describing, found):
                 for name, rule in RULES.items():
                     found.add(name, row, rule(own))
@@ -54,21 +61,21 @@ def check_shard(
 
 
 class _Found:
-    """The broken rules of a shard: of those that one part breaks after another, one problem that counts."""
+    """The broken rules of a shard. Parts that break the same rule in the same column are one problem."""
 
     def __init__(self, path: str) -> None:
         self._path = path
         self._broken: dict[tuple[str, str], Broken] = {}
 
     def add(self, rule: str, row: int, broken: Iterable[Broken]) -> None:
-        """Add what a part breaks that begins at this row."""
+        """Add the rules that a part breaks whose first row is `row` of the shard."""
         for each in broken:
             key = (rule, each.message.partition(":")[0])
             first = self._broken.get(key, Broken(row + each.row, each.message, 0))
             self._broken[key] = first._replace(rows=first.rows + each.rows)
 
     def problems(self) -> list[Problem]:
-        """All of them, rule by rule."""
+        """The problems, rule by rule."""
         return [
             Problem(self._path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
             for (rule, _), (row, message, count) in self._broken.items()
@@ -83,7 +90,7 @@ def _described(
     describing: ThreadPoolExecutor,
     found: _Found,
 ) -> Iterator[tuple[int, Rows]]:
-    """The parts of a shard, each with its first row; one is read while the one before it is described."""
+    """The parts of a shard, each with its first row; the next is read while one is summarized in a thread."""
     experiment, before = spec.of_shard(shard), None
     for part, table in stored_parts(spec, shard, batches):
         row = (part.first - shard.first) * experiment.steps
@@ -117,7 +124,7 @@ def _rows(
 
 
 def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
-    """The numbers of labels; -1 for another text."""
+    """The labels' numbers; -1 for a text that is not a label."""
     texts = pa.array(labels, pa.string())
     parts = []
     for chunk in column.chunks:
@@ -128,7 +135,7 @@ def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """How the columns of a file are others than they should be."""
+    """The first column that differs from the expected one."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )
@@ -137,7 +144,7 @@ def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
 
 
 def _plain_type(kind: pa.DataType) -> str:
-    """The type of a column as info.json names it."""
+    """The type of a column as info.json spells it."""
     if pa.types.is_dictionary(kind):
         return "string"
     return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))

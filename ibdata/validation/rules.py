@@ -1,4 +1,4 @@
-"""What must hold of the rows of a dataset; each rule yields what it finds broken."""
+"""The rules that the rows of a dataset keep; each yields the columns that break it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = npt.NDArray[Any]
 
 
 class Problem(NamedTuple):
-    """One broken rule: the file, the row in it if there is one, the rule, what was found and expected."""
+    """A broken rule: the file, the row in it if there is one, the rule, and what was found and expected."""
 
     path: str
     row: int | None
@@ -35,7 +35,7 @@ class Problem(NamedTuple):
 
 
 class Broken(NamedTuple):
-    """The first broken row, what is wrong with it, and how many such rows there are."""
+    """The first row that breaks a rule, what was found and expected there, and the number of such rows."""
 
     row: int
     message: str
@@ -46,7 +46,7 @@ Found = Iterator[Broken]
 
 
 class Rows(NamedTuple):
-    """Whole episodes of one experiment that follow each other in a shard."""
+    """Consecutive whole episodes of a shard."""
 
     experiment: Experiment
     part: Shard
@@ -70,7 +70,7 @@ class Rows(NamedTuple):
 
     @property
     def tolerance(self) -> float:
-        """How far values in [0, 100] lie apart that differ only by the rounding of what is stored."""
+        """The greatest difference that rounding to the stored type makes between values in [0, 100]."""
         return 2.0**-16 if self.experiment.output.dtype == "float32" else 2.0**-44
 
 
@@ -126,7 +126,7 @@ def policy(rows: Rows) -> Found:
 
 
 def continuity(rows: Rows) -> Found:
-    """What is said of t + 1 in one row is said of t in the next row of the episode."""
+    """The values at t + 1 in one row are those at t in the next row of the episode."""
     for name in rows.group("next_observation") + rows.group("next_latent"):
         after, now = rows.columns[name][:-1], rows.columns[name.removeprefix("next_")][1:]
         yield from _where((after != now) & rows.inner, name, rows, "the next row's value at t")
@@ -180,7 +180,7 @@ def shift_register(rows: Rows) -> Found:
 
 
 def density(rows: Rows) -> Found:
-    """The log density of the action is what the policy says, unless the policy is somebody's code."""
+    """The log density of the action is the policy's, which is not checked for custom policies."""
     experiment, steps = rows.experiment, rows.experiment.steps
     policies = policy_numbers(experiment, rows.part)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
@@ -196,7 +196,7 @@ def density(rows: Rows) -> Found:
 
 
 def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
-    """The log densities of the actions of some whole episodes, which one policy took."""
+    """The log densities of the actions of whole episodes of one policy."""
     observations, after = (
         rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
     )
@@ -227,7 +227,7 @@ def nulls(table: pa.Table) -> Found:
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:
-    """The first broken row of a column, and how many there are."""
+    """The first row in which a column breaks a rule, and the number of such rows."""
     count = int(np.count_nonzero(broken))
     if count:
         row = int(np.argmax(broken))

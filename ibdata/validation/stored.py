@@ -1,4 +1,4 @@
-"""Rows that are stored, in the parts in which they were simulated: so no more of a file is in memory."""
+"""Read stored rows in the parts in which they were simulated, which bounds memory."""
 
 from __future__ import annotations
 
@@ -23,9 +23,15 @@ BATCH_ROWS = 65_536
 def stored_parts(
     spec: DatasetSpec, shard: Shard, batches: Iterable[pa.RecordBatch]
 ) -> Iterator[tuple[Shard, pa.Table]]:
-    """The parts of a shard, of whose rows these are the batches in order.
+    """Cut the rows of a shard into the parts in which they were simulated.
 
-    Raises DatasetError where the rows end before the shard does.
+    Args:
+        spec: What the dataset is made of.
+        shard: The shard.
+        batches: All its rows, in order.
+
+    Raises:
+        DatasetError: There are fewer rows than the shard has.
     """
     steps, source = spec.of_shard(shard).steps, iter(batches)
     waiting: list[pa.RecordBatch] = []
@@ -42,7 +48,7 @@ def stored_parts(
 
 
 def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
-    """The float columns of rows as a rollout gives them."""
+    """The float columns of a table, in the form that a rollout returns."""
     names = layout(experiment).names
     values = np.empty((len(names), table.num_rows), dtype=experiment.output.dtype)
     for out, name in zip(values, names, strict=True):
@@ -54,10 +60,7 @@ def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
 
 
 def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
-    """The content of a shard that is in a file.
-
-    Raises DatasetError where the file cannot be read as that shard.
-    """
+    """The summary of a shard that is in a file. Raises DatasetError where it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)

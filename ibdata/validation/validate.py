@@ -1,4 +1,4 @@
-"""Whether a dataset is what its manifest says: files, metadata, and every rule of its rows."""
+"""Check that the files, metadata and rows of a dataset are those that its manifest promises."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.system import object_store
-from ibdata.system.atomic_files import FileEntry, file_sha256
+from ibdata.system.atomic_files import file_sha256
 from ibdata.system.lock import is_locked
 from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
@@ -24,21 +24,27 @@ from ibdata.writing.summary import content_of
 
 THREADS = os.cpu_count() or 1
 TRIES = 5  # while the dataset is being replaced
-LATE = (manifest.CARD, manifest.REPORT)  # take their places after the manifest, in a replacement
-PATIENCE = 10.0  # seconds for a writer to end the moves of a replacement
+LATE = (manifest.CARD, manifest.REPORT)  # in a replacement they take their places after the manifest
+PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
 def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
-    """Every problem of the dataset in a folder or at a URL; none means that it is whole.
+    """Find every problem of a dataset, without running any code of the dataset.
 
-    Runs no code of the dataset. At a URL, files that are not listed are not looked for.
+    The SHA-256 of every file is compared; then every rule of the rows is checked (schema, no nulls, finite,
+    bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational costs,
+    densities), the episode digests, the content root, and whether all other files follow from the experiment
+    and the rows. Files that are not listed are problems too, except at a URL.
 
-    quick compares the SHA-256 of every file only. Else also: every rule of the rows (schema, no nulls,
-    finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
-    costs, densities), episode digests, content root, and whether all other files are those that follow from
-    experiment and rows.
+    Args:
+        folder: A folder or a URL.
+        quick: Compare only the SHA-256 of the files.
 
-    Raises BusyError where the dataset is being replaced all the time.
+    Returns:
+        The problems; none where the dataset is whole.
+
+    Raises:
+        BusyError: The dataset was being replaced each time that it was read.
     """
     path = object_store.local_copy(folder)
     for _ in range(TRIES):
@@ -46,9 +52,9 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
         try:
             listed = manifest.read(path)
         except DatasetError as error:
-            return [*_unsettled(path), Problem(manifest.PATH, None, "manifest", str(error))]
+            return [*_interrupted(path), Problem(manifest.PATH, None, "manifest", str(error))]
         try:
-            problems = [*_unsettled(path), *_problems(path, listed, quick)]
+            problems = [*_interrupted(path), *_problems(path, listed, quick)]
             manifest.refuse_replaced(path, listed)
         except manifest.ReplacedError:
             continue
@@ -58,8 +64,8 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
 
 
 def _moving(folder: Path) -> bool:
-    """Whether a writer that lives is replacing the dataset right now."""
-    return _unsettled_here(folder) and is_locked(folder)
+    """Whether a running process is replacing the dataset right now."""
+    return _replacement_begun(folder) and is_locked(folder)
 
 
 def _wait_for_moves(folder: Path) -> None:
@@ -68,17 +74,17 @@ def _wait_for_moves(folder: Path) -> None:
         time.sleep(0.02)
 
 
-def _unsettled_here(folder: Path) -> bool:
+def _replacement_begun(folder: Path) -> bool:
     return os.path.lexists(folder / manifest.NEW)
 
 
-def _unsettled(folder: Path) -> Iterator[Problem]:
-    if _unsettled_here(folder) and not is_locked(folder):
+def _interrupted(folder: Path) -> Iterator[Problem]:
+    if _replacement_begun(folder) and not is_locked(folder):
         message = f"found a replacement that was interrupted; ibdata repair {folder} finishes it"
         yield Problem(manifest.NEW, None, "unsettled", message)
 
 
-def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Problem]:
+def _problems(folder: Path, listed: Manifest, quick: bool) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
         message = "found the content in other bytes, expected those that ibdata writes"
         yield Problem(manifest.PATH, None, "manifest", message)
@@ -86,35 +92,33 @@ def _problems(folder: Path, listed: dict[str, Any], quick: bool) -> Iterator[Pro
     problems = list(check_files(folder, listed))
     yield from problems
     if not quick:
-        late = LATE if _unsettled_here(folder) else ()
+        late = LATE if _replacement_begun(folder) else ()
         yield from _contents(folder, listed, {*late, *(problem.path for problem in problems)})
 
 
-def check_files(folder: Path, listed: dict[str, Any]) -> Iterator[Problem]:
-    """Files that are missing, changed, or not listed."""
-    late = LATE if _unsettled_here(folder) else ()
-    entries = [entry for entry in listed["files"] if entry["path"] not in late]
-    paths = [manifest.locate(folder, entry["path"]) for entry in entries]
+def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
+    """The listed files that are missing or changed, and files in `data` that are not listed."""
+    late = LATE if _replacement_begun(folder) else ()
+    entries = [entry for entry in listed.files if entry.path not in late]
+    paths = [manifest.locate(folder, entry.path) for entry in entries]
     with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
         hashes = list(threads.map(file_sha256, paths))
     for entry, found in zip(entries, hashes, strict=True):
         if found is None:
-            yield Problem(
-                entry["path"], None, "file", "found no file that can be read; ibdata repair makes it"
-            )
-        elif found != entry["sha256"]:
-            message = f"found {found[:12]}…, expected {entry['sha256'][:12]}… as the manifest lists"
-            yield Problem(entry["path"], None, "hash", message)
-    if _unsettled_here(folder):
-        return  # what is in data/ may be the new dataset's already
-    known = {entry["path"] for entry in listed["files"]}
+            yield Problem(entry.path, None, "file", "found no file that can be read; ibdata repair makes it")
+        elif found != entry.sha256:
+            message = f"found {found[:12]}…, expected {entry.sha256[:12]}… as the manifest lists"
+            yield Problem(entry.path, None, "hash", message)
+    if _replacement_begun(folder):
+        return  # files in data/ may be those of the new dataset
+    known = listed.entries()
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
         if name not in known and not path.name.startswith("."):
             yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
 
 
-def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterator[Problem]:
+def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Problem]:
     try:
         spec = spec_in(folder, listed)
     except DatasetError as error:
@@ -125,20 +129,20 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
     written: list[WrittenShard] = []
-    entries = {file["path"]: FileEntry(**file) for file in listed["files"]}
-    for shard, one in zip(spec.shards, listed["shards"], strict=True):
-        if one["path"] in damaged:
+    entries = listed.entries()
+    for shard, one in zip(spec.shards, listed.shards, strict=True):
+        if one.path in damaged:
             continue
-        content, problems = check_shard(spec, shard, manifest.locate(folder, one["path"]), one["path"])
+        content, problems = check_shard(spec, shard, manifest.locate(folder, one.path), one.path)
         yield from problems
         if content is not None:
-            written.append(WrittenShard(shard, entries[one["path"]], content))
-            if content_of(content.digests) != one["content"]:
+            written.append(WrittenShard(shard, entries[one.path], content))
+            if content_of(content.digests) != one.content:
                 message = "found other content than the manifest lists"
-                yield Problem(one["path"], None, "digest", message)
+                yield Problem(one.path, None, "digest", message)
     root = proven_root(spec, listed, written)
-    if root != listed["content_root"]:
-        message = f"found {listed['content_root']}, expected {root}"
+    if root != listed.content_root:
+        message = f"found {listed.content_root}, expected {root}"
         yield Problem(manifest.PATH, None, "content root", message)
     for path, check in checks(folder, listed, spec, written, root):
         if path not in damaged:
@@ -146,7 +150,7 @@ def _contents(folder: Path, listed: dict[str, Any], damaged: set[str]) -> Iterat
 
 
 def _read(path: str, check: Iterator[Problem]) -> Iterator[Problem]:
-    """The problems of a file, also where it cannot be read."""
+    """The problems that a check finds; one where it cannot read its file."""
     try:
         yield from check
     except manifest.ReplacedError:

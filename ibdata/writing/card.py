@@ -22,7 +22,7 @@ LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether a file in the place of the card is somebody's own text; a link there is none."""
+    """Whether the file in the place of the card was not written by ibdata; a link is not foreign."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:
@@ -30,18 +30,18 @@ def is_foreign(path: Path) -> bool:
 
 
 def refuse_foreign(path: Path) -> None:
-    """UsageError where somebody has put a text of their own in the place of the card."""
+    """Raise UsageError where a text that ibdata did not write is in the place of the card."""
     if is_foreign(path):
         raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
 
 
 def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
-    """The card of a dataset."""
+    """The bytes of the card. It needs the files of the shards, but not their content."""
     return f"{_front_matter(spec, written)}\n{_text(spec, written, root)}".encode()
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
-    """What a dataset is made of, each with its name; code in backticks."""
+    """The lines of the card's table: names and values, with code in backticks."""
     experiments = spec.experiments
     dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
@@ -69,10 +69,10 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "    data_files: data/*.parquet",
     ]
     for name, split in splits(spec, written).items():
-        if split["files"] is None:
+        if split.files is None:
             continue  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += [f"      - {file}" for file in split["files"]]
+        lines += [f"      - {file}" for file in split.files]
     return "\n".join([*lines, "---", ""])
 
 
@@ -102,7 +102,7 @@ def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
     per_split = splits(spec, written)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
-        made += [f"| {name} | {s['episodes']} | {s['rows']} |" for name, s in per_split.items()] + [""]
+        made += [f"| {name} | {s.episodes} | {s.rows} |" for name, s in per_split.items()] + [""]
     return "\n".join(made)
 
 

@@ -1,4 +1,4 @@
-"""Finishing a dataset: card, metadata and, last, the manifest."""
+"""Finish a dataset: write its card, its metadata and, last, the manifest."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
+from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -25,38 +26,80 @@ from ibdata.writing.card import card, refuse_foreign
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
+UNSEALED = "0" * 64  # in the place of the checksum, until all else is known
+
 
 def finish(
     spec: DatasetSpec,
     written: list[WrittenShard],
     folder: Path,
     reproducible: bool,
-    code: Sequence[Mapping[str, str | None]] = (),
+    code: Sequence[Code] = (),
     clipped: int | None = None,
-) -> dict[str, Any]:
-    """Commit card, metadata and, last, the manifest; the manifest. code: where custom policies are from.
+) -> Manifest:
+    """Commit the files beside the shards, with the manifest last.
 
-    Raises UsageError where somebody has put a text of their own in the place of the card.
+    Args:
+        spec: What the dataset is made of.
+        written: Its shards, in any order.
+        folder: Where the shards are.
+        reproducible: Whether this machine computes the same bits as any other.
+        code: The code of the custom policies.
+        clipped: Actions that were clipped; by default the sum over the shards.
+
+    Returns:
+        The manifest.
+
+    Raises:
+        UsageError: A text that ibdata did not write is in the place of the card.
     """
     refuse_foreign(folder / manifest.CARD)
     written = sorted(written, key=lambda w: w.shard.number)
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     entries = [w.entry for w in written]
     entries += [write(folder, path, make()) for path, make in metadata_files(spec, written, root).items()]
-    made_manifest = _manifest(spec, written, entries, root)
-    made_manifest["reproducible"] = "same-environment" if code and reproducible else reproducible
-    made_manifest["code"] = list(code)
-    if clipped is not None:
-        made_manifest["clipped_actions"] = clipped
-    made_manifest["checksum"] = manifest.checksum(made_manifest)
-    write(folder, manifest.PATH, metadata.as_json(made_manifest))
-    return made_manifest
+    listed = manifest.sealed(
+        Manifest(
+            format=manifest.FORMAT,
+            version=manifest.VERSION,
+            data_version=manifest.DATA_VERSION,
+            content_root=root,
+            **spec.plain(),
+            rows=spec.rows,
+            clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
+            shards=[
+                ShardEntry(
+                    path=w.entry.path,
+                    content=content_of(w.content.digests),
+                    **planned_entry(spec, w.shard),
+                )
+                for w in written
+            ],
+            files=[File(**entry._asdict()) for entry in entries],
+            versions=versions(),
+            reproducible="same-environment" if code and reproducible else reproducible,
+            code=list(code),
+            checksum=UNSEALED,
+        )
+    )
+    write(folder, manifest.PATH, metadata.as_json(listed))
+    return listed
+
+
+def planned_entry(spec: DatasetSpec, shard: Shard) -> dict[str, Any]:
+    """What the manifest lists of a shard, but for its path and its content."""
+    return {
+        "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,
+        "experiment": shard.experiment,
+        "episodes": [shard.first + shard.offset, shard.stop + shard.offset],
+        "splits": list(shard.splits),
+    }
 
 
 def metadata_files(
     spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> dict[str, Callable[[], bytes]]:
-    """What makes each of the files beside the shards; only episodes and stats need the shards' content."""
+    """Functions that make the files beside the shards; only episodes and stats need the shards' content."""
     return {
         "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
@@ -67,25 +110,22 @@ def metadata_files(
 
 
 def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
-    """The resolved experiments by their paths; a merged dataset has several."""
+    """The experiments by the paths of their files; a merged dataset has several."""
     if len(spec.experiments) == 1:
         return {manifest.EXPERIMENT: spec.experiments[0]}
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
 
 
-def rewritten_manifest(listed: Mapping[str, Any], entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
-    """The manifest of a dataset some of whose files are others now."""
-    files = [entry._asdict() for entry in entries.values()]
-    content = {key: value for key, value in listed.items() if key != "checksum"}
-    if files != listed["files"]:
-        content |= {"files": files, "versions": versions()}
-    content |= changes
-    content["checksum"] = manifest.checksum(content)
-    return metadata.as_json(content)
+def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
+    """The bytes of a manifest with other files, and with `changes` to its other fields."""
+    files = [File(**entry._asdict()) for entry in entries.values()]
+    if files != listed.files:
+        changes = {"files": files, "versions": versions(), **changes}
+    return metadata.as_json(manifest.sealed(listed.model_copy(update=changes)))
 
 
 def versions() -> dict[str, str]:
-    """What the bytes of files may depend on; the content does not."""
+    """The versions on which the bytes of files may depend; the content does not depend on them."""
     return {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
@@ -97,7 +137,7 @@ def versions() -> dict[str, str]:
 
 
 def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
-    """The content root of shards in order, given the digests of the episodes of each."""
+    """The content root of all shards in order, each with the digests of its episodes."""
     return content_root(
         ((c.name, c.dtype) for c in columns(spec.experiments[0])),
         (episode for shard, digests in shards for episode in episode_addresses(spec, shard, digests)),
@@ -111,30 +151,3 @@ def episode_addresses(
     experiment = spec.of_shard(shard)
     for i, digest in enumerate(digests, shard.first):
         yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
-
-
-def _manifest(
-    spec: DatasetSpec, written: list[WrittenShard], entries: list[FileEntry], root: str
-) -> dict[str, Any]:
-    return {
-        "format": manifest.FORMAT,
-        "version": manifest.VERSION,
-        "data_version": manifest.DATA_VERSION,
-        "content_root": root,
-        **spec.plain(),
-        "rows": spec.rows,
-        "clipped_actions": sum(w.content.clipped for w in written),
-        "shards": [
-            {
-                "path": w.entry.path,
-                "rows": (w.shard.stop - w.shard.first) * spec.of_shard(w.shard).steps,
-                "experiment": w.shard.experiment,
-                "episodes": [w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset],
-                "splits": list(w.shard.splits),
-                "content": content_of(w.content.digests),
-            }
-            for w in written
-        ],
-        "files": [entry._asdict() for entry in entries],
-        "versions": versions(),
-    }

@@ -1,9 +1,10 @@
-"""The files of `meta/`: what a dataset is, in JSON, YAML and one Parquet table."""
+"""The content of meta/info.json, meta/stats.json and meta/episodes.parquet."""
 
 from __future__ import annotations
 
 import io
 import json
+from collections import Counter
 from collections.abc import Iterable
 from functools import reduce
 from typing import Any, NamedTuple
@@ -14,72 +15,80 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset.episodes import SCHEMA as EPISODES
+from ibdata.dataset.models import Column, Counts, Info, JsonObject, Manifest, SplitCounts, Statistic, Stats
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.simulation.variables import Table, columns, layout
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.statistics import Moments, described, merged
-
-FORMAT = "ibdata-dataset"
-VERSION = 1
+from ibdata.writing.summary import UNREAD
 
 
 def as_json(data: Any) -> bytes:
-    """JSON as ibdata's files hold it: indented, without NaN, ending in a newline."""
+    """The bytes of a JSON file: indented, without NaN, ending in a newline."""
+    data = data.plain() if isinstance(data, JsonObject) else data
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def info(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Any]:
+def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
     """info.json: columns with their meaning, groups of columns, counts, splits."""
-    described_columns = [c._asdict() for c in columns(spec.experiments[0])]
+    described_columns = [Column(**c._asdict()) for c in columns(spec.experiments[0])]
     groups: dict[str, list[str]] = {}
     for column in described_columns:
-        groups.setdefault(column["role"], []).append(column["name"])
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "name": spec.name,
-        "dynamics": _common([e.plain()["dynamics"] for e in spec.experiments]),
-        "drifting": spec.experiments[0].drifting,
-        "start": _common([e.plain()["start"] for e in spec.experiments]),
-        "counts": {
-            "rows": spec.rows,
-            "episodes": spec.episodes,
-            "steps": _common([e.steps for e in spec.experiments]),
-            "cells": len({cell.digest for e in spec.experiments for cell in e.cells}),
-            "shards": len(written),
-            "data_bytes": sum(w.entry.bytes for w in written),
-        },
-        "splits": splits(spec, written),
-        "groups": groups,
-        "columns": described_columns,
-    }
+        groups.setdefault(column.role, []).append(column.name)
+    return Info(
+        format="ibdata-dataset",
+        version=1,
+        name=spec.name,
+        dynamics=_common([e.plain()["dynamics"] for e in spec.experiments]),
+        drifting=spec.experiments[0].drifting,
+        start=_common([e.plain()["start"] for e in spec.experiments]),
+        counts=Counts(
+            rows=spec.rows,
+            episodes=spec.episodes,
+            steps=_common([e.steps for e in spec.experiments]),
+            cells=len({cell.digest for e in spec.experiments for cell in e.cells}),
+            shards=len(written),
+            data_bytes=sum(w.entry.bytes for w in written),
+        ),
+        splits=splits(spec, written),
+        columns=described_columns,
+        groups=groups,
+    )
 
 
 def _common(values: list[Any]) -> Any:
-    """The value that all have; null where they differ."""
+    """The value that all have; None where they differ."""
     return values[0] if all(value == values[0] for value in values) else None
 
 
-def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, dict[str, Any]]:
-    """Episodes and rows of each split, and its files; null in place of those where it is not whole files."""
-    out: dict[str, dict[str, Any]] = {
-        **{name: {"episodes": 0, "rows": 0, "files": []} for name in spec.declared},
-        **{name: {"episodes": 0, "rows": 0, "files": None} for name in spec.later},
-    }
+def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, SplitCounts]:
+    """Episodes, rows and files of each split; no files where its episodes only have a label."""
+    files: dict[str, list[str]] = {name: [] for name in spec.declared}
+    episodes, rows = Counter[str](), Counter[str]()
     for w in written:
         steps = spec.of_shard(w.shard).steps
         for name in w.shard.splits:
-            out[name]["files"].append(w.entry.path)
+            files[name].append(w.entry.path)
         for first, stop, names in spec.runs(w.shard):
             for name in names:
-                out[name]["episodes"] += stop - first
-                out[name]["rows"] += (stop - first) * steps
-    return out
+                episodes[name] += stop - first
+                rows[name] += (stop - first) * steps
+    return {
+        name: SplitCounts(episodes=episodes[name], rows=rows[name], files=files.get(name))
+        for name in (*spec.declared, *spec.later)
+    }
+
+
+def unread_shards(spec: DatasetSpec, listed: Manifest) -> list[WrittenShard]:
+    """The shards of a finished dataset, without what is in them: enough for its card and info.json."""
+    entries = listed.entries()
+    pairs = zip(spec.shards, listed.shards, strict=True)
+    return [WrittenShard(shard, entries[listed_shard.path], UNREAD) for shard, listed_shard in pairs]
 
 
 def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
-    """episodes.parquet: a row an episode."""
+    """The bytes of episodes.parquet."""
     out = io.BytesIO()
     table = episodes_table(spec, written)
     pq.write_table(table, out, compression="zstd", write_page_checksum=True)
@@ -87,7 +96,7 @@ def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
 
 
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
-    """The table of episodes."""
+    """The table of episodes, which has a row for each."""
     numbers = [np.arange(w.shard.first, w.shard.stop) for w in written]
     parts = [_cells(spec, w, n) for w, n in zip(written, numbers, strict=True)]
     lengths = [np.full(len(n), spec.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
@@ -115,7 +124,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
 
 
 class _Episodes(NamedTuple):
-    """Cell, index in it, setpoint and policy of some episodes; texts as themselves and their numbers."""
+    """Cell, index in it, setpoint and policy of episodes; texts as a list, and a number for each episode."""
 
     cell: tuple[list[str], npt.NDArray[np.int64]]
     number: npt.NDArray[np.int64]
@@ -138,14 +147,14 @@ def _cells(spec: DatasetSpec, w: WrittenShard, numbers: npt.NDArray[np.int64]) -
 
 
 def _texts(parts: list[tuple[list[str], npt.NDArray[np.int64]]], known: list[str]) -> pa.DictionaryArray:
-    """Texts of which all are among those known."""
+    """A dictionary array of texts, given as lists and numbers; its dictionary is `known`."""
     number = {text: i for i, text in enumerate(known)}
     numbers = [np.array([number[text] for text in texts], dtype=np.int32)[of] for texts, of in parts]
     return arrow_texts(np.concatenate(numbers), known)
 
 
 def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
-    """Each list of texts, as often as its count says."""
+    """Each list of texts, repeated as often as its count says."""
     lengths = np.repeat([len(texts) for texts in lists], counts)
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
@@ -155,7 +164,7 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
     return pa.ListArray.from_arrays(arrow_array(offsets), texts)
 
 
-def stats(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Any]:
+def stats(spec: DatasetSpec, written: list[WrittenShard]) -> Stats:
     """stats.json: statistics of every float column, over all rows and over each split."""
     names = layout(spec.experiments[0]).names
     parts = [(w.content.moments, [w.content.sample]) for w in written]
@@ -166,15 +175,15 @@ def stats(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Any]:
     later = {
         name: [w.content.labelled[name] for w in written if name in w.content.labelled] for name in spec.later
     }
-    return {
-        "format": "ibdata-stats",
-        "version": VERSION,
-        "all": _described(names, parts),
-        "splits": {name: _described(names, own) for name, own in {**declared, **later}.items()},
-    }
+    return Stats(
+        format="ibdata-stats",
+        version=1,
+        all=_described(names, parts),
+        splits={name: _described(names, own) for name, own in {**declared, **later}.items()},
+    )
 
 
-def _described(names: tuple[str, ...], parts: list[tuple[Moments, list[Table]]]) -> dict[str, Any]:
+def _described(names: tuple[str, ...], parts: list[tuple[Moments, list[Table]]]) -> dict[str, Statistic]:
     total = reduce(merged, (part for part, _ in parts))
     samples = [np.concatenate(own, axis=1) for _, own in parts]
     return described(names, total, samples, [part.rows for part, _ in parts])

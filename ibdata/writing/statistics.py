@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.models import Quantile, Statistic
 from ibdata.numerics.compiled import compiled
 from ibdata.simulation.variables import Table
 
@@ -14,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 SAMPLE_ROWS = 100_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
-QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+QUANTILES = tuple(float(q) for q in get_args(Quantile))
 
 
 class Moments(NamedTuple):
@@ -70,7 +71,7 @@ def sample_stride(rows: int, total: int) -> int:
 
 def described(
     names: tuple[str, ...], parts: Moments, samples: list[Table], rows: list[int]
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Statistic]:
     """count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
     A sample stands for the rows of its shard. None takes the place of what is not a number.
@@ -81,14 +82,14 @@ def described(
     )
     quantiles = _quantiles(sample, None if weights.min() == weights.max() else weights)
     return {
-        name: {
-            "count": parts.rows,
-            "mean": _number(parts.mean[i]),
-            "std": _number(np.sqrt(parts.squares[i] / parts.rows)),
-            "min": _number(parts.low[i]),
-            "max": _number(parts.high[i]),
-            "quantiles": {f"{q:g}": _number(x) for q, x in zip(QUANTILES, quantiles[:, i], strict=True)},
-        }
+        name: Statistic(
+            count=parts.rows,
+            mean=_number(parts.mean[i]),
+            std=_number(np.sqrt(parts.squares[i] / parts.rows)),
+            min=_number(parts.low[i]),
+            max=_number(parts.high[i]),
+            quantiles=dict(zip(get_args(Quantile), map(_number, quantiles[:, i]), strict=True)),
+        )
         for i, name in enumerate(names)
     }
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from ibdata import evaluate
-from ibdata.dataset.reference_returns import Scale, reference, scale
+from ibdata.dataset.reference_returns import Measured, Scale, reference, scale
 
 POLICIES = ["zero", "random", "safe", "mediocre", "optimized"]
 SETTINGS = [("siemens", 100, 0.97), ("siemens", 1000, 1.0), ("paper", 100, 0.97), ("paper", 1000, 1.0)]
@@ -15,20 +15,20 @@ BLOCKS = {"zero": {"kind": "constant", "name": "zero"}}
 
 
 def row(dynamics, steps, discount, policy, setpoint):
-    results = scale(dynamics, "default", steps, discount).data["results"]
-    return next(r for r in results if (r["policy"], r["setpoint"]) == (policy, setpoint))
+    results = scale(dynamics, "default", steps, discount).results
+    return next(r for r in results if (r.policy, r.setpoint) == (policy, setpoint))
 
 
 @pytest.mark.parametrize(("dynamics", "steps", "discount"), SETTINGS)
 def test_every_policy_has_a_return_at_every_setpoint(dynamics, steps, discount):
-    data = scale(dynamics, "default", steps, discount).data
-    found = [(r["policy"], r["setpoint"]) for r in data["results"]]
+    results = scale(dynamics, "default", steps, discount).results
+    found = [(r.policy, r.setpoint) for r in results]
     assert found == [(policy, 10.0 * i) for policy in POLICIES for i in range(11)]
-    for r in data["results"]:
-        low, high = r["interval"]
-        assert low < r["mean_return"] < high
-        assert 0.0 < r["standard_error"] < 0.01 * abs(r["mean_return"])
-        assert r["mean_return"] < r["mean_reward"] < 0.0
+    for r in results:
+        low, high = r.interval
+        assert low < r.mean_return < high
+        assert 0.0 < r.standard_error < 0.01 * abs(r.mean_return)
+        assert r.mean_return < r.mean_reward < 0.0
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_every_policy_has_a_return_at_every_setpoint(dynamics, steps, discount):
 )
 def test_the_file_is_as_measured(dynamics, steps, discount, policy, setpoint):
     stored = row(dynamics, steps, discount, policy, setpoint)
-    episodes = scale(dynamics, "default", steps, discount).data["episodes"]
+    episodes = scale(dynamics, "default", steps, discount).episodes
     [found] = evaluate(
         BLOCKS.get(policy, policy),
         setpoint,
@@ -52,8 +52,8 @@ def test_the_file_is_as_measured(dynamics, steps, discount, policy, setpoint):
         episodes=episodes,
     ).results
     for name in ("mean_return", "standard_error", "p10", "mean_reward"):
-        assert getattr(found, name) == pytest.approx(stored[name], rel=1e-9)
-    assert found.interval == pytest.approx(stored["interval"], rel=1e-9)
+        assert getattr(found, name) == pytest.approx(getattr(stored, name), rel=1e-9)
+    assert found.interval == pytest.approx(stored.interval, rel=1e-9)
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -62,8 +62,8 @@ def test_other_random_numbers_give_the_same_returns(policy):
     for setpoint in (0.0, 40.0, 100.0):
         stored = row("siemens", 100, 0.97, policy, setpoint)
         [found] = evaluate(BLOCKS.get(policy, policy), setpoint, episodes=400, seed=1).results
-        error = math.hypot(stored["standard_error"], found.standard_error)
-        assert found.mean_return == pytest.approx(stored["mean_return"], abs=5 * error)
+        error = math.hypot(stored.standard_error, found.standard_error)
+        assert found.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
 
 
 def test_the_ends_of_the_scale_are_0_and_100():
@@ -71,20 +71,20 @@ def test_the_ends_of_the_scale_are_0_and_100():
         dynamics, steps, discount = settings
         made = scale(dynamics, "default", steps, discount)
         for setpoint in (10.0 * i for i in range(11)):
-            ends = [row(*settings, policy, setpoint)["mean_return"] for policy in ("random", "optimized")]
+            ends = [row(*settings, policy, setpoint).mean_return for policy in ("random", "optimized")]
             found = [made.score(setpoint, x) for x in ends]
             assert found == [None, None] or found == pytest.approx([0.0, 100.0])
     assert scale("siemens", "default", 100, 0.97).score(
-        70.0, row(*SETTINGS[0], "optimized", 70.0)["mean_return"]
+        70.0, row(*SETTINGS[0], "optimized", 70.0).mean_return
     )
 
 
 def made_up(low, high, error):
     rows = [
-        {"policy": policy, "setpoint": 70.0, "mean_return": x, "standard_error": error}
+        Measured.model_construct(policy=policy, setpoint=70.0, mean_return=x, standard_error=error)
         for policy, x in (("random", low), ("optimized", high))
     ]
-    return Scale({"results": rows})
+    return Scale.model_construct(results=rows)
 
 
 def test_a_score_needs_ends_that_are_five_standard_errors_apart():
@@ -112,4 +112,4 @@ def test_only_equal_things_are_compared(settings):
 
 
 def test_the_file_says_how_it_was_made():
-    assert reference()["made_by"] == "scripts/reference-returns"
+    assert reference().made_by == "scripts/reference-returns"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata.dataset.models import SplitCounts
 from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError
 from ibdata.exporters import FORMATS
 from ibdata.exporters._view import View
@@ -255,8 +256,9 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
 
 
 def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
-    empty = {**dataset.info["splits"], "none": {"episodes": 0, "rows": 0, "files": []}}
-    monkeypatch.setitem(dataset.info, "splits", empty)
+    splits = {**dataset.info_model.splits, "none": SplitCounts(episodes=0, rows=0, files=[])}
+    info = dataset.info_model.model_copy(update={"splits": splits})
+    monkeypatch.setattr(dataset, "info_model", info)
     with pytest.raises(UsageError, match="split: 'none' has no rows"):
         ibdata.export(dataset, "csv", tmp_path / "made", split="none", verify=True)
 

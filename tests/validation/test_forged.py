@@ -168,8 +168,8 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     listed = manifest.read(folder)
     spec = spec_in(folder, listed)
     written = []
-    for shard, one in zip(spec.shards, listed["shards"], strict=True):
-        path = folder / one["path"]
+    for shard, one in zip(spec.shards, listed.shards, strict=True):
+        path = folder / one.path
         table = pq.read_table(path)
         columns = {name: table[name].to_numpy() for name in table.column_names if name != "policy"}
         change(columns)
@@ -179,7 +179,7 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
         ]
         pq.write_table(pa.table(arrays, schema=table.schema), path)
         data = path.read_bytes()
-        entry = FileEntry(one["path"], len(data), hashlib.sha256(data).hexdigest())
+        entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
         written.append(WrittenShard(shard, entry, stored_content(spec, shard, path)))
     finish(spec, written, folder, True)
 

@@ -66,7 +66,7 @@ def test_a_constant_column_has_a_standard_deviation_of_exactly_zero(value, cuts,
     found = moments(np.full((1, cuts[0]), value, dtype=dtype))
     for rows in cuts[1:]:
         found = merged(found, moments(np.full((1, rows), value, dtype=dtype)))
-    assert described(("x",), found, [np.full((1, 3), value)], [3])["x"]["std"] == 0.0
+    assert described(("x",), found, [np.full((1, 3), value)], [3])["x"].std == 0.0
     assert found.mean[0] == dtype(value)
 
 
@@ -109,7 +109,7 @@ def test_a_shard_gives_every_row_or_every_odd_number_of_rows(rows, total, stride
 
 def test_described_statistics_are_plain_numbers():
     table = np.array([[4.0, 1.0, 3.0, 2.0]])
-    found = described(("x",), moments(table), [table], [4])["x"]
+    found = described(("x",), moments(table), [table], [4])["x"].plain()
     assert found.pop("quantiles") == {
         "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 4.0, "0.99": 4.0,
     }  # fmt: skip
@@ -119,14 +119,14 @@ def test_described_statistics_are_plain_numbers():
 
 def test_the_standard_deviation_is_that_of_the_population():
     parts = Moments(3, np.array([2.0]), np.array([2.0]), np.array([1.0]), np.array([3.0]))
-    assert described(("x",), parts, [np.array([[2.0]])], [3])["x"]["std"] == math.sqrt(2 / 3)
+    assert described(("x",), parts, [np.array([[2.0]])], [3])["x"].std == math.sqrt(2 / 3)
 
 
 def test_a_sample_stands_for_the_rows_of_its_shard():
     """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
     samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
-    quantiles = described(("x",), parts, samples, [300, 1])["x"]["quantiles"]
+    quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
 
 
@@ -155,9 +155,9 @@ def test_quantiles_are_those_of_numpy(n):
     sample[2, n // 2] = np.nan
     found = described(("x", "constant", "odd"), moments(sample), [sample], [n])
     expected = np.quantile(sample[:2], statistics.QUANTILES, axis=1, method="inverted_cdf")
-    assert [*found["x"]["quantiles"].values()] == expected[:, 0].tolist()
-    assert [*found["constant"]["quantiles"].values()] == expected[:, 1].tolist()
-    assert {*found["odd"]["quantiles"].values()} == {None}
+    assert [*found["x"].quantiles.values()] == expected[:, 0].tolist()
+    assert [*found["constant"].quantiles.values()] == expected[:, 1].tolist()
+    assert {*found["odd"].quantiles.values()} == {None}
 
 
 def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypatch, describe, tmp_path):

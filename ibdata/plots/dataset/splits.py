@@ -16,7 +16,7 @@ NONE = "(none)"
 
 def names(summary: Summary) -> list[str]:
     """The first 24 splits; and for episodes in no split at all, a name that none has."""
-    return [*list(summary.dataset.info["splits"])[:MOST], NONE]
+    return [*list(summary.dataset.info_model.splits)[:MOST], NONE]
 
 
 def membership(summary: Summary) -> Numbers:
@@ -53,7 +53,7 @@ def draw(figure: Figure, summary: Summary) -> None:
     shown = upper.imshow(np.ma.masked_invalid(share), cmap="cividis", vmin=0, vmax=1, aspect="auto")
     _name(upper, own, rows)
     upper.set_ylabel(f"{summary.setpoint_label}, policy")
-    more = len(summary.dataset.info["splits"]) - MOST
+    more = len(summary.dataset.info_model.splits) - MOST
     upper.set_title(
         "share of the cell's episodes in the split" + (f"; {more} more splits" if more > 0 else "")
     )

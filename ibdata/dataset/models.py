@@ -1,21 +1,23 @@
-"""The shape of the JSON files of a dataset, checked before anything in them is believed."""
+"""The JSON files of a dataset as models: what is read is checked against them, and stays one of them."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    TypeAdapter,
     ValidationError,
     ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
     field_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from ibdata.errors import printable
+from ibdata.system.atomic_files import FileEntry
 
 SAFE_PATH = r"^(README\.md|report\.html|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})$"
 SHA256 = "^[0-9a-f]{64}$"
@@ -28,22 +30,39 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
 ROLES = {"observation", "action", "reward", "next_observation"}  # which every dataset has
 FLOAT_ROLES = ROLES | {"latent", "next_latent", "log_prob"}
+Unchecked = dict[str, Any]  # a JSON object of an experiment, which `ibdata.experiment` checks
 Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
 
 
-class Shape(BaseModel):
-    """A JSON object with just these keys."""
+def _unconverted(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    check(value)
+    return value
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+
+Number = Annotated[float, WrapValidator(_unconverted)]  # whole numbers stay whole
 
 
-class File(Shape):
+class JsonObject(BaseModel):
+    """A JSON object with exactly these keys."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    def plain(self) -> dict[str, Any]:
+        """The object as JSON holds it: keys in the order of the file, without those that are not in it."""
+        return self.model_dump(exclude_unset=True)
+
+
+class File(JsonObject):
+    """A file of a dataset, in the manifest."""
+
     path: Path
     bytes: Count
     sha256: Sha256
 
 
-class Shard(Shape):
+class ShardEntry(JsonObject):
+    """A shard in the manifest: its episodes are first, stop; its content is the SHA-256 of their digests."""
+
     path: Path
     rows: Annotated[int, Field(ge=1, lt=2**63)]
     experiment: Count
@@ -52,7 +71,9 @@ class Shard(Shape):
     content: Sha256
 
 
-class Code(Shape):
+class Code(JsonObject):
+    """The code of a custom policy: its module, other files, and the versions of installed packages."""
+
     target: str
     version: str | None
     sha256: Sha256 | None
@@ -60,27 +81,33 @@ class Code(Shape):
     distributions: dict[str, str] = {}
 
 
-class Manifest(Shape):
+class Manifest(JsonObject):
     """meta/manifest.json."""
 
     format: Literal["ibdata-manifest"]
     version: Literal[1]
     data_version: Count
     content_root: Sha256
-    reproducible: bool | Literal["same-environment"]
     name: Name
-    experiments: Annotated[list[dict[str, Any]], Field(min_length=1)]
-    splits: dict[Name, dict[str, Any]]
+    experiments: Annotated[list[Unchecked], Field(min_length=1)]
+    splits: dict[Name, Unchecked]
     rows: Count
     clipped_actions: Count
-    shards: Annotated[list[Shard], Field(min_length=1)]
+    shards: Annotated[list[ShardEntry], Field(min_length=1)]
     files: Annotated[list[File], Field(min_length=1)]
     versions: dict[str, str]
+    reproducible: bool | Literal["same-environment"]
     code: list[Code]
     checksum: Sha256
 
+    def entries(self) -> dict[str, FileEntry]:
+        """The listed files by their paths."""
+        return {file.path: FileEntry(file.path, file.bytes, file.sha256) for file in self.files}
 
-class Counts(Shape):
+
+class Counts(JsonObject):
+    """What a dataset holds, in numbers; `steps` is null where episodes have different lengths."""
+
     rows: Count
     episodes: Count
     steps: Count | None
@@ -89,31 +116,35 @@ class Counts(Shape):
     data_bytes: Count
 
 
-class SplitCounts(Shape):
+class SplitCounts(JsonObject):
+    """A split; `files` is null where it is not whole files."""
+
     episodes: Count
     rows: Count
     files: list[Path] | None
 
 
-class Column(Shape):
+class Column(JsonObject):
+    """A column of the rows, with its bounds; null where there is none."""
+
     name: ColumnName
     role: Annotated[str, Field(pattern="^[a-z_]{1,63}$")]
     dtype: Literal["int64", "int32", "float32", "float64", "bool", "string"]
     unit: str
-    low: float | None
-    high: float | None
+    low: Number | None
+    high: Number | None
     description: str
 
 
-class Info(Shape):
+class Info(JsonObject):
     """meta/info.json."""
 
     format: Literal["ibdata-dataset"]
     version: Literal[1]
     name: Name
-    dynamics: str | dict[str, Any] | None
+    dynamics: str | Unchecked | None
     drifting: bool
-    start: str | dict[str, Any] | None
+    start: str | Unchecked | None
     counts: Counts
     splits: dict[Name, SplitCounts]
     columns: Annotated[list[Column], Field(min_length=1)]
@@ -141,8 +172,15 @@ class Info(Shape):
             raise PydanticCustomError("groups", "the columns of each role")
         return groups
 
+    def plain(self) -> dict[str, Any]:
+        """As `JsonObject.plain`: the file ends with the columns, which are read before the groups."""
+        data = super().plain()
+        return data | {"columns": data.pop("columns")}
 
-class Statistic(Shape):
+
+class Statistic(JsonObject):
+    """Statistics of a column; null for what is not a finite number."""
+
     count: Count
     mean: float | None
     std: float | None
@@ -151,7 +189,7 @@ class Statistic(Shape):
     quantiles: Annotated[dict[Quantile, float | None], Field(min_length=7)]
 
 
-class Stats(Shape):
+class Stats(JsonObject):
     """meta/stats.json."""
 
     format: Literal["ibdata-stats"]
@@ -160,16 +198,18 @@ class Stats(Shape):
     splits: dict[Name, dict[ColumnName, Statistic]]
 
 
-def misfit(shape: type[Shape], data: Any) -> str | None:
-    """Where JSON data are not of a shape, and why; None where they are."""
+Parsed = TypeVar("Parsed", bound=JsonObject)
+
+
+def parse(form: type[Parsed], data: Any) -> Parsed:
+    """JSON data as a model; ValueError, in one line, where they are of another form."""
     try:
-        TypeAdapter(shape).validate_python(data)
+        return form.model_validate(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "top"
-        if first["type"] == "missing":
-            return f"{printable(where)}: missing, expected a value"
-        found = printable(repr(first["input"]))[:60]
-        expected = MEANT.get(first.get("ctx", {}).get("pattern", ""), first["msg"])
-        return f"{printable(where)}: found {found}, expected {expected}"
-    return None
+    where = printable(".".join(str(part) for part in first["loc"]) or "top")
+    if first["type"] == "missing":
+        raise ValueError(f"{where}: missing, expected a value")
+    found = printable(repr(first["input"]))[:60]
+    expected = MEANT.get(first.get("ctx", {}).get("pattern", ""), first["msg"])
+    raise ValueError(f"{where}: found {found}, expected {expected}")
