@@ -78,7 +78,7 @@ def needed(module: str, format: str, extra: str, package: str | None = None) -> 
     try:
         return import_module(module)
     except ImportError:
-        raise MissingError(f"the export to {format}", package or module, extra) from None
+        raise MissingError(f"exporting to {format}", package or module, extra) from None
 
 
 def differs(what: str) -> IbdataError:

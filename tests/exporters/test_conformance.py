@@ -284,7 +284,8 @@ def test_no_dataset_is_a_dataset_error(tmp_path):
 def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_path, to, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(
-        MissingError, match=f"export to {to} needs h5py: pip install h5py, or ibdata with its extra 'hdf5'"
+        MissingError,
+        match=rf"exporting to {to} needs the package h5py: pip install h5py, or 'ibdata\[hdf5\]'",
     ):
         ibdata.export(dataset, to, tmp_path / "a" / "made", verify=True)
     assert list(tmp_path.iterdir()) == []

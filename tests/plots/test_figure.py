@@ -137,7 +137,7 @@ def test_without_matplotlib_the_command_says_what_to_install(tmp_path):
         [sys.executable, "-c", code, "figure", "landscape"], cwd=tmp_path, capture_output=True, text=True
     )
     assert (done.returncode, done.stdout) == (1, "")
-    needed = "ibdata.plots needs matplotlib: pip install matplotlib, or ibdata with its extra 'plot'"
+    needed = "ibdata.plots needs the package matplotlib: pip install matplotlib, or 'ibdata[plot]'"
     assert done.stderr == f"ibdata: {needed}\n"
     assert os.listdir(tmp_path) == []
 
