@@ -33,7 +33,7 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     batch = next(Dataset(folder).iter_batches(names, split, batch_rows=rows), None)
     if batch is None:
-        raise DatasetError(f"{folder}: found no rows, expected some; see ibdata validate {folder}")
+        raise DatasetError(f"{folder}: found no rows; see ibdata validate {folder}")
     if as_json:
         print_json({"rows": [_plain(row) for row in batch.to_pylist()]})
         return

@@ -234,7 +234,7 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
         ({"reward_scale": 0.0}, "reward scale: found 0.0, expected a finite number above 0"),
         ({"reward_scale": float("nan")}, "reward scale: found nan"),
         ({"reward_scale": 1e300}, "reward scale: found 1e.300, which makes rewards infinite"),
-        ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', expected none: npz has no ids"),
+        ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
     ],
 )
 def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
