@@ -1,4 +1,4 @@
-"""The errors a user can meet: one line each, with the exit code of the command line."""
+"""The errors that users meet: a message of one line, and the exit code of the command line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
 URL = re.compile(
-    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # one slash: of a URL that was taken for a path
+    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # one slash: a URL that was handled as a path
     r"(?P<place>[^\s?#'\"]*)"
     r"(?P<query>\?[^\s'\"]*[^\s'\":,;])?",
     re.IGNORECASE,
@@ -16,11 +16,11 @@ URL = re.compile(
 USER = re.compile(r"^(?:[^/]*@|[^/]*:(?![0-9]*(?:/|$)).*@)")  # a secret may hold a / that is not escaped
 VALUE = re.compile(r"([^?&;=]+)=([^&;]*)")
 HIDDEN = "…"
-OPEN_VALUES = ("region", "scheme", "endpoint_override")  # of the query; any other may be a secret
+OPEN_VALUES = ("region", "scheme", "endpoint_override")  # of a query; any other value may be a secret
 
 
 def hidden(text: str) -> str:
-    """Texts with URLs, without the credentials in them.
+    """Return a text without the credentials of the URLs in it.
 
     >>> hidden("s3://KEY:SECRET@bucket/name?region=eu&session_token=abc: missing")
     's3://…@bucket/name?region=eu&session_token=…: missing'
@@ -38,7 +38,7 @@ def _without_value(pair: re.Match[str]) -> str:
 
 
 class IbdataError(ValueError):
-    """Something went wrong at run time; credentials in URLs are not told."""
+    """The base class of all errors here. Its message leaves out the credentials of URLs."""
 
     exit_code = 1
 
@@ -57,19 +57,19 @@ class MissingError(IbdataError, ImportError):
 
     def __init__(self, what: str, library: str, extra: str) -> None:
         self.arguments = (what, library, extra)
-        super().__init__(f"{what} needs {library}: pip install {library}, or ibdata with its extra '{extra}'")
+        super().__init__(f"{what} needs the package {library}: pip install {library}, or 'ibdata[{extra}]'")
 
     def __reduce__(self) -> tuple[type[MissingError], tuple[str, str, str]]:
         return type(self), self.arguments
 
 
 def printable(line: str) -> str:
-    """Texts come from files and datasets: escaped, none can forge a line or a colour."""
+    """Escape control characters, so that text from files cannot forge another line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 class Problems(ValueError):
-    """Several things that are wrong, each with the path of its key from where this is raised."""
+    """Several problems, each with the path of its key below the model that raises this."""
 
     def __init__(self, found: list[tuple[Loc, str]]) -> None:
         self.found = found
@@ -77,18 +77,18 @@ class Problems(ValueError):
 
 
 class ConfigError(UsageError):
-    """An experiment is not valid; `problems` holds one line for each reason."""
+    """An experiment is not valid; `problems` has a line for each problem."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(map(printable, problems))
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:
-        return type(self), (self.problems,)  # as it comes back from a worker process
+        return type(self), (self.problems,)  # it is pickled to come back from a worker process
 
 
 class DatasetError(IbdataError):
-    """A folder does not hold the finished dataset that was expected."""
+    """A folder holds no finished dataset, or a damaged one."""
 
     exit_code = 3
 
@@ -102,9 +102,7 @@ class BusyError(IbdataError):
 class Interrupted(IbdataError):
     """A signal asked to stop; the exit code is 128 plus the signal's number."""
 
-    def __init__(
-        self, signal_number: int, left: str = "--resume goes on from the shards that are whole"
-    ) -> None:
+    def __init__(self, signal_number: int, left: str = "--resume continues from the complete shards") -> None:
         self.signal_number = signal_number
         self.left = left
         self.exit_code = 128 + signal_number

@@ -25,7 +25,7 @@ def say_yaml(experiment: Experiment) -> None:
 
 
 def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
-    """What one experiment would make."""
+    """Print what one experiment would make."""
     from ibdata.generation.estimate import estimate
 
     made = estimate(experiment, folder, **options)
@@ -38,7 +38,7 @@ def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
 
 def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
-    """What each experiment of a folder would make, and all."""
+    """Print what each experiment of a folder would make, and the total."""
     from ibdata.generation.suite import estimate_all
 
     made = estimate_all(config, out, **options)
@@ -89,7 +89,7 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
 
 def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
-    """Raise UsageError for what does not go with --shards."""
+    """Raise UsageError for options that do not go with --shards."""
     others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
     for name, found in others.items():
         if found:
@@ -112,11 +112,11 @@ def generate_part(config: str, shards: str, out: Path | str | None, as_json: boo
             }
         )
         return
-    say(f"{made.folder}: {made.shards} shards with {made.rows} rows are there for {shards}")
+    say(f"{made.folder}: {made.shards} shards with {made.rows} rows are complete for {shards}")
     if made.missing:
-        say(f"{made.missing} shards are missing yet; when all are there: ibdata finalize {made.folder}")
+        say(f"{made.missing} shards are still missing; once all are complete: ibdata finalize {made.folder}")
     else:
-        say(f"all shards are there: ibdata finalize {made.folder}")
+        say(f"all shards are complete: ibdata finalize {made.folder}")
 
 
 def generate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""What several commands share: arguments, options, and how results are printed."""
+"""Arguments, options and printing functions that several commands share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
 UNIT = re.compile("....")  # of UTF-16, in hex
 
 allow_code_option = click.option(
-    "--allow-code", is_flag=True, help="Let custom policies run: they are code; know whose it is."
+    "--allow-code",
+    is_flag=True,
+    help="Allow custom policies, which run arbitrary Python code. Use only with code you trust.",
 )
 
 
@@ -39,36 +41,36 @@ config_option = click.option(
     "config",
     required=True,
     metavar="C",
-    help="A YAML file, a folder of them, or the name of a shipped one.",
+    help="A YAML file, a folder of YAML files, or the name of a shipped experiment.",
 )
 set_option = click.option(
     "--set",
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Override an option, e.g. --set episodes=100.",
+    help="Override an option of the experiment, e.g. --set episodes=100.",
 )
-seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")
 
 
 def say(line: object = "", err: bool = False) -> None:
-    """Print a line; all that commands print comes here or to `print_json`.
+    """Print a line. All output of commands goes through here or `print_json`.
 
-    Texts of datasets, experiments and policies are in it: what could forge another line or a colour, and
-    what the stream cannot show, is escaped; credentials in URLs are hidden.
+    The line may hold texts of datasets, experiments and policies. Control characters, and characters that the
+    stream cannot encode, are escaped; credentials in URLs are hidden.
     """
     click.echo(shown(hidden(str(line)), sys.stderr if err else sys.stdout), err=err)
 
 
 def say_all(text: str) -> None:
-    """Print a text of ours, line by line."""
+    """Print a text of several lines."""
     for line in text.removesuffix("\n").split("\n"):
         say(line)
 
 
 def print_json(data: Mapping[str, Any]) -> None:
-    """One JSON document with the version of its form."""
+    """Print one JSON document with the version of its format."""
     say_json({"version": 1, **data})
 
 
@@ -80,7 +82,7 @@ def say_json(data: Mapping[str, Any], indent: int | None = None) -> None:
 
 
 def shown(line: str, stream: TextIO) -> str:
-    """A line as a stream shows it: printable, in the characters that it has."""
+    """Return a line as a stream can show it: printable, in its encoding."""
     encoding = stream.encoding or "utf-8"
     return printable(line).encode(encoding, "backslashreplace").decode(encoding)
 
@@ -98,7 +100,7 @@ def _without_credentials(data: Any) -> Any:
 
 
 def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
-    """Names and values, a line each."""
+    """Print names and values, one pair per line."""
     names = [printable(name) for name, _ in pairs]
     width = max(map(len, names))
     for name, (_, value) in zip(names, pairs, strict=True):
@@ -106,7 +108,7 @@ def print_pairs(pairs: Sequence[tuple[str, Any]]) -> None:
 
 
 def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Columns of text under their names, the first to the left and the others to the right."""
+    """Print columns of text under their names, the first aligned left and the others right."""
     lines = [[printable(cell) for cell in row] for row in (names, *rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
@@ -117,12 +119,12 @@ def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:
-    """Problems as JSON, each with the file, row and rule."""
+    """Return problems as JSON, each with the file, row and rule."""
     return [problem._asdict() for problem in problems]
 
 
 def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
-    """Say that all is fine, or what is not, on stderr, and end with exit code 3."""
+    """Print `fine` if there are no problems; else print them on stderr and exit with code 3."""
     if not problems:
         if not quiet:
             say(fine)
@@ -135,7 +137,7 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
 
 
 def size(count: float) -> str:
-    """Bytes for people.
+    """Format a number of bytes.
 
     >>> size(791701)
     '0.8 MB'

@@ -13,9 +13,9 @@ from ibdata.cli._shared import folder_argument, json_option, print_json, say
 @folder_argument
 @json_option
 def command(folder: Path, as_json: bool) -> None:
-    """Write the dataset's card, README.md, and its report, report.html, which opens in any browser.
+    """Write a dataset's card (README.md) and its report (report.html).
 
-    The report is one file and needs no network: pictures, experiment, statistics, provenance.
+    The report shows pictures, experiment, statistics and provenance in one file, which needs no network.
 
     \b
     ibdata card data/random

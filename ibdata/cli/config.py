@@ -28,7 +28,7 @@ config_argument = click.argument("config", metavar="C")
 @seed_option
 @json_option
 def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
-    """Say whether an experiment, or all of a folder, is valid; all errors at once, exit code 2."""
+    """Check an experiment, or all of a folder, and print all errors at once; exit code 2 if there are any."""
     from ibdata.experiment import find, load_all
 
     rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
@@ -44,7 +44,7 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
 @seed_option
 @json_option
 def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
-    """Print the resolved experiment, defaults included."""
+    """Print the experiment in full, with overrides and defaults."""
     from ibdata.experiment import load
 
     experiment = load(config, overrides, seed)

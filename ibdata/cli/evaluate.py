@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     required=True,
     multiple=True,
     metavar="NAME|YAML",
-    help="A kind, a block such as '{kind: safe}', or a file with one; several to compare them.",
+    help="A kind, a block such as '{kind: safe}', or a file with one; repeat to compare several.",
 )
 @click.option(
     "--setpoint",
@@ -29,16 +29,23 @@ if TYPE_CHECKING:
     multiple=True,
     default=["70"],
     metavar="P",
-    help="One or several; or drifting, or '{drifting: [50, 70]}', which begin there. Default 70.",
+    help="A number (may be repeated), drifting, or '{drifting: [50, 70]}' for starting values. Default 70.",
 )
-@click.option("--steps", type=int, default=100, show_default=True, help="Steps of an episode.")
-@click.option("--discount", type=float, default=0.97, show_default=True, help="In [0, 1].")
-@click.option("--episodes", type=int, default=100, show_default=True, help="Of each policy and setpoint.")
-@click.option("--start", default="default", metavar="S", help="default, uniform, or '{burn_in: [15, 64]}'.")
+@click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
+@click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
 @click.option(
-    "--dynamics", default="siemens", metavar="D", help="siemens, paper, or '{base: …, field: value}'."
+    "--episodes", type=int, default=100, show_default=True, help="Episodes per policy and setpoint."
 )
-@click.option("--seed", type=int, default=0, metavar="N", help="Default 0.")
+@click.option(
+    "--start", default="default", metavar="S", help="Start state: default, uniform, or '{burn_in: [15, 64]}'."
+)
+@click.option(
+    "--dynamics",
+    default="siemens",
+    metavar="D",
+    help="Dynamics: siemens, paper, or '{base: …, field: value}'.",
+)
+@click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
 @allow_code_option
 @json_option
 def command(
@@ -49,7 +56,7 @@ def command(
     as_json: bool,
     **settings: Any,
 ) -> None:
-    """Play fresh episodes with policies and sum up their rewards.
+    """Simulate fresh episodes with policies and compare their returns.
 
     \b
     ibdata evaluate --policy optimized --setpoint 70
@@ -74,7 +81,7 @@ def command(
 
 
 def _value(option: str, text: str) -> Any:
-    """What an option says in YAML."""
+    """The value of an option, which is YAML."""
     from ibdata.errors import UsageError
     from ibdata.experiment.yaml import Document, StrictYamlError
 

@@ -18,8 +18,10 @@ from ibdata.plots import DYNAMICS, figure, names
     metavar="FILE",
     help="A .png or .svg file; default figures/<name>.png.",
 )
-@click.option("--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True)
-@click.option("--seed", type=int, metavar="N", help="Of the episodes drawn, where any are.")
+@click.option(
+    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="Dynamics."
+)
+@click.option("--seed", type=int, metavar="N", help="Seed of the episodes that are drawn.")
 @click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
 @json_option
 def command(

@@ -13,9 +13,9 @@ from ibdata.cli._shared import folder_argument, json_option, print_json, say
 @folder_argument
 @json_option
 def command(folder: Path, as_json: bool) -> None:
-    """Finish a dataset of which `generate --shards i/n` has made all parts.
+    """Complete a dataset whose parts `generate --shards i/n` has made.
 
-    Every shard is checked first. Where some are missing, says which, and what makes them.
+    Every shard is checked first. If some are missing, the error names them and the command that makes them.
 
     \b
     ibdata generate --config random.yaml --out data/random --shards 1/2

@@ -31,30 +31,38 @@ from ibdata.cli._shared import (
     "--out",
     type=Place(path_type=Path),
     metavar="DIR|URL",
-    help="Folder to make, or URL as s3://bucket/name; default data/<name>. Of a folder of experiments each "
-    "goes to DIR/<name>.",
+    help="The folder to make, or a URL such as s3://bucket/name; default data/<name>. The datasets of a "
+    "folder of experiments go to DIR/<name>.",
 )
-@click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@click.option("--workers", type=int, metavar="N", help="Worker processes; default: one per processor.")
 @click.option(
     "--engine",
     type=click.Choice(["local", "ray"]),
     default="local",
     show_default=True,
-    help="Who runs the files: processes here, or Ray, whose hosts must share the file system of DIR.",
+    help="Where the work runs: in local processes, or on Ray, whose hosts must share the file system of DIR.",
 )
-@click.option("--address", metavar="A", help="A running Ray; default: $RAY_ADDRESS, else one started here.")
+@click.option(
+    "--address",
+    metavar="A",
+    help="Address of a running Ray; default: $RAY_ADDRESS; without it, Ray is started here.",
+)
 @seed_option
 @set_option
 @click.option(
     "--shards",
     metavar="I/N",
-    help="Make the I-th of N parts only, I from 1: for N hosts and one folder; then ibdata finalize DIR.",
+    help="Make only part I of N (from 1), on one of the hosts that share DIR; ibdata finalize completes it.",
 )
-@click.option("--resume", is_flag=True, help="Go on with a run that was stopped, or start one.")
-@click.option("--overwrite", is_flag=True, help="Replace the dataset in DIR, which stays whole until then.")
-@click.option("--dry-run", is_flag=True, help="Say what would be made, and write nothing.")
+@click.option("--resume", is_flag=True, help="Continue a run that was stopped, or start one.")
+@click.option(
+    "--overwrite",
+    is_flag=True,
+    help="Replace the dataset in DIR; it stays readable until the new one is complete.",
+)
+@click.option("--dry-run", is_flag=True, help="Print what would be made, and write nothing.")
 @allow_code_option
-@click.option("--quiet", "-q", is_flag=True, help="No progress bar.")
+@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 @json_option
 def command(
     config: str,
@@ -72,7 +80,7 @@ def command(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Make the dataset of an experiment, or of each experiment in a folder.
+    """Generate the dataset of an experiment, or of each experiment in a folder.
 
     \b
     ibdata generate --config random.yaml

@@ -17,13 +17,13 @@ MAX_ROWS = 1_000_000
 @click.command("head")
 @place_argument
 @click.option(
-    "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="How many rows."
+    "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="Number of rows."
 )
-@click.option("--columns", metavar="A,B,…", help="Only these columns.")
-@click.option("--split", metavar="NAME", help="Only rows of this split.")
+@click.option("--columns", metavar="A,B,…", help="Print only these columns.")
+@click.option("--split", metavar="NAME", help="Print only rows of this split.")
 @json_option
 def command(folder: Path | str, rows: int, columns: str | None, split: str | None, as_json: bool) -> None:
-    """Print the first rows, a column a line.
+    """Print the first rows, one column per line.
 
     \b
     ibdata head data/random -n 3 --columns step,act_velocity,reward
@@ -33,7 +33,7 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     batch = next(Dataset(folder).iter_batches(names, split, batch_rows=rows), None)
     if batch is None:
-        raise DatasetError(f"{folder}: found no rows, expected some; see ibdata validate {folder}")
+        raise DatasetError(f"{folder}: found no rows; see ibdata validate {folder}")
     if as_json:
         print_json({"rows": [_plain(row) for row in batch.to_pylist()]})
         return
@@ -45,5 +45,5 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    """A row as JSON can hold it: null in the place of what is no number."""
+    """A row as JSON can hold it: null in place of NaN and infinities."""
     return {k: None if isinstance(x, float) and not math.isfinite(x) else x for k, x in row.items()}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @place_argument
 @json_option
 def command(folder: Path | str, as_json: bool) -> None:
-    """Say what a dataset holds.
+    """Describe a dataset: its contents, and the returns of its policies.
 
     \b
     ibdata info data/random

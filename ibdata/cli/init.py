@@ -13,9 +13,9 @@ from ibdata.cli._shared import json_option, print_json, say
 @click.argument("file", metavar="[FILE]", default="experiment.yaml", type=click.Path(path_type=Path))
 @json_option
 def command(file: Path, as_json: bool) -> None:
-    """Write an experiment with comments, to be changed.
+    """Write a commented example experiment, to be edited.
 
-    A file that is there is left as it is.
+    An existing file is not changed.
 
     \b
     ibdata init

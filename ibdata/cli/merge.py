@@ -11,12 +11,14 @@ from ibdata.cli._shared import json_option, print_json, say
 
 @click.command("merge")
 @click.argument("folders", metavar="DIR…", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder to make.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The folder to make."
+)
 @json_option
 def command(folders: tuple[Path, ...], out: Path, as_json: bool) -> None:
-    """Merge datasets of equal columns into a new one.
+    """Merge datasets with the same columns into a new one.
 
-    Refuses datasets that share an episode, or the beginning of one.
+    Datasets that share an episode, or the beginning of one, are refused.
 
     \b
     ibdata merge data/random data/safe --out data/both

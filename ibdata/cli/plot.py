@@ -18,21 +18,23 @@ from ibdata.plots import FOLDER, FORMS, plot
     metavar="FOLDER",
     default=FOLDER,
     show_default=True,
-    help="Where the files go.",
+    help="The folder for the files.",
 )
-@click.option("--format", "form", type=click.Choice(FORMS), default="png", show_default=True)
+@click.option(
+    "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
+)
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @json_option
 def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) -> None:
-    """Draw a dataset into seven files and print their names.
+    """Draw seven pictures of a dataset and print the names of their files.
 
     \b
-    actions    what each policy did
-    coverage   how often each pair of velocity, gain and shift was visited
-    returns    of episodes, by setpoint and policy
-    rewards    of steps, by setpoint
-    splits     which of them hold which setpoints and policies, what they share
-    traces     of the episode with the median return
+    actions    distribution of the actions of each policy
+    coverage   visits of each pair of velocity, gain and shift
+    returns    returns of episodes, by setpoint and policy
+    rewards    rewards of steps, by setpoint
+    splits     setpoints and policies of each split, and shared episodes
+    traces     the episode with the median return, step by step
     tradeoff   fatigue against consumption
 
     \b

@@ -11,13 +11,13 @@ from ibdata.cli._shared import allow_code_option, folder_argument, json_option, 
 
 @click.command("repair")
 @folder_argument
-@click.option("--workers", type=int, metavar="N", help="Processes; default: one a processor.")
+@click.option("--workers", type=int, metavar="N", help="Worker processes; default: one per processor.")
 @allow_code_option
 @json_option
 def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) -> None:
-    """Make damaged or missing files again.
+    """Regenerate damaged or missing files.
 
-    Only those are touched, and only if they get the content that the manifest lists.
+    No other file is touched, and a file is replaced only by one with the content that the manifest lists.
 
     \b
     ibdata repair data/random

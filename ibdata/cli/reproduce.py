@@ -18,13 +18,15 @@ from ibdata.cli._shared import (
 
 @click.command("reproduce")
 @folder_argument
-@click.option("--episodes", metavar="N|A-B", help="So many, spread evenly, or this range; default: all.")
+@click.option(
+    "--episodes", metavar="N|A-B", help="Compare N evenly spread episodes, or episodes A to B; default: all."
+)
 @allow_code_option
 @json_option
 def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool) -> None:
-    """Make a dataset again in memory and compare.
+    """Generate a dataset again in memory and compare it with the stored one.
 
-    Exit code 3 names the episodes that differ. Nothing is written.
+    If episodes differ, it prints them; exit code 3. Nothing is written.
 
     \b
     ibdata reproduce data/random

@@ -27,24 +27,46 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
 
 @click.command("split")
 @folder_argument
-@click.option("--by", type=click.Choice(["setpoint", "episode", "policy"]), help="What decides.")
 @click.option(
-    "--scheme", type=click.Choice(SCHEMES), default="transfer", show_default=True, help="By setpoint."
+    "--by",
+    type=click.Choice(["setpoint", "episode", "policy"]),
+    help="The property that decides the split of an episode.",
 )
 @click.option(
-    "--source", type=float, multiple=True, metavar="P", help="Setpoint of the source; repeat for more."
+    "--scheme",
+    type=click.Choice(SCHEMES),
+    default="transfer",
+    show_default=True,
+    help="With --by setpoint: how setpoints are split.",
 )
 @click.option(
-    "--target", type=float, multiple=True, metavar="P", help="Setpoint of the target; repeat for more."
+    "--source", type=float, multiple=True, metavar="P", help="A setpoint of the source; may be repeated."
 )
-@click.option("--shots", type=int, metavar="N", help="So many episodes of each target cell; else all.")
 @click.option(
-    "--transitions", type=int, metavar="N", help="So many rows of each target cell, whole episodes."
+    "--target", type=float, multiple=True, metavar="P", help="A setpoint of the target; may be repeated."
 )
-@click.option("--within", type=float, metavar="D", help="How far from the source is near (scheme distance).")
-@click.option("--fractions", type=Fractions(), default="0.8,0.1,0.1", show_default=True, help="By episode.")
 @click.option(
-    "--materialize", type=click.Path(path_type=Path), metavar="OUT", help="Write a copy of whole files."
+    "--shots", type=int, metavar="N", help="Episodes of each target cell (policy and setpoint); default: all."
+)
+@click.option("--transitions", type=int, metavar="N", help="Rows of each target cell, in whole episodes.")
+@click.option(
+    "--within",
+    type=float,
+    metavar="D",
+    help="With the scheme distance: the largest distance from the source that is near.",
+)
+@click.option(
+    "--fractions",
+    type=Fractions(),
+    default="0.8,0.1,0.1",
+    show_default=True,
+    help="With --by episode: shares.",
+)
+@click.option(
+    "--materialize",
+    type=click.Path(path_type=Path),
+    metavar="OUT",
+    help="Write a copy to OUT, with files of its own for each split.",
 )
 @json_option
 def command(
@@ -60,7 +82,7 @@ def command(
     materialize: Path | None,
     as_json: bool,
 ) -> None:
-    """Split a dataset: label its episodes, or write a copy in which every split is whole files.
+    """Split a dataset: label its episodes, or write a copy in which every split has its own files.
 
     \b
     ibdata split data/random --by setpoint --source 50 --target 70

@@ -16,7 +16,7 @@ SHOWN = ("mean", "std", "min", "max")
 @click.option("--split", metavar="NAME", help="Statistics of this split only.")
 @json_option
 def command(folder: Path | str, split: str | None, as_json: bool) -> None:
-    """Print mean, deviation, range and median of columns.
+    """Print mean, standard deviation, range and median of each column.
 
     \b
     ibdata stats data/random

@@ -11,12 +11,12 @@ from ibdata.cli._shared import json_option, place_argument, print_json, problems
 
 @click.command("validate")
 @place_argument
-@click.option("--quick", is_flag=True, help="Compare the hashes of the files only.")
+@click.option("--quick", is_flag=True, help="Check only the hashes of the files.")
 @json_option
 def command(folder: Path | str, quick: bool, as_json: bool) -> None:
     """Check every file, row and rule of a dataset.
 
-    Exit code 3 names what is broken: file, row, rule, what was found, what was expected.
+    If something is wrong, it prints file, row, rule, what was found and what was expected; exit code 3.
 
     \b
     ibdata validate data/random

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
+from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.environment import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
@@ -90,8 +91,8 @@ def consumption_bounds(variant: Variant) -> tuple[float, float]:
     [-7.3, 5183.2]
     """
     weight, k = sum(variant.convolution_weights), variant.consumption_noise
-    low = weight + 25.0 * (M_MIN + variant.consumption_offset)
-    high = COST_MAX * weight + 25.0 * (M_MAX + variant.consumption_offset)
+    low = weight + PENALTY_WEIGHT * (M_MIN + variant.consumption_offset)
+    high = COST_MAX * weight + PENALTY_WEIGHT * (M_MAX + variant.consumption_offset)
     corners = [c + (1.0 + k * c) * z for c in (low, high) for z in (-Z_MAX, Z_MAX)]
     return min(corners), max(corners)
 

@@ -28,7 +28,7 @@ Draw = Callable[[Indices, int], Raw]  # (lanes, count) -> (lanes, count) random 
 
 
 class Simulation:
-    """n lanes under one setting.
+    """n lanes, which are episodes simulated at once, under one setting.
 
     A start takes 4 integers where it is random; a step takes 8, and 4 more if the setpoint moves; a step of
     the burn-in 4 more for its action. So a lane is the same whatever the other lanes do.
@@ -90,14 +90,14 @@ class Simulation:
         kernel.step_lanes(state, action, *raw, 0, noise, self._parameters)
 
     def _observe(self, state: State, which: Indices, first: bool) -> None:
-        """Put the state of some lanes back, and what is seen of it in front of their history."""
+        """Write the state of some lanes, and put their new observation in front of their history."""
         _put(self.state, which, state)
         seen = self.seen[which]
         kernel.observe(state, seen, first)
         self.seen[which] = seen
 
     def observations(self) -> Float32s:
-        """What is seen (n, 6 · history), newest frame first; a new array each time."""
+        """Return the observations (n, 6 · history), newest first; a new array each time."""
         return self.seen.reshape(self.n, -1).copy()
 
     def rewards(self) -> npt.NDArray[np.float64]:
@@ -105,7 +105,7 @@ class Simulation:
         return self.state.reward * self.settings.reward_scale
 
     def drawn(self) -> dict[str, npt.NDArray[Any]]:
-        """What a picture of an episode shows, arrays (n,)."""
+        """The variables that a picture of an episode shows, arrays (n,)."""
         return {name: getattr(self.state, name) for name in DRAWN}
 
     def latent(self) -> dict[str, npt.NDArray[Any]]:

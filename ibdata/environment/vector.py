@@ -146,7 +146,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         return self._simulation.observations(), rewards, np.zeros_like(truncated), truncated, info
 
     def _final(self, ended: Flags) -> dict[str, Any]:
-        """What an automatic reset hides: the last observations and infos of the episodes that ended."""
+        """The last observations and infos of the episodes that ended, which an automatic reset hides."""
         last = np.full(self.num_envs, None, dtype=object)
         seen = self._simulation.observations()
         for lane in np.flatnonzero(ended).tolist():

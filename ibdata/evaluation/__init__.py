@@ -82,17 +82,32 @@ def evaluate(
     history: int = 1,
     allow_code: bool = False,
 ) -> Evaluation:
-    """Play fresh episodes with a policy, or with several in a list, and sum up their returns.
+    """Simulate fresh episodes with one or several policies and compare their returns.
 
-    A policy is a kind such as "optimized", a block (mapping, YAML text or file), a `Policy`, or any object
-    with `act(history, u)` or `predict(observation)`; the latter sees `history` observations, newest first,
-    flattened to (n, 6 · history). The return is the sum over t of discount to the t times the reward.
-    setpoint is one or several, or "drifting", or {"drifting": [50, 70]}, which begin there and move, and for
-    which there is no score; start and dynamics are as in an experiment. All policies meet the same random
-    numbers of the environment, so their differences are paired, episode by episode. allow_code lets a custom
-    policy run that a file names.
+    All policies meet the same random numbers of the environment, so their differences are paired, episode by
+    episode. The return of an episode is the sum over t of discountᵗ times the reward.
 
-    Raises UsageError or ConfigError for arguments that are not valid, PolicyError for actions that are none.
+    Args:
+        policy: a kind such as "optimized", a block (mapping, YAML text or file), a `Policy`, or any object
+            with `act(history, u)` or `predict(observation)`; or a list of them.
+        setpoint: one or several numbers; "drifting", or {"drifting": [50, 70]} for the values at the start.
+            There is no score for drifting setpoints.
+        steps: steps per episode.
+        discount: the discount factor, in [0, 1].
+        episodes: episodes per policy and setpoint.
+        start: the start state, as in an experiment.
+        dynamics: the dynamics, as in an experiment.
+        seed: the seed of all random numbers.
+        history: the number of observations that an object without `history_length` sees. `predict` gets them
+            newest first, flattened to (n, 6 · history).
+        allow_code: whether a custom policy that a file names may run.
+
+    Returns:
+        Results per policy and setpoint, and the paired differences of the policies.
+
+    Raises:
+        UsageError, ConfigError: an argument is invalid.
+        PolicyError: a policy failed, or returned no valid action.
     """
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")

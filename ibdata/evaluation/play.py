@@ -27,7 +27,7 @@ class EvaluationBlock(Block):
         return form_digest(common), form_digest(form)
 
     def returns(self, discount: float) -> Iterator[Floats]:
-        """Two sums (n,) over the steps t: of discount to the t times the reward, and of the reward."""
+        """Return two sums (n,) over the steps t: of discountᵗ times the reward, and of the reward."""
         discounted, plain, weight = np.zeros(self.n), np.zeros(self.n), 1.0
         action = np.empty((self.n, 3), dtype=np.float32)
         history = np.empty((self.n, self.policy.history_length, 6), dtype=np.float32)

@@ -24,7 +24,7 @@ class Cell:
     start: Any
 
     def form(self) -> dict[str, Any]:
-        """The canonical form: what the digest is taken of. Labels are not part of it."""
+        """The canonical form, from which the digest is computed. Labels are not part of it."""
         return {
             "dynamics": self.dynamics,
             "setpoint": {"drifting": self.setpoint.hex()} if self.drifting else self.setpoint.hex(),

@@ -1,4 +1,4 @@
-"""Code that a config names: it runs only where that was allowed, and what ran is recorded."""
+"""Code that an experiment names: it runs only if the user allows it, and what ran is recorded."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ibdata.system.atomic_files import file_sha256
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
-    """Every custom policy, also those inside others."""
+    """Return every custom policy, also those that are the base of another."""
     return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
-    """A policy if it is a custom one, or the one that it is around."""
+    """Yield the policy if it is a custom one, or else its base if that is."""
     if isinstance(policy, Custom):
         yield policy
     base = getattr(policy, "base", None)
@@ -34,9 +34,10 @@ def customs_in(policy: Policy) -> Iterator[Custom]:
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> None:
-    """Raises UsageError where a policy is code and that is not allowed; else says on stderr what will run.
+    """Print on stderr which custom code will run.
 
-    Also where the code is the script that was started: nobody can import that to make the dataset again.
+    Raises UsageError if there is such code and allow_code is false, or if it is in the script that was
+    started: nobody could import that to make the dataset again.
     """
     targets = spec.code_targets
     if targets and not allow_code:
@@ -54,7 +55,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
 
 
 def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetSpec:
-    """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
+    """Return `spec_in` of a dataset whose episodes are made again; raises as that and `require_consent`."""
     spec = spec_in(folder, listed)
     require_consent(spec, folder, allow_code)
     return spec
@@ -62,7 +63,7 @@ def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetS
 
 @contextmanager
 def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
-    """Policies are found in the current folder, which is the same afterwards, wherever their code goes."""
+    """Let policies be imported from the current folder, and restore that folder if their code changes it."""
     here = os.getcwd() if customs(spec) else None
     before = started_in.set(here)
     try:
@@ -75,9 +76,9 @@ def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
 
 
 def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[Code]:
-    """What the custom policies are, without importing them; folder is that of the experiment's YAML file.
+    """Describe the custom policies without importing them; folder is that of the experiment's YAML file.
 
-    Of each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
+    For each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
     declared and of each module that it imports and is not installed; of installed ones the versions.
 
     Raises UsageError where a declared file is missing, or a module was changed after it was imported here.
@@ -106,7 +107,7 @@ def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[s
 
 
 def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str]:
-    """The distributions of installed modules, with their versions."""
+    """Return the distributions of installed modules, with their versions."""
     found = sorted({owner for name in names for owner in owners.get(name, ())})
     return {owner: importlib.metadata.version(owner) for owner in found}
 
@@ -126,7 +127,7 @@ _imported: dict[str, tuple[ModuleSpec, str | None]] = {}  # what modules were wh
 
 
 def _sha256(source: Source) -> str | None:
-    """The hash of a module's file, which is that of the code in this process if it is imported already."""
+    """Return the hash of a module's file; UsageError if the file changed since this process imported it."""
     archive = next((path for path in source.path.parents if path.is_file()), source.path)  # a zip file
     found = file_sha256(archive)
     spec = getattr(sys.modules.get(source.module), "__spec__", None)

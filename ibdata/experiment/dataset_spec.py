@@ -1,4 +1,4 @@
-"""What a dataset is made of: one experiment, or several that were merged, and the splits declared since."""
+"""The specification of a dataset: its experiment, or several if it was merged, and later splits."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class DatasetSpec:
 
     @classmethod
     def of(cls, experiment: Experiment) -> DatasetSpec:
-        """That of a dataset as `generate` makes it."""
+        """The specification of a dataset that `generate` makes."""
         return cls(experiment.name, (experiment,))
 
     @classmethod
     def from_plain(cls, data: Mapping[str, Any]) -> DatasetSpec:
-        """The one that `plain` gave, or that a manifest holds."""
+        """Read what `plain` returned, or what a manifest holds."""
         return cls(
             data["name"],
             tuple(Experiment.model_validate(experiment) for experiment in data["experiments"]),
@@ -139,7 +139,7 @@ class DatasetSpec:
 
 
 def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
-    """What the manifest of a dataset says it is made of; DatasetError where that is not valid."""
+    """Read the specification in a dataset's manifest; DatasetError if it is not valid."""
     try:
         return DatasetSpec.from_plain(listed.plain())
     except ValidationError as error:

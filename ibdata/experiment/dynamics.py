@@ -24,7 +24,7 @@ class Overrides(FrozenModel):
 
 
 def _fitting(name: str) -> AfterValidator:
-    """Refuses what `Variant` refuses; each of its rules is about one field."""
+    """Refuse the values that `Variant` refuses; each of its rules is about one field."""
 
     def check(value: Any) -> Any:
         try:

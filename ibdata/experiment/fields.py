@@ -35,7 +35,7 @@ Start = Annotated[
 
 
 def _no_number(value: Any) -> Any:
-    """1 equals true in Python, and only there."""
+    """Refuse 1 and 0, which Python takes for true and false."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         raise ValueError(f"found {shown(value)}, expected one of false, true, full, next")
     return value

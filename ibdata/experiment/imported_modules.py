@@ -1,4 +1,4 @@
-"""What a module imports, found by reading source files: nothing of them runs."""
+"""Find what a module imports by reading source files; none of their code runs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Source(NamedTuple):
 
 
 def imported(module: str) -> tuple[dict[str, Source], set[str]]:
-    """The sources of a module and of what it imports, and the top names of the installed modules among that.
+    """Return the sources of a module and of what it imports, and the names of installed packages among these.
 
     A source's key is its path from where modules are searched, so it is the same on every host. The module
     itself comes first. Imports inside functions count too. Of an installed module only its own package is
@@ -72,7 +72,7 @@ def _is_own(top: str, module: str) -> bool:
 
 
 def _spec(name: str) -> ModuleSpec | None:
-    """As importlib.util.find_spec, which would import the parents."""
+    """Find a module's spec without importing its parents, as `importlib.util.find_spec` would."""
     parent, _, tail = name.rpartition(".")
     if not parent:
         finders = [finder for finder in sys.meta_path if hasattr(finder, "find_spec")]

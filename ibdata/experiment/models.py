@@ -65,7 +65,7 @@ class Experiment(FrozenModel):
 
     @cached_property
     def folder(self) -> Path | None:
-        """Where the YAML file lies from which it was loaded; it is no part of what the experiment is."""
+        """The folder of the YAML file that it was loaded from, if any; not part of the experiment."""
         return None
 
     @cached_property
@@ -117,11 +117,18 @@ class Experiment(FrozenModel):
     def _check(self) -> Experiment:
         cells = len(setpoint_values(self.setpoints)[0]) * len(self.policies)
         if cells > MAX_CELLS:
-            raise Problems([(("setpoints",), f"found more than {MAX_CELLS} cells, expected fewer")])
+            raise Problems(
+                [(("setpoints",), f"found more than {MAX_CELLS} cells, expected at most {MAX_CELLS}")]
+            )
         per_shard = max(1, self.output.shard_rows // self.steps)
         if cells * self.episodes / per_shard > MAX_SHARDS:
             raise Problems(
-                [(("output", "shard_rows"), f"found more than {MAX_SHARDS} files, expected fewer")]
+                [
+                    (
+                        ("output", "shard_rows"),
+                        f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}",
+                    )
+                ]
             )
         found = [*self._equal_cells(), *self._unknown_in_splits()] or list(self._shared_episodes())
         if found:
@@ -138,7 +145,7 @@ class Experiment(FrozenModel):
             if form in forms[:i]:
                 yield (
                     ("policies", i),
-                    f"found the same policy as policies.{forms.index(form)}, expected another",
+                    f"found the same policy as policies.{forms.index(form)}; remove one of the two",
                 )
 
     def _unknown_in_splits(self) -> Iterator[tuple[Loc, str]]:
@@ -172,7 +179,10 @@ class Experiment(FrozenModel):
             for a in names[:i]:
                 (p, policies, indices), (q, others, more) = axes[a], axes[b]
                 if _meet(indices, more) and not policies.isdisjoint(others) and not p.isdisjoint(q):
-                    yield ("splits", b), f"shares episodes with {a}; expected none, or overlap: true"
+                    yield (
+                        ("splits", b),
+                        f"shares episodes with {a}; change one of the two, or set overlap: true",
+                    )
 
     def _axes(self, split: Split) -> tuple[frozenset[float], frozenset[str], range]:
         setpoints, policies = split.setpoints(), split.policies()

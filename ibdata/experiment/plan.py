@@ -27,7 +27,7 @@ class Shard(NamedTuple):
 
     @property
     def stem(self) -> str:
-        """What the shard's path inside the dataset begins with; a token follows."""
+        """The beginning of the shard's path inside the dataset; a token follows."""
         return f"data/part-{self.number:05d}"
 
 

@@ -12,20 +12,20 @@ MAX_SETPOINTS = 10_000
 
 
 def _whole(value: Any) -> Any:
-    """1e3 is a whole number too; true is none, which strict integers see to."""
+    """Accept 1e3 as a whole number; strict integers then refuse true."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _not_reserved(name: str) -> str:
     stem = name.split(".")[0]
     if stem in {"con", "prn", "aux", "nul"} or (stem[:3] in {"com", "lpt"} and stem[3:].isdigit()):
-        raise ValueError(f"found {name!r}, a reserved name on some systems, expected another")
+        raise ValueError(f"found {name!r}, a reserved name on some systems; choose another")
     return name
 
 
 def _not_default(name: str) -> str:
     if name == "default":
-        raise ValueError("found 'default', the name of the whole dataset, expected another")
+        raise ValueError("found 'default', the name of the whole dataset; choose another")
     return name
 
 

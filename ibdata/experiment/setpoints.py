@@ -34,7 +34,7 @@ class SetpointRange(FrozenModel):
                 f"found stop {exact(self.stop)} below start {exact(self.start)}, expected at least start"
             )
         if (self.stop - self.start) / self.step >= MAX_SETPOINTS:
-            raise ValueError(f"found more than {MAX_SETPOINTS} setpoints, expected fewer")
+            raise ValueError(f"found more than {MAX_SETPOINTS} setpoints, expected at most {MAX_SETPOINTS}")
         return self
 
 

@@ -1,4 +1,4 @@
-"""The experiments that come with ibdata, and what a name on the command line means."""
+"""The experiments that come with ibdata, and the search for one by name or path."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def is_suite(path: Path) -> bool:
 
 
 def find(config: str | os.PathLike[str]) -> Path:
-    """The config file or the folder of them meant: a path, else a shipped name with or without '.yaml'.
+    """Find a config file, or a folder of them: by path, else by shipped name with or without '.yaml'.
 
     A folder without configs is passed over. Raises UsageError where nothing is meant.
     """
@@ -52,5 +52,5 @@ def find(config: str | os.PathLike[str]) -> Path:
 
 
 def _short(names: Iterable[str]) -> list[str]:
-    """The names but for those inside of suites."""
+    """The shipped names, without those inside suites."""
     return [name for name in names if "/" not in name]

@@ -36,7 +36,7 @@ WORDS = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
 class StrictYamlError(ValueError):
-    """What is wrong, and the line and column (from 1) where."""
+    """The text is no strict YAML; with line and column, from 1."""
 
     def __init__(self, line: int, column: int, message: str) -> None:
         self.line, self.column, self.message = line, column, message
@@ -70,7 +70,7 @@ class Document:
             self.data = self._plain(root, ())
 
     def place(self, loc: Loc, key: bool = False) -> tuple[int, int]:
-        """Where the value (or key) at that path stands, or the nearest parent that exists."""
+        """Return line and column of the value (or key) at a path, or of its nearest parent that exists."""
         if key and loc in self.keys:
             return self.keys[loc]
         while loc and loc not in self.values:
@@ -155,9 +155,9 @@ def _checked_events(text: str) -> Iterator[None]:
         if isinstance(event, ScalarEvent) and event.value == "<<" and event.style is None:
             raise StrictYamlError(*place, "found a merge key, expected plain data")
         if depth > MAX_DEPTH:
-            raise StrictYamlError(*place, f"found more than {MAX_DEPTH} levels, expected fewer")
+            raise StrictYamlError(*place, f"found more than {MAX_DEPTH} levels, expected at most {MAX_DEPTH}")
         if nodes > MAX_NODES:
-            raise StrictYamlError(*place, f"found more than {MAX_NODES} values, expected fewer")
+            raise StrictYamlError(*place, f"found more than {MAX_NODES} values, expected at most {MAX_NODES}")
         if documents > 1:
             raise StrictYamlError(*place, "found a second document, expected one")
         yield

@@ -98,11 +98,11 @@ def export(
     view = View(source, split, history, reward_scale, progress)
     refuse_too_much("history", view.history_bytes)
     if view.rows == 0:
-        raise UsageError(f"split: {split!r} has no rows, expected some")
+        raise UsageError(f"split: {split!r} has no rows; choose another split")
     options: dict[str, Any] = {}
     if id is not None:
         if "id" not in inspect.signature(format.export).parameters:
-            raise UsageError(f"id: found {id!r}, expected none: {to} has no ids")
+            raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
         options["id"] = id
     target = Path(format.place(view, Path(out), **options) if hasattr(format, "place") else out)
     with stoppable(target), whole(target) as path:

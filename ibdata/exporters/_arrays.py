@@ -34,9 +34,9 @@ def transitions(block: Block) -> Arrays:
 
 
 def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
-    """Write the arrays, and others that are short, as a compressed NPZ.
+    """Write the arrays, and other short ones, as a compressed NPZ.
 
-    A ZIP holds one member after the other, so each array grows in a file of its own first.
+    A ZIP holds one member after the other, so each array is first written to a file of its own.
     """
     parts: dict[str, Path] = {}
     with ExitStack() as stack:
@@ -76,7 +76,7 @@ def check_npz(view: View, form: Form, path: Path) -> None:
 
 
 def _header(file: IO[bytes], rows: int, array: Array) -> None:
-    """Begin a file of NumPy that will hold so many rows like those of the array."""
+    """Write the header of a NumPy file of so many rows, with the type and shape of the array's."""
     np.lib.format.write_array_header_1_0(
         file,
         {

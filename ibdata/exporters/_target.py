@@ -1,4 +1,4 @@
-"""Where an export is written: beside its target, under whose name it appears when it is whole."""
+"""Write an export beside its target, and rename it when it is complete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ibdata.system.atomic_files import TEMPORARY, sync_folder
 
 @contextmanager
 def whole(target: Path) -> Iterator[Path]:
-    """A path to write to; it becomes the target when the block ends well, and nothing stays otherwise.
+    """Give a path to write to, which becomes the target if the block succeeds; otherwise nothing is left.
 
     Raises UsageError for a target that exists or lies within a dataset.
     """
@@ -43,15 +43,15 @@ def whole(target: Path) -> Iterator[Path]:
 
 
 def refuse(target: Path) -> None:
-    """UsageError for a target that may not be written."""
+    """Raise UsageError for a target that exists or lies within a dataset."""
     if os.path.lexists(target):
-        raise UsageError(f"{target}: exists already, expected nothing; choose another --out")
+        raise UsageError(f"{target}: exists already; choose another --out")
     refuse_inside(target)
 
 
 @contextmanager
 def stoppable(target: Path) -> Iterator[None]:
-    """Signals as exceptions, so that what was written is removed; what the system refuses as one line."""
+    """Turn signals and errors of the system into errors of one line; what was written is then removed."""
     try:
         with signals.stoppable():
             yield
@@ -74,15 +74,15 @@ def reserve(path: Path, size: int) -> None:
 
 
 def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
-    """An optional library, of a package of that name or another; MissingError where it is not installed."""
+    """Import an optional library; MissingError, which names its package, if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
-        raise MissingError(f"the export to {format}", package or module, extra) from None
+        raise MissingError(f"exporting to {format}", package or module, extra) from None
 
 
 def differs(what: str) -> IbdataError:
-    """The error that what was read back is not what was written."""
+    """Return the error for an export whose values differ when they are read back."""
     return IbdataError(f"{what}: read back other values than were written; the disk or a library is at fault")
 
 

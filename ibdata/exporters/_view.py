@@ -1,4 +1,4 @@
-"""What is exported: a dataset or a split of it, in blocks of whole episodes and so in constant memory."""
+"""The data of an export: a dataset or a split of it, in blocks of whole episodes, in constant memory."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Block(NamedTuple):
     extras: Arrays  # (n,) each: latent and next latent state, log density of the action, by column
 
     def split(self) -> Iterator[Block]:
-        """The episodes, a block each."""
+        """Yield the episodes, one block each."""
         ends = np.flatnonzero(self.terminated | self.truncated) + 1
         for start, stop in zip([0, *ends[:-1]], ends, strict=True):
             arrays = {name: getattr(self, name)[start:stop] for name in self._fields[:-1]}
@@ -51,7 +51,7 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """A dataset or a split of it, how many frames an observation has, and what rewards are multiplied by."""
+    """A dataset or a split of it, with stacked observations and scaled rewards."""
 
     dataset: Dataset
     split: str | None = None
@@ -74,14 +74,14 @@ class View:
 
     @property
     def bytes(self) -> int:
-        """What the arrays of all blocks take, uncompressed."""
+        """The size of the arrays of all blocks, uncompressed."""
         floats = 2 * len(self.group("observation")) * self.history + len(self.group("action")) + 1
         floats += sum(len(self.group(role)) for role in EXTRAS)
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
 
     @property
     def history_bytes(self) -> int:
-        """What the histories of the longest episode take, which are in memory at once."""
+        """The size of the histories of the longest episode, which are in memory at once."""
         longest = int(self.dataset.episodes["length"].max())
         return 2 * 4 * len(self.group("observation")) * self.history * longest
 
@@ -91,7 +91,7 @@ class View:
         return info.counts if self.split is None else info.splits[self.split]
 
     def group(self, role: str) -> list[str]:
-        """The columns that have a role."""
+        """The names of the columns of a role."""
         return self.dataset.info_model.groups.get(role, [])
 
     def described(self) -> pd.DataFrame:
@@ -104,7 +104,7 @@ class View:
         return episodes[episodes["episode"].isin(numbers)]
 
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
-        """The rows in order, in tables of whole episodes; `what` is said beside the progress bar.
+        """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar.
 
         columns must hold `terminated`, `truncated` and `reward`, which comes scaled.
         """
@@ -125,7 +125,7 @@ class View:
             raise DatasetError(f"{self.dataset.path}: the last episode has no end, see ibdata validate")
 
     def blocks(self, what: str) -> Iterator[Block]:
-        """The transitions in order."""
+        """Yield the transitions in order; `what` is the label of the progress bar."""
         roles = ("observation", "action", "next_observation", *EXTRAS)
         columns = [*INDICES, "reward", *(name for role in roles for name in self.group(role))]
         for table in self.tables(columns, what):

@@ -110,7 +110,7 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
 
     if os.path.lexists(path) and (path.is_dir() or not overwrite):
         todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
-        raise UsageError(f"{path}: exists already; expected {todo}")
+        raise UsageError(f"{path}: exists already; choose {todo}")
     refuse_inside(path)
 
 

@@ -1,4 +1,4 @@
-"""What the rows of a dataset hold, counted in one pass over all of them, in constant memory."""
+"""Histograms of a dataset's rows, counted in one pass and in constant memory."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Counts(NamedTuple):
 
 
 def count(dataset: Dataset, episodes: Episodes) -> Counts:
-    """The counts of a dataset; DatasetError where its rows or statistics are not what they should be."""
+    """Count the rows of a dataset; DatasetError if rows or statistics are damaged."""
     edges = {name: _edges(dataset, name) for name in ("reward", *COSTS)}
     cells = len(episodes.setpoints) * len(episodes.policies)
     cost_edges = (edges[COSTS[0]], edges[COSTS[1]])

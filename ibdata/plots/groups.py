@@ -1,4 +1,4 @@
-"""What a dataset's episodes are grouped by: setpoints and policies, few enough to be told apart."""
+"""Groups of episodes by setpoint and policy, few enough to be told apart in a picture."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def episodes_of(dataset: Dataset) -> Episodes:
     setpoint, returns = frame["setpoint"].to_numpy(), frame["return"].to_numpy()
     if not (np.isfinite(setpoint).all() and np.isfinite(returns).all()):
         raise DatasetError(
-            f"{dataset.path}: found episodes whose setpoint or return is no number, expected none; "
+            f"{dataset.path}: some episodes have a setpoint or return that is not a number; "
             f"see ibdata validate {dataset.path}"
         )
     values, number = np.unique(setpoint, return_inverse=True)

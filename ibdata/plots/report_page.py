@@ -1,4 +1,4 @@
-"""The report's page: one HTML file without an address in it, so that it opens anywhere, also in years."""
+"""The report's page: one HTML file without network addresses, so that it always opens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How pictures look, and how they become bytes: no window, no global state, the same bytes twice."""
+"""The style of pictures and their rendering: without a window or global state, always the same bytes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FRAME_DPI = 100
 
 @contextmanager
 def _plain() -> Iterator[None]:
-    """Our settings and matplotlib's defaults; the reader's own are back afterwards."""
+    """Use our settings of matplotlib, and restore the user's own afterwards."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(SETTINGS)

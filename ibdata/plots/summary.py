@@ -1,4 +1,4 @@
-"""All that the pictures of a dataset need of it, read when first asked for."""
+"""The data that the pictures of a dataset show, read when first used."""
 
 from __future__ import annotations
 
@@ -68,5 +68,5 @@ class Summary:
 
     @property
     def setpoint_label(self) -> str:
-        """What the groups of setpoints are."""
+        """The label of the groups of setpoints."""
         return "setpoint p at the start" if self.dataset.info_model.drifting else "setpoint p"

@@ -29,7 +29,7 @@ def _plain(params: dict[str, Any]) -> dict[str, Any]:
 
 def _problems(value: Any, loc: Loc) -> Iterator[tuple[Loc, str]]:
     if len(loc) > MAX_DEPTH:
-        yield loc, f"found more than {MAX_DEPTH} levels, expected fewer"
+        yield loc, f"found more than {MAX_DEPTH} levels, expected at most {MAX_DEPTH}"
     elif isinstance(value, dict):
         for key, inner in value.items():
             if not isinstance(key, str):
@@ -51,7 +51,7 @@ def _problems(value: Any, loc: Loc) -> Iterator[tuple[Loc, str]]:
             yield loc, f"found {json.dumps(value)}, expected a finite number"
     elif isinstance(value, int):
         if abs(value) >= 10**MAX_DIGITS:
-            yield loc, f"found a whole number of more than {MAX_DIGITS} digits, expected fewer"
+            yield loc, f"found a whole number of more than {MAX_DIGITS} digits, expected at most {MAX_DIGITS}"
     elif value is not None:
         kind = type(value).__name__
         yield loc, f"found an object of type {kind}, expected only what JSON holds"

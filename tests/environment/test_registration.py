@@ -71,5 +71,5 @@ for attempt in ("import gymnasium", "ibdata.environment.IndustrialBenchmarkEnv")
 """
     assert said(tmp_path, code).splitlines() == [
         "No module named 'gymnasium'",
-        "ibdata.environment needs gymnasium: pip install gymnasium, or ibdata with its extra 'gymnasium'",
+        "ibdata.environment needs the package gymnasium: pip install gymnasium, or 'ibdata[gymnasium]'",
     ]

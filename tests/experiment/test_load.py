@@ -16,7 +16,7 @@ BASES = ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(po
 FIXED = ", ".join(kind for kind, policy in POLICIES.items() if issubclass(policy, Deterministic))
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
-RESERVED = "a reserved name on some systems, expected another"
+RESERVED = "a reserved name on some systems; choose another"
 
 WORDS = {"KINDS": KINDS, "KEYS": KEYS, "BASES": BASES, "FIXED": FIXED}
 
@@ -91,7 +91,9 @@ def test_at_most_a_million_cells_are_accepted(problems, loaded, with_lines):
     setpoints = "setpoints: {start: 0, stop: 99.99, step: 0.01}"
     policies = [f"{{kind: constant, action: [{i / 200}, 0, 0]}}" for i in range(101)]
     text = with_lines(setpoints, f"policies: [{', '.join(policies)}]")
-    assert problems(text) == ["x.yaml:1:12: setpoints: found more than 1000000 cells, expected fewer"]
+    assert problems(text) == [
+        "x.yaml:1:12: setpoints: found more than 1000000 cells, expected at most 1000000"
+    ]
     assert len(loaded(with_lines(setpoints, f"policies: [{', '.join(policies[1:])}]")).cells) == 1_000_000
 
 

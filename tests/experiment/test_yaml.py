@@ -18,7 +18,7 @@ examples = settings(derandomize=True, deadline=None, max_examples=400)
 ANCHOR = "found an anchor or alias, expected plain data"
 MERGE = "found a merge key, expected plain data"
 KEY = "found a list or mapping as a key, expected text"
-LEVELS = "found more than 20 levels, expected fewer"
+LEVELS = "found more than 20 levels, expected at most 20"
 TAB = "not valid YAML: found character '\\t' that cannot start any token"
 DOCUMENT = "found a second document, expected one"
 
@@ -116,7 +116,7 @@ def test_at_most_a_mebibyte_is_read():
 def test_at_most_100_000_values_are_read():
     # The list itself is one of them; item i stands in column 2 i.
     assert str(error_of("[" + "1," * 100_000 + "]")) == (
-        "1:200000: found more than 100000 values, expected fewer"
+        "1:200000: found more than 100000 values, expected at most 100000"
     )
     assert len(Document("[" + "1," * 20_000 + "]").data) == 20_000
 

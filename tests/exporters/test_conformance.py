@@ -235,7 +235,7 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
         ({"reward_scale": 0.0}, "reward scale: found 0.0, expected a finite number above 0"),
         ({"reward_scale": float("nan")}, "reward scale: found nan"),
         ({"reward_scale": 1e300}, "reward scale: found 1e.300, which makes rewards infinite"),
-        ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', expected none: npz has no ids"),
+        ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
     ],
 )
 def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
@@ -286,7 +286,8 @@ def test_no_dataset_is_a_dataset_error(tmp_path):
 def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_path, to, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(
-        MissingError, match=f"export to {to} needs h5py: pip install h5py, or ibdata with its extra 'hdf5'"
+        MissingError,
+        match=rf"exporting to {to} needs the package h5py: pip install h5py, or 'ibdata\[hdf5\]'",
     ):
         ibdata.export(dataset, to, tmp_path / "a" / "made", verify=True)
     assert list(tmp_path.iterdir()) == []

@@ -74,7 +74,7 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
     refused = ibdata("figure", "setpoints", "--out", "mine.png")
     assert (refused.returncode, refused.stdout) == (2, "")
     assert refused.stderr == (
-        "mine.png: exists already; expected another name, or --overwrite (overwrite=True)\n"
+        "mine.png: exists already; choose another name, or --overwrite (overwrite=True)\n"
     )
     assert (tmp_path / "mine.png").read_text() == "mine"
     done = ibdata("figure", "setpoints", "--out", "mine.png", "--overwrite", "--json")
@@ -109,7 +109,7 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_made(tmp_path, monke
 
 def test_a_folder_is_not_overwritten(tmp_path):
     (tmp_path / "a.png").mkdir()
-    with pytest.raises(UsageError, match=r"exists already; expected another name$"):
+    with pytest.raises(UsageError, match=r"exists already; choose another name$"):
         figure("setpoints", tmp_path / "a.png", overwrite=True)
 
 
@@ -137,7 +137,7 @@ def test_without_matplotlib_the_command_says_what_to_install(tmp_path):
         [sys.executable, "-c", code, "figure", "landscape"], cwd=tmp_path, capture_output=True, text=True
     )
     assert (done.returncode, done.stdout) == (1, "")
-    needed = "ibdata.plots needs matplotlib: pip install matplotlib, or ibdata with its extra 'plot'"
+    needed = "ibdata.plots needs the package matplotlib: pip install matplotlib, or 'ibdata[plot]'"
     assert done.stderr == f"ibdata: {needed}\n"
     assert os.listdir(tmp_path) == []
 

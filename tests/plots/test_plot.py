@@ -82,7 +82,7 @@ def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_pat
     (tmp_path / "figures" / "traces.png").write_text("mine")
     refused = ibdata("plot", str(merged.path))
     assert (refused.returncode, refused.stdout) == (2, "")
-    expected = "exists already; expected another name, or --overwrite (overwrite=True)"
+    expected = "exists already; choose another name, or --overwrite (overwrite=True)"
     assert refused.stderr == f"figures/traces.png: {expected}\n"
     assert os.listdir(tmp_path / "figures") == ["traces.png"]
     assert ibdata("plot", str(merged.path), "--overwrite").returncode == 0

@@ -97,7 +97,7 @@ URLS = {  # and how errors begin that name them
     "s3://KEY:SECRET@/": "s3://…@/: found no name",
     "s3://KEY:SECRET@bucket/a/b?secret_key=TOKEN": "s3://…@bucket/a/b?secret_key=…: Unexpected",
     "s3://KEY:SEC/RET@bucket/a": "s3://…@bucket/a: Cannot parse URI: 's3://…@bucket/a'",
-    "odd://KEY:SECRET@host/a?sig=TOKEN&region=eu": "odd:// needs fsspec",
+    "odd://KEY:SECRET@host/a?sig=TOKEN&region=eu": "odd:// needs the package fsspec",
     "hf://KEY:SECRET@host/a": "hf:// needs ",
     "hdfs://KEY:SECRET@host/a": "hdfs://…@host/a: ",
 }
@@ -158,7 +158,7 @@ def test_what_is_hidden(text, shown):
 
 def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(MissingError, match=r"^odd:// needs fsspec: pip install fsspec, or ibdata with its"):
+    with pytest.raises(MissingError, match=r"^odd:// needs the package fsspec: pip install fsspec, or"):
         ibdata.open("odd://x/y")
     with pytest.raises(UsageError, match=r"^s3://: found no name in the URL, expected"):
         ibdata.open("s3://")

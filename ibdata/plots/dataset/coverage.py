@@ -1,4 +1,4 @@
-"""Where the data are: how often each pair of velocity, gain and shift was visited."""
+"""Coverage: how often each pair of velocity, gain and shift was visited."""
 
 from __future__ import annotations
 

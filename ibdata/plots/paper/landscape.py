@@ -51,7 +51,7 @@ def background(axes: Axes) -> QuadMesh:
 
 
 def scale(figure: Figure, mesh: QuadMesh, axes: Any) -> None:
-    """What the colours mean."""
+    """Draw the scale of the colours."""
     figure.colorbar(mesh, ax=axes, label="penalty m", ticks=[-1.0, -0.5, 0.0, 0.5, 1.0])
 
 
