@@ -159,7 +159,7 @@ def _finish(folder: Path) -> None:
 
 
 def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], begun: list[Range]) -> str:
-    """Which shards are not there, and the commands that make them."""
+    """A message that names the missing shards and the commands that make them."""
     numbers = [str(shard.number) for shard in missing]
     named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
     again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "

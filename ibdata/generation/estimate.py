@@ -1,4 +1,4 @@
-"""What a run would make, measured on a small sample of it; nothing is written."""
+"""The size and duration of a run, estimated from a small sample of it."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def estimate(
 
 
 def _sample(experiment: Experiment) -> tuple[float, float]:
-    """Bytes and seconds a row, from parts that are spread evenly over the cells."""
+    """Measure bytes and seconds per row on parts that are spread evenly over the cells."""
     steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
     budget = max(1, SAMPLE_ROWS // steps)
     episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))

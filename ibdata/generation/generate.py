@@ -1,4 +1,4 @@
-"""Generating a dataset: plan, claim the folder, run the shards that are not there, finish."""
+"""Generating a dataset: plan it, lock the folder, write the missing shards, write the metadata."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def generate(
 def _generate(
     experiment: Experiment, folder: Path, run: Run, resume: bool, overwrite: bool, progress: bool | None
 ) -> None:
-    """Make the dataset in a folder."""
+    """Generate the dataset in a folder."""
     refuse_busy(folder)
     output_folder.check(folder, experiment, resume, overwrite)
     spec = DatasetSpec.of(experiment)

@@ -1,4 +1,4 @@
-"""Shards on this machine: in this process, or in a pool of fresh ones that survives a killed worker."""
+"""The local engine: shards are written in this process, or in a pool that survives a killed worker."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def run(
 def _one_after_the_other(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str
 ) -> Iterator[WrittenShard]:
-    """Each is simulated while the one before it is finished in a thread."""
+    """Simulate each shard while the one before it is finished in a thread."""
     with writing_threads() as threads, thread() as finishing:
         before: Future[WrittenShard] | None = None
         for shard in shards:

@@ -1,4 +1,4 @@
-"""What a run began with, its policies' code and its machine's bits, noted for those who go on.
+"""The origin of a run: its policies' code and its machine's bits, noted for whoever goes on with it.
 
 The note is written before the first shard, and whatever makes a shard must agree with it: another process,
 a worker, a range of an array job.
@@ -26,23 +26,23 @@ AGAIN = "or start again with --overwrite or another --out"
 
 
 class Origin(JsonObject):
-    """What a run began with: the hash of the known answer there, and the provenance of custom policies."""
+    """The hash of the known answer on the machine where a run began, and its custom policies' provenance."""
 
     known_answer: Sha256
     code: list[Code]
 
     @property
     def reproducible(self) -> bool:
-        """Whether the machine computes what all others do."""
+        """Whether the machine computes the same bits as all others."""
         return self.known_answer == self_check.SHA256
 
     def note(self) -> bytes:
-        """As it is written."""
+        """The bytes of its note."""
         return as_json(self)
 
 
 def observe(spec: DatasetSpec, where: Path) -> Origin:
-    """What a run begins with: the code is looked at before any of it runs, then all of it is imported.
+    """Observe the origin of a run: its code is hashed before any of it runs, then all of it is imported.
 
     Raises UsageError where it changed meanwhile.
     """
@@ -54,7 +54,7 @@ def observe(spec: DatasetSpec, where: Path) -> Origin:
 
 
 def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: Path) -> Origin:
-    """The origin of this process, with all policies imported. Raises UsageError where they are other code."""
+    """Import all policies; return the origin. Raises UsageError where their code changed meanwhile."""
     for policy in customs(spec):
         policy.load()
     _refuse_other_code(code, provenance(spec, folder), where)
@@ -62,7 +62,7 @@ def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: P
 
 
 def begin(root: Path, origin: Origin, where: Path) -> None:
-    """Note what a run began with; UsageError where shards are there that began with something else."""
+    """Write the note of a run; UsageError where existing shards have another origin."""
     if any((root / receipt.FOLDER).glob("*.receipt")):
         _refuse_other(get(root, where), origin, where)
     else:
@@ -70,13 +70,13 @@ def begin(root: Path, origin: Origin, where: Path) -> None:
 
 
 def begin_range(root: Path, origin: Origin, where: Path) -> None:
-    """As `begin`, while others may begin: the first decides, whether it has made a shard or not."""
+    """As `begin`, while other ranges may begin: the first to begin decides, even before its first shard."""
     if not create_or_compare(root, PATH, origin.note()):
         _refuse_other(get(root, where), origin, where)
 
 
 def begun(root: Path) -> bytes | None:
-    """The note of an unfinished run as it is written; None where there is none."""
+    """The bytes of an unfinished run's note; None where there is none."""
     path = root / PATH
     if not path.is_file():
         return None
@@ -87,7 +87,7 @@ def begun(root: Path) -> bytes | None:
 
 
 def get(root: Path, where: Path) -> Origin:
-    """What an unfinished run began with; UsageError where that is not known."""
+    """Read the origin of an unfinished run; UsageError where its note is missing or damaged."""
     try:
         return parse(Origin, json.loads(begun(root) or b""))
     except ValueError:
@@ -133,7 +133,7 @@ def _refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path)
 
 
 def _parts(code: Sequence[Code]) -> dict[str, str | None]:
-    """Everything that is compared, by a name that tells what it is."""
+    """All hashes and versions that are compared, by a name for messages."""
     parts: dict[str, str | None] = {}
     for each in code:
         parts |= {each.target: each.sha256, **each.files}

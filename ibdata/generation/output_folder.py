@@ -1,4 +1,4 @@
-"""The output folder: what it holds, what may be written there, and what is taken away again."""
+"""The output folder: what it holds, what may be written there, and what is removed again."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ METADATA = {
 
 
 def identity(experiment: Experiment) -> str:
-    """What a run must share with another to be resumed by it."""
+    """The hash of all that a run must have in common with the one that it resumes."""
     return _hashed(as_yaml(experiment))
 
 
@@ -45,7 +45,7 @@ def resolved(out: str | os.PathLike[str]) -> Path:
 
 
 def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
-    """Where the run is to be written: the folder, or `.next` in it where a dataset is to be replaced.
+    """The folder to write to: the output folder, or `.next` in it where a dataset is to be replaced.
 
     Raises UsageError for a folder that may not be written to.
     """
@@ -68,14 +68,14 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
 
 
 def _counts(path: Path) -> bool:
-    """Whether it is more than what a run leaves that was killed before it had said whose it is."""
+    """Whether a path is more than a leftover of a run that was killed before it noted its experiment."""
     if path.name == receipt.FOLDER and path.is_dir():
         return any(path.iterdir())
     return path.name != lock.NAME and not path.name.startswith((RANGE_LOCK, TEMPORARY))
 
 
 def refuse_links(folder: Path) -> None:
-    """A folder of ours that is a link would lead writing and deleting out of the dataset."""
+    """UsageError where an inner folder is a link: it would lead writing and deleting out of the dataset."""
     inner = ("data", "meta", "old-data", "old-meta", receipt.FOLDER)
     parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
     for path in (*parts[1:], *(part / name for part in parts for name in inner)):
@@ -140,7 +140,7 @@ def _refuse_strangers(folder: Path, listed: Manifest) -> None:
 
 
 def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
-    """Make the run's folder, take away what does not belong to this experiment, and say whose it is."""
+    """Make the run's folder, remove files of other experiments, and note the experiment."""
     mine = root / EXPERIMENT
     if (
         not mine.is_file()
@@ -155,7 +155,7 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
 
 
 def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
-    """As `begin`, for some of the shards, while others may be written: only what was theirs is taken away.
+    """As `begin`, for some shards while others may be written: only temporary files of these are removed.
 
     Raises UsageError where another experiment was begun here meanwhile.
     """
@@ -177,12 +177,12 @@ def refuse_moved(root: Path, run: str) -> None:
 
 
 def _is_lost(root: Path) -> bool:
-    """Whether a folder is another run's now, which must not be tidied."""
+    """Whether a folder belongs to another run now, so that nothing in it may be removed."""
     return lock.is_lost(root.parent if root.name == manifest.NEXT else root)
 
 
 def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
-    """Remove what killed writers of these shards had begun."""
+    """Remove the temporary files of killed writers of these shards."""
     if _is_lost(root):
         return
     remove_temporaries(
@@ -191,7 +191,7 @@ def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def forget(root: Path, shards: Iterable[Shard]) -> None:
-    """Remove what there is of shards that are to be made: also whole ones that have no receipt."""
+    """Remove all files of shards that are to be written, also whole files that have no receipt."""
     shards = list(shards)
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
@@ -201,7 +201,7 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def end(root: Path) -> None:
-    """Take the receipts away: the manifest has what they say."""
+    """Remove the receipts: the manifest has what they say."""
     _empty(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
         left.unlink(missing_ok=True)

@@ -27,7 +27,7 @@ NAME = re.compile(re.escape(output_folder.RANGE_LOCK) + "([1-9][0-9]{0,8})-([1-9
 
 
 class Range(NamedTuple):
-    """The part-th of so many parts of a dataset's shards, counted from 1."""
+    """One of several equal parts of a dataset's shards, counted from 1."""
 
     part: int
     parts: int
@@ -37,7 +37,7 @@ class Range(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Range:
-        """That of `i/n`; UsageError for anything else."""
+        """Parse `i/n`; UsageError for anything else."""
         part, slash, parts = text.partition("/")
         whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
         if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
@@ -47,14 +47,14 @@ class Range(NamedTuple):
         return cls(int(part), int(parts))
 
     def of(self, shards: list[Shard]) -> list[Shard]:
-        """Its shards: consecutive ones, as many as the other parts have or one more or less."""
+        """The shards of the range: consecutive ones, as many as in the other parts or one more or less."""
         n = len(shards)
         return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
 @contextmanager
 def locked(folder: Path, own: Range, shards: list[Shard]) -> Iterator[None]:
-    """Hold a range of these shards; BusyError where one that has some of the same is being made."""
+    """Lock a range of these shards; BusyError where a range that shares some is being made."""
     with ExitStack() as stack:
         with lock.locked(folder, GATE, GATE_PATIENCE):
             refuse_shared(folder, own, shards)
@@ -64,7 +64,7 @@ def locked(folder: Path, own: Range, shards: list[Shard]) -> Iterator[None]:
 
 
 def refuse_shared(folder: Path, own: Range, shards: list[Shard]) -> None:
-    """BusyError where a range that has some of the same shards is being made; nothing is written."""
+    """BusyError where a range that shares some of the shards is being made; nothing is written."""
     mine = own.of(shards)
     for path in folder.glob(f"{output_folder.RANGE_LOCK}*"):
         found = NAME.fullmatch(path.name)
@@ -87,7 +87,7 @@ def note(root: Path, own: Range) -> None:
 
 
 def noted(root: Path) -> list[Range]:
-    """The ranges that were begun in a folder, as the names of their notes say; none without an array job."""
+    """The ranges that were begun in a folder, from the names of their notes."""
     names = (path.name for path in (root / receipt.FOLDER).glob("range-*.json"))
     found = (re.fullmatch(r"range-([0-9]{1,6})-([0-9]{1,6})\.json", name) for name in names)
     return [Range(int(match[1]), int(match[2])) for match in found if match]

@@ -1,4 +1,4 @@
-"""Shards as tasks of Ray: on this machine, or on a cluster whose hosts share the output's file system."""
+"""The engine ray: shards are tasks of Ray, on this machine or on hosts that share a file system."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ POLL = 0.2  # seconds between looks for a signal
 
 
 def library() -> Any:
-    """Ray; MissingError where it is not installed."""
+    """Import Ray; MissingError where it is not installed."""
     with _own_handlers():  # importing it takes SIGTERM
         try:
             import ray
@@ -90,7 +90,7 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
 
 
 def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> WrittenShard:
-    """A shard, in a worker."""
+    """Write a shard, in a worker."""
     plain, root, identity, folder = job
     spec = DatasetSpec.from_plain(plain)
     if not os.path.isdir(root):
@@ -102,7 +102,7 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
 
 @contextmanager
 def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[bool]:
-    """Be connected to Ray; whether it was started here, and is ended afterwards."""
+    """Connect to Ray; yields whether it was started here, and is therefore ended afterwards."""
     if ray.is_initialized():
         yield False
         return
@@ -126,7 +126,7 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
 
 
 def _knock(place: str) -> None:
-    """OSError where nobody listens at host:port: Ray would try for minutes."""
+    """OSError where nobody listens at host:port, at once: Ray itself would try for minutes."""
     host, colon, port = place.removeprefix("ray://").rpartition(":")
     if colon and port.isdigit():
         socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()

@@ -102,7 +102,7 @@ def estimate_all(
 def folders(
     config: str | os.PathLike[str], experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
 ) -> list[Path]:
-    """Where the datasets go. Raises UsageError where out is a file."""
+    """The folders of the datasets. Raises UsageError where out is a file or a URL."""
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path(out) if out is not None else Path("data") / find(config).resolve().name

@@ -21,7 +21,7 @@ PENDING = "meta/pending.json"  # there from the first file to the last: what is 
 
 
 def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool) -> bool:
-    """Whether the experiment's dataset is there already; UsageError where something else is."""
+    """Whether the experiment's dataset is at the URL already; UsageError where something else is."""
     if overwrite:
         raise UsageError(
             f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
@@ -42,7 +42,7 @@ def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool
 
 
 def work_folder(remote: Remote, experiment: Experiment) -> Path:
-    """Where the dataset is made before it is uploaded: the same for the same run, so that it is resumed."""
+    """The folder in which the dataset is made before it is uploaded; the same run gets the same one."""
     name = hashlib.sha256(f"{remote.url} {output_folder.identity(experiment)}".encode()).hexdigest()[:24]
     return Path(cache_base(), "uploads", name)
 

@@ -1,4 +1,4 @@
-"""The first run on a machine compiles the simulator: say so, and do it once before workers start."""
+"""Compiling the simulator, once, before workers start; the first run on a machine says so."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ibdata.writing.statistics import moments, sums
 
 
 def warm_up(experiment: Experiment) -> bool:
-    """Run everything compiled that the experiment needs on two rows; whether this machine's bits are right.
+    """Run all compiled code of an experiment on two rows; whether this machine computes the right bits.
 
-    If they are not, says so on stderr.
+    If it does not, a line on stderr says so.
     """
     small = experiment.model_copy(update={"steps": 2, "episodes": 1})
     if not is_compiled():

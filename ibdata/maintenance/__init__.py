@@ -1,1 +1,1 @@
-"""Datasets made from datasets, and datasets mended."""
+"""Splitting, merging, repairing, reproducing and documenting finished datasets."""

@@ -65,7 +65,7 @@ def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) ->
 
 
 def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Source]) -> None:
-    """Equal seed and cell: equal episodes, or one the beginning of the other where the steps differ."""
+    """Equal seed and cell give equal episodes; where the steps differ, one is the beginning of the other."""
     home: dict[tuple[int, bytes], Source] = {}
     for experiment, source in zip(experiments, of, strict=True):
         for cell in experiment.cells:

@@ -115,7 +115,7 @@ def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> lis
 
 
 def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
-    """Where files of `meta`, or hashes, are to change: the manifest, beside the files that stay."""
+    """Stage the manifest if files of `meta` or hashes change, and with it the files that stay."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
     if staged_files or data != manifest.content(folder, manifest.PATH):
@@ -125,7 +125,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
 
 
 def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
-    """Let shards that were made again, of proven content, take the places of damaged ones."""
+    """Move shards that were made again, and whose content is proven, to the places of damaged ones."""
     for source, path in files.items():
         (folder / "data").mkdir(exist_ok=True)
         (staged / source).replace(folder / path)
@@ -167,7 +167,7 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
 
 
 def _told(folder: Path) -> DatasetSpec:
-    """What a dataset without a manifest is made of, as meta/experiment*.yaml say; later splits are lost."""
+    """The spec of a dataset without a manifest, from meta/experiment*.yaml; later splits are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
@@ -176,7 +176,7 @@ def _told(folder: Path) -> DatasetSpec:
 def _made_again(
     spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int
 ) -> dict[int, WrittenShard]:
-    """The shards, written under `.next`, by number."""
+    """Write the shards under `.next`; return them by number."""
     first = spec.experiments[0]
     write(staged, output_folder.EXPERIMENT, as_yaml(first))
     identity = output_folder.identity(first)
@@ -186,7 +186,7 @@ def _made_again(
 
 
 def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
-    """The file that holds a shard's episodes; None where none can be read as such."""
+    """The file that holds a shard's episodes; None where no readable file does."""
     for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
         try:
             if stored_content(spec, shard, path).digests == content.digests:

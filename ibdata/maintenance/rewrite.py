@@ -1,4 +1,4 @@
-"""Datasets out of datasets: the same episodes under other splits or numbers, copied and proven."""
+"""New datasets from the episodes of others: copied under other splits or numbers, and compared."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ibdata.writing.summary import describe
 
 
 class Source(NamedTuple):
-    """Where the episodes of an experiment are: a dataset, and the number of the first of them in it."""
+    """The source of an experiment's episodes: a dataset, and the number of the first of them in it."""
 
     dataset: Dataset
     first: int
@@ -44,7 +44,7 @@ def sources(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
 
 
 def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[str]) -> Dataset:
-    """Write a recipe's dataset to a new folder, each experiment's episodes from its source.
+    """Write the dataset of a spec to a new folder, each experiment's episodes from its source.
 
     Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
     lists; then nothing is left behind. What a killed run left is taken away by the next.
@@ -83,7 +83,7 @@ def _refuse(folder: Path) -> None:
 
 
 def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
-    """A shard with a source's episodes, which are proven to be those that it lists."""
+    """Copy a shard's episodes from a source, and prove that they are those that it lists."""
     with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
         for part, floats in _parts(spec, shard, source):
             writer.add(part, floats)
@@ -93,7 +93,7 @@ def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> Writ
 
 
 def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
-    """The float columns of a shard's episodes, read from whatever files of the source hold them."""
+    """Read the float columns of a shard's episodes from the files of the source that hold them."""
     experiment = spec.of_shard(shard)
     try:
         for part, table in stored_parts(spec, shard, _batches(experiment, shard, source)):
@@ -126,9 +126,9 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Give a dataset the later splits of a recipe, in its metadata; its rows are read, and stay.
+    """Give a dataset the later splits of a spec, in its metadata; its rows are read, and do not change.
 
-    A report is taken away, as it tells of the old splits.
+    A report is removed, as it shows the old splits.
 
     Raises DatasetError where the rows are not what the dataset lists, BusyError where it is being written.
     """
@@ -151,7 +151,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
         with replacement.staged(folder) as staged:
             for path, make in metadata_files(spec, written, listed.content_root).items():
                 entries[path] = write(staged, path, make())
-            entries.pop(manifest.REPORT, None)  # it tells of the old splits
+            entries.pop(manifest.REPORT, None)  # it shows the old splits
             write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
     return Dataset(folder)
 
@@ -166,7 +166,7 @@ def _refuse_edits(folder: Path, listed: Manifest) -> None:
 
 
 def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:
-    """A shard that is there, with its content."""
+    """Read a shard of the dataset and summarize its content."""
     w = WrittenShard(shard, entry, describe(spec, shard, _parts(spec, shard, source)))
     _prove(w, source)
     check()

@@ -1,4 +1,4 @@
-"""Splitting a dataset that is there: labels on its episodes, or a copy whose splits are whole files."""
+"""Splitting a finished dataset: labels on its episodes, or a copy whose splits are whole files."""
 
 from __future__ import annotations
 

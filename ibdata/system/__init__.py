@@ -1,1 +1,1 @@
-"""What the operating system must promise."""
+"""Files, locks, signals and storage: everything that the operating system must promise."""

@@ -69,7 +69,7 @@ class HashingFile(io.RawIOBase):
 
 @contextmanager
 def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
-    """A new file folder/path that appears under its name when the block ends well, and not otherwise.
+    """Write a new file, folder/path, that appears under its name only if the block ends without an error.
 
     `TOKEN` in the path stands for random digits: nobody who listed other files opens this one by their names.
     """
@@ -87,14 +87,14 @@ def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
-    """Commit a small file."""
+    """Write a small file, whole or not at all."""
     with atomic_write(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
 
 
 def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
-    """Commit a small file, of which the first writer decides; whether it holds these bytes then."""
+    """Write a small file unless it exists; whether it then holds these bytes."""
     target, temporary = folder / path, _temporary(folder, path)
     if not target.is_file():
         try:
@@ -114,9 +114,9 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
 
 
 def _temporary(folder: Path, path: str) -> Path:
-    """Where a new file is until it is whole: not beside the data, and under a name that is no data file's.
+    """The path of a new file until it is whole: not beside the data, and under a name that no data file has.
 
-    The folder that the file is to be in is made.
+    The folder of the file is made if it is missing.
     """
     (folder / path).parent.mkdir(exist_ok=True)
     name = Path(path.partition(f"-{TOKEN}")[0]).name
@@ -124,7 +124,7 @@ def _temporary(folder: Path, path: str) -> Path:
 
 
 def file_sha256(path: Path) -> str | None:
-    """The hex hash of a regular file, which a link may lead to; None where none can be read."""
+    """The hex hash of a regular file, or of one that a link leads to; None where it cannot be read."""
     hasher = hashlib.sha256()
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -139,7 +139,7 @@ def file_sha256(path: Path) -> str | None:
 
 
 def plain_bytes(path: Path, most: int) -> bytes:
-    """What is in a regular file; OSError where it is something else, which might never end, or larger."""
+    """Read a regular file; OSError where it is larger, or something else, such as a pipe without end."""
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -150,11 +150,9 @@ def plain_bytes(path: Path, most: int) -> bytes:
 
 
 def remove_temporaries(folder: Path, names: Container[str] | None = None) -> None:
-    """Remove the temporary files of writers that were killed, or just those that were to be these files.
+    """Remove the temporary files of writers that were killed: all, or those of files with these names.
 
-    The name of a shard's file is given without its token.
-
-    Call it only where nobody writes them.
+    The name of a shard's file is given without its token. Call it only where nobody writes the files.
     """
     for temporary in folder.glob(f"{TEMPORARY}*"):
         name = temporary.name.removeprefix(TEMPORARY).partition("-")[2].removesuffix(".part")
@@ -163,7 +161,7 @@ def remove_temporaries(folder: Path, names: Container[str] | None = None) -> Non
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the folder's names are on the disk."""
+    """Wait until the names in a folder are on the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

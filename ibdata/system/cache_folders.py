@@ -1,4 +1,4 @@
-"""Where machine code is kept, and what is made before it is uploaded."""
+"""Folders for machine code, and for datasets that are made before they are uploaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One writer a folder, or several that write different parts of it: locks that end with their process.
+"""Locks on folders, for one writer or for several that write different parts; they end with their process.
 
 All are those of flock: they belong to the open file, so that they hold between threads too, and end with a
 process however it ends; where NFS keeps locks, it keeps these.
@@ -75,13 +75,13 @@ def is_locked(folder: Path) -> bool:
 
 
 def is_lost(folder: Path) -> bool:
-    """Whether this process holds a lock of the folder that is there no more: the folder is another's now."""
+    """Whether a lock that this process holds has lost its file: the folder then belongs to another."""
     descriptor = _mine.get(folder / NAME)
     return descriptor is not None and not _is(folder / NAME, descriptor)
 
 
 def held(path: Path, kind: int = fcntl.LOCK_SH) -> bool:
-    """Whether another holds a lock, so that one of this kind cannot be had; nothing is written."""
+    """Whether another process holds a lock that excludes one of this kind; nothing is written."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError):

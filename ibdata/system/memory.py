@@ -1,4 +1,4 @@
-"""What this machine's memory can hold: where more is asked for, it is refused before it is tried."""
+"""Refusing requests that this machine's memory cannot hold."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ibdata.errors import UsageError
 
 
 def refuse_too_much(what: str, size: int) -> None:
-    """UsageError where so many bytes are more than the machine has."""
+    """UsageError where a request takes more bytes than the machine has."""
     most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if size > most:
         raise UsageError(

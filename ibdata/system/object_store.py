@@ -23,7 +23,7 @@ BLOCK = 2**23
 
 
 def is_url(place: str | os.PathLike[str] | None) -> bool:
-    """Whether it is a URL, and no path."""
+    """Whether a place is a URL and not a path."""
     return isinstance(place, str) and URL.match(place) is not None
 
 
@@ -56,7 +56,7 @@ class Remote:
         return not any(info.is_file for info in self._files.get_file_info(below))
 
     def read(self, path: str) -> bytes | None:
-        """What is in a file; None where there is none."""
+        """Read a file; None where there is none."""
         if self.size(path) is None:
             return None
         with self._files.open_input_stream(f"{self._base}/{path}") as source:
@@ -64,7 +64,7 @@ class Remote:
         return data
 
     def fetch(self, path: str, target: Path) -> None:
-        """Copy a file here, where there is one."""
+        """Download a file, if there is one."""
         if self.size(path) is None:
             return
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -74,7 +74,7 @@ class Remote:
         part.replace(target)
 
     def put(self, source: Path, path: str) -> None:
-        """Copy a file there; where that fails, part of it may be there."""
+        """Upload a file; where that fails, part of it may be there."""
         target = f"{self._base}/{path}"
         try:
             stream = self._files.open_output_stream(target)
@@ -117,7 +117,7 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, in one line, without credentials."""
+    """The first line of an error's message, without credentials."""
     line = hidden((str(error).splitlines() or [""])[0])  # before it is cut
     return (printable(line) or type(error).__name__)[:300]
 
@@ -143,10 +143,7 @@ def name_of(folder: Path) -> str:
 
 
 def fetch_if_missing(folder: Path, path: str) -> None:
-    """Copy a file of a dataset at a URL here, unless it is here already or there is none.
-
-    Raises DatasetError where it cannot be read.
-    """
+    """Download a file of a dataset at a URL, unless it is here; DatasetError where it cannot be read."""
     if folder in _mirrors and not os.path.lexists(folder / path):
         with readable(_mirrors[folder], path):
             _mirrors[folder].fetch(path, folder / path)
@@ -154,7 +151,7 @@ def fetch_if_missing(folder: Path, path: str) -> None:
 
 @contextmanager
 def readable(remote: Remote, path: str) -> Iterator[None]:
-    """What the storage refuses, as one line."""
+    """Turn errors of the storage into one line."""
     try:
         yield
     except OSError as error:

@@ -16,7 +16,7 @@ _lock = threading.Lock()
 
 @contextmanager
 def _nameless_main() -> Iterator[None]:
-    """Meanwhile `__main__` is a module that has neither a name nor a file, as in a notebook.
+    """Replace `__main__` by a module that has neither a name nor a file, as in a notebook.
 
     multiprocessing has a spawned process import the one of its parent first. That would start the run once
     more in a script without a guard, and fail in one that came through stdin.

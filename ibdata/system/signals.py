@@ -24,7 +24,7 @@ def check() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Let signals wait, and keep them from the processes that are started meanwhile.
+    """Make signals wait until the block ends, also for processes that it starts.
 
     A mask is not enough: another thread, of a library, may take the signal, and Python's handler runs here.
     """

@@ -1,4 +1,4 @@
-"""What is kept of each shard of a run that is not finished yet, so that it can be resumed.
+"""Receipts of the shards of an unfinished run, from which it is resumed.
 
 Only experiments are run like that, and those have no later splits.
 """
@@ -33,7 +33,7 @@ def path_of(shard: Shard) -> str:
 
 
 def put(folder: Path, identity: str, written: WrittenShard) -> None:
-    """Commit the receipt of a shard that is on the disk."""
+    """Write the receipt of a shard that is on the disk."""
     content = written.content
     header = {
         "identity": identity,
@@ -56,7 +56,7 @@ def put(folder: Path, identity: str, written: WrittenShard) -> None:
 
 
 def get(folder: Path, identity: str, shard: Shard) -> WrittenShard | None:
-    """The shard as its receipt has it, if receipt and file are whole and of this experiment; else None."""
+    """Read the receipt of a shard; None unless receipt and file are whole and of this experiment."""
     try:
         data = plain_bytes(folder / path_of(shard), MAX_BYTES)
         if hashlib.sha256(data[32:]).digest() != data[:32]:
@@ -70,7 +70,7 @@ def get(folder: Path, identity: str, shard: Shard) -> WrittenShard | None:
 
 
 def _parsed(body: bytes, identity: str, shard: Shard) -> WrittenShard | None:
-    """What a receipt says, if it is of this shard."""
+    """Parse a receipt; None if it is of another shard."""
     with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
         entry = FileEntry(*header["entry"])

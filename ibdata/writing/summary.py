@@ -1,4 +1,4 @@
-"""What is in a shard, whatever file holds it: digests, returns and statistics, put together part by part."""
+"""Summaries of shards: digests, returns and statistics, added up part by part."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ibdata.writing.statistics import SAMPLE_ROWS, Floats, Moments, merged, mome
 
 
 class ShardSummary(NamedTuple):
-    """What is in a shard."""
+    """The content of a shard, whatever file holds it."""
 
     digests: list[bytes]  # of the episodes
     returns: Floats  # of the episodes, undiscounted
@@ -30,17 +30,17 @@ class ShardSummary(NamedTuple):
     labelled: dict[str, tuple[Moments, list[Table]]]  # of splits that are not whole files; samples in parts
 
 
-# The content of a shard that nobody has read.
+# In place of the content of a shard that was not read.
 UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
 
 
 def content_of(digests: list[bytes]) -> str:
-    """The hex digest of a shard's content, from those of its episodes."""
+    """The hex digest of a shard's content, from the digests of its episodes."""
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
 def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Columns]]) -> ShardSummary:
-    """The content of a shard that has these parts. Raises IbdataError where a value is not finite."""
+    """Summarize a shard that has these parts. Raises IbdataError where a value is not finite."""
     account = ShardSummarizer(spec, shard)
     for part, floats in made:
         account.add(part, floats)
@@ -48,14 +48,14 @@ def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Column
 
 
 def simulated(spec: DatasetSpec, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
-    """The parts of a shard, with their columns."""
+    """Simulate a shard part by part."""
     experiment = spec.of_shard(shard)
     for first, stop in parts(experiment, shard.first, shard.stop):
         yield shard._replace(first=first, stop=stop), rollout(experiment, first, stop)
 
 
 class ShardSummarizer:
-    """The content of a shard while its parts are added in their order."""
+    """Summarizes a shard whose parts are added in order."""
 
     def __init__(self, spec: DatasetSpec, shard: Shard) -> None:
         self.shard, self.experiment = shard, spec.of_shard(shard)
@@ -72,7 +72,7 @@ class ShardSummarizer:
         self._clipped = 0
 
     def add(self, part: Shard, floats: Columns) -> Moments:
-        """Add the next episodes of the shard; the moments of their columns."""
+        """Add the next episodes of the shard; return the moments of their columns."""
         steps, table = self.experiment.steps, floats.table
         lengths = [steps] * (part.stop - part.first)
         self._digests += episode_digests(digest_runs(self.experiment, part, floats), lengths)
@@ -103,7 +103,7 @@ class ShardSummarizer:
         return {name: [table[:, rows] for rows in own] for name, own in found.items()}
 
     def content(self) -> ShardSummary:
-        """What all parts together hold. Raises IbdataError where a value is not finite."""
+        """The summary of all parts. Raises IbdataError where a value is not finite."""
         whole, samples = self._all.found()
         names = layout(self.experiment).names
         finite = np.isfinite(whole.squares)
@@ -120,7 +120,7 @@ class ShardSummarizer:
 
 
 class _Rows:
-    """Moments and an even sample of rows of a shard that come in parts."""
+    """Moments, and an even sample, of rows that come in parts."""
 
     def __init__(self, rows: int, total: int) -> None:
         self._stride, self._seen = sample_stride(rows, total), 0
@@ -129,7 +129,7 @@ class _Rows:
         self._samples: list[Table] = []
 
     def add(self, *tables: Table) -> Moments:
-        """Add rows; their moments. Of a small dataset, all of whose rows are sampled, views are kept."""
+        """Add rows; return their moments. Where all rows are sampled, views are kept instead of copies."""
         table = tables[0] if len(tables) == 1 else np.concatenate(tables, axis=1)
         own = moments(np.ascontiguousarray(table))
         self._moments = own if self._moments is None else merged(self._moments, own)

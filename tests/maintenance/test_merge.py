@@ -122,7 +122,7 @@ def test_a_merged_dataset_can_be_split_by_setpoint(pair, tmp_path):
         ({"steps": 9}, "setpoint 20, policy random: the same episodes are also in"),
         (
             {"episodes": 1, "policies": [{"kind": "random", "name": "other"}]},
-            "policy other: found episodes that",
+            "policy other: the same episodes",
         ),
         (
             {"seed": 1, "output": {"latent": False}},
@@ -148,8 +148,10 @@ def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_
     third = make("c", setpoints=[20.0000002, 70.0], splits={})
     with pytest.raises(UsageError) as error:
         ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
-    assert str(error.value).startswith(f"{third.path}: setpoint 20.0000002, policy random: found episodes")
-    assert f"also in {first.path}; leave one of them out" in str(error.value)
+    assert str(error.value).startswith(
+        f"{third.path}: setpoint 20.0000002, policy random: the same episodes are"
+    )
+    assert f"also in {first.path}; make one of the datasets with another --seed" in str(error.value)
 
 
 def test_a_dataset_more_is_one_comparison_more(make, tmp_path, monkeypatch):
