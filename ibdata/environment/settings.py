@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -79,7 +80,7 @@ def settings(**given: Any) -> Settings:
         raise ConfigError([_line(e, given) for e in error.errors()]) from None
 
 
-def _line(error: Any, given: dict[str, Any]) -> str:
+def _line(error: Any, given: Mapping[str, Any]) -> str:
     loc = tuple(part for part in error["loc"] if not str(part).startswith("<"))
     message = rephrase(error, keys_at(Settings, given, loc[:-1], {}))
     return f"{ID}: {'.'.join(map(str, loc))}: {message}"

@@ -54,7 +54,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
 
 
 def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetSpec:
-    """As `recipe_in`, for making episodes again. Raises as that, and as `refuse_code`."""
+    """As `spec_in`, for making episodes again. Raises as that, and as `require_consent`."""
     spec = spec_in(folder, listed)
     require_consent(spec, folder, allow_code)
     return spec

@@ -141,7 +141,7 @@ class DatasetSpec:
 def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
     """What the manifest of a dataset says it is made of; DatasetError where that is not valid."""
     try:
-        return DatasetSpec.from_plain(listed.plain())
+        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments", "splits"}))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
