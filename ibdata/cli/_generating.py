@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options
     _print_estimate(total)
 
 
-def _print_estimate(made: dict[str, Any]) -> None:
+def _print_estimate(made: Mapping[str, Any]) -> None:
     print_pairs(
         [
             ("out", f"{made['out']} (nothing is written)"),
@@ -146,5 +147,5 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
     )
 
 
-def _described(dataset: Dataset) -> dict[str, Any]:
+def _described(dataset: Dataset) -> Mapping[str, Any]:
     return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}

@@ -118,7 +118,7 @@ def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         say("  ".join(cells))
 
 
-def problems_json(problems: Sequence[Any]) -> list[dict[str, Any]]:
+def problems_json(problems: Sequence[Any]) -> list[Mapping[str, Any]]:
     """Return problems as JSON, each with the file, row and rule."""
     return [problem._asdict() for problem in problems]
 

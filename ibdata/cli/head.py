@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,6 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
         say(f"{name.ljust(width)} {''.join(x.rjust(12) for x in shown)}")
 
 
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
+def _plain(row: Mapping[str, Any]) -> Mapping[str, Any]:
     """A row as JSON can hold it: null in place of NaN and infinities."""
     return {k: None if isinstance(x, float) and not math.isfinite(x) else x for k, x in row.items()}

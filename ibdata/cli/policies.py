@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -31,5 +32,5 @@ def command(as_json: bool) -> None:
             say(f"    {option['name']} ({_default(option)}): {option['description']}")
 
 
-def _default(option: dict[str, Any]) -> str:
+def _default(option: Mapping[str, Any]) -> str:
     return "required" if option["required"] else f"default {json.dumps(option['default'])}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -38,7 +39,7 @@ class Cell:
         return form_digest(self.form())
 
 
-def form_digest(form: dict[str, Any]) -> bytes:
+def form_digest(form: Mapping[str, Any]) -> bytes:
     """SHA-256 (32 bytes) of a canonical form."""
     return hashlib.sha256(json.dumps(form, sort_keys=True).encode()).digest()
 

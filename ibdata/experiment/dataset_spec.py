@@ -141,7 +141,7 @@ class DatasetSpec:
 def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
     """Read the specification in a dataset's manifest; DatasetError if it is not valid."""
     try:
-        return DatasetSpec.from_plain(listed.plain())
+        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments", "splits"}))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

@@ -9,7 +9,7 @@ ibdata[minari].
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,7 +158,7 @@ def _common(view: View) -> Common:
     return common
 
 
-def _metadata(view: View, episodes: pd.DataFrame, name: str) -> dict[str, Any]:
+def _metadata(view: View, episodes: pd.DataFrame, name: str) -> Mapping[str, Any]:
     from minari import __version__ as minari_version
 
     source, root = view.dataset.info_model.name, view.dataset.content_root

@@ -54,8 +54,7 @@ def check_shard(
                 for name, rule in RULES.items():
                     found.add(name, row, rule(own))
     except DatasetError as error:
-        reason = str(error).removeprefix(f"{path}: ").replace(", see ibdata validate", "")
-        return None, [Problem(listed, None, "parquet", reason)]
+        return None, [Problem.of(error, listed, path, "parquet")]
     problems = found.problems()
     return (None if problems else account.content()), problems
 

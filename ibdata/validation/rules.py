@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ import pyarrow as pa
 
 from ibdata.dataset.history import stacked
 from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
 from ibdata.policies.base import Policy
@@ -28,6 +30,13 @@ class Problem(NamedTuple):
     row: int | None
     rule: str
     message: str
+
+    @classmethod
+    def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
+        """The problem that an error tells of, without the name of the file, which `path` is."""
+        return cls(
+            path, None, rule, str(error).removeprefix(f"{file}: ").replace(", see ibdata validate", "")
+        )
 
     def __str__(self) -> str:
         place = self.path if self.row is None else f"{self.path}: row {self.row}"

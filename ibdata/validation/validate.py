@@ -52,7 +52,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
         try:
             listed = manifest.read(path)
         except DatasetError as error:
-            return [*_interrupted(path), Problem(manifest.PATH, None, "manifest", str(error))]
+            return [*_interrupted(path), Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")]
         try:
             problems = [*_interrupted(path), *_problems(path, listed, quick)]
             manifest.refuse_replaced(path, listed)
@@ -122,7 +122,7 @@ def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Pro
     try:
         spec = spec_in(folder, listed)
     except DatasetError as error:
-        yield Problem(manifest.PATH, None, "manifest", str(error))
+        yield Problem.of(error, manifest.PATH, folder / manifest.PATH, "manifest")
         return
     plan = list(check_plan(spec, listed))
     yield from plan
@@ -146,14 +146,14 @@ def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Pro
         yield Problem(manifest.PATH, None, "content root", message)
     for path, check in checks(folder, listed, spec, written, root):
         if path not in damaged:
-            yield from _read(path, check)
+            yield from _read(folder, path, check)
 
 
-def _read(path: str, check: Iterator[Problem]) -> Iterator[Problem]:
+def _read(folder: Path, path: str, check: Iterator[Problem]) -> Iterator[Problem]:
     """The problems that a check finds; one where it cannot read its file."""
     try:
         yield from check
     except manifest.ReplacedError:
         raise
     except DatasetError as error:
-        yield Problem(path, None, "metadata", str(error))
+        yield Problem.of(error, path, folder / path, "metadata")

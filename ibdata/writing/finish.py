@@ -86,7 +86,7 @@ def finish(
     return listed
 
 
-def planned_entry(spec: DatasetSpec, shard: Shard) -> dict[str, Any]:
+def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     """What the manifest lists of a shard, but for its path and its content."""
     return {
         "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,

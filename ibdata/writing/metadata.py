@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ import pyarrow.parquet as pq
 
 from ibdata.dataset.episodes import SCHEMA as EPISODES
 from ibdata.dataset.models import Column, Counts, Info, JsonObject, Manifest, SplitCounts, Statistic, Stats
+from ibdata.experiment.cells import Cell
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.simulation.variables import Table, columns, layout
-from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
+from ibdata.writing.arrow import arrow_array, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.statistics import Moments, described, merged
 from ibdata.writing.summary import UNREAD
@@ -97,25 +98,36 @@ def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
 
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     """The table of episodes, which has a row for each."""
-    numbers = [np.arange(w.shard.first, w.shard.stop) for w in written]
-    parts = [_cells(spec, w, n) for w, n in zip(written, numbers, strict=True)]
-    lengths = [np.full(len(n), spec.of_shard(w.shard).steps) for w, n in zip(written, numbers, strict=True)]
-    length, row_start = np.concatenate(lengths), np.concatenate([np.cumsum(x) - x for x in lengths])
+    shards = [w.shard for w in written]
+    experiments = [spec.of_shard(shard) for shard in shards]
+    numbers = [np.arange(shard.first, shard.stop) for shard in shards]
+    counts = [len(n) for n in numbers]
+    address = [np.divmod(n, e.episodes) for n, e in zip(numbers, experiments, strict=True)]
+    cells = {cell.digest.hex(): None for e in spec.experiments for cell in e.cells}
+
+    def of_cells(value: Callable[[Cell], Any], known: Iterable[str] | None = None) -> npt.NDArray[Any]:
+        """A value of the cell of each episode; of texts, their numbers among those known."""
+        number = None if known is None else {text: np.int32(i) for i, text in enumerate(known)}
+        values = [
+            np.array([value(cell) if number is None else number[value(cell)] for cell in e.cells])
+            for e in spec.experiments
+        ]
+        parts = zip(shards, address, strict=True)
+        return np.concatenate([values[shard.experiment][cell] for shard, (cell, _) in parts])
+
+    length = np.repeat([e.steps for e in experiments], counts)
+    row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
     digests = [digest for w in written for digest in w.content.digests]
-    runs = [run for w in written for run in spec.runs(w.shard)]
-    cells = list(dict.fromkeys(cell.digest.hex() for e in spec.experiments for cell in e.cells))
     arrays: list[pa.Array] = [
-        arrow_array(np.concatenate([n + w.shard.offset for w, n in zip(written, numbers, strict=True)])),
-        _texts([part.cell for part in parts], cells),
-        arrow_array(np.concatenate([part.number for part in parts])),
-        arrow_array(np.concatenate([part.setpoint for part in parts])),
-        _texts([part.policy for part in parts], spec.labels),
-        _lists([names for *_, names in runs], [stop - first for first, stop, _ in runs]),
+        arrow_array(np.concatenate([n + s.offset for s, n in zip(shards, numbers, strict=True)])),
+        arrow_texts(of_cells(lambda cell: cell.digest.hex(), cells), list(cells)),
+        arrow_array(np.concatenate([index for _, index in address])),
+        arrow_array(of_cells(lambda cell: cell.setpoint)),
+        arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
+        _splits([run for shard in shards for run in spec.runs(shard)]),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
-        arrow_array(
-            np.repeat(np.array([w.shard.number for w in written], dtype=np.int32), [len(n) for n in numbers])
-        ),
+        arrow_array(np.repeat(np.array([shard.number for shard in shards], dtype=np.int32), counts)),
         arrow_array(row_start),
         arrow_array(row_start + length),
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
@@ -123,45 +135,10 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     return pa.table(arrays, schema=EPISODES)
 
 
-class _Episodes(NamedTuple):
-    """Cell, index in it, setpoint and policy of episodes; texts as a list, and a number for each episode."""
-
-    cell: tuple[list[str], npt.NDArray[np.int64]]
-    number: npt.NDArray[np.int64]
-    setpoint: npt.NDArray[np.float64]
-    policy: tuple[list[str], npt.NDArray[np.int64]]
-
-
-def _cells(spec: DatasetSpec, w: WrittenShard, numbers: npt.NDArray[np.int64]) -> _Episodes:
-    experiment = spec.of_shard(w.shard)
-    number, index = np.divmod(numbers, experiment.episodes)
-    low, high = int(number[0]), int(number[-1]) + 1
-    cells = experiment.cells[low:high]
-    setpoints = np.array([cell.setpoint for cell in cells])[number - low]
-    return _Episodes(
-        ([cell.digest.hex() for cell in cells], number - low),
-        index,
-        setpoints,
-        ([cell.label for cell in cells], number - low),
-    )
-
-
-def _texts(parts: list[tuple[list[str], npt.NDArray[np.int64]]], known: list[str]) -> pa.DictionaryArray:
-    """A dictionary array of texts, given as lists and numbers; its dictionary is `known`."""
-    number = {text: i for i, text in enumerate(known)}
-    numbers = [np.array([number[text] for text in texts], dtype=np.int32)[of] for texts, of in parts]
-    return arrow_texts(np.concatenate(numbers), known)
-
-
-def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
-    """Each list of texts, repeated as often as its count says."""
-    lengths = np.repeat([len(texts) for texts in lists], counts)
-    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-    known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
-    numbers = [np.array([known[text] for text in texts], dtype=np.int64) for texts in lists]
-    of = [np.tile(own, n) for own, n in zip(numbers, counts, strict=True)]
-    texts = arrow_strings(list(known)).take(arrow_array(np.concatenate(of)))
-    return pa.ListArray.from_arrays(arrow_array(offsets), texts)
+def _splits(runs: list[tuple[int, int, tuple[str, ...]]]) -> pa.Array:
+    """The splits of each episode of these runs."""
+    of = np.repeat(np.arange(len(runs)), [stop - first for first, stop, _ in runs])
+    return pa.array([names for *_, names in runs], pa.list_(pa.string())).take(arrow_array(of))
 
 
 def stats(spec: DatasetSpec, written: list[WrittenShard]) -> Stats:
