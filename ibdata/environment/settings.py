@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
+from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.registration import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
@@ -19,7 +20,6 @@ from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION
 from ibdata.policies.base import FrozenModel
-from ibdata.simulation.variables import VARIABLES
 
 MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095

@@ -24,7 +24,7 @@ def load(path, tapes):
     """The tape and the expected states of a file, in the classes of the module `tapes`."""
     with np.load(path, allow_pickle=False) as file:
         noise = tapes.Noise(*(file[f"noise_{name}"] for name in tapes.Noise._fields))
-        states = {name: file[f"state_{name}"] for name in tapes.State._fields}
+        states = {name: file[f"state_{name}"] for name in tapes.FIELDS}
         return tapes.Tape(file["setpoint"], bool(file["drifting"]), file["action"], noise), states
 
 
@@ -34,7 +34,7 @@ def main(paths):
 
     import ibdata.dynamics
 
-    worst = dict.fromkeys(tapes.State._fields, 0.0)
+    worst = dict.fromkeys(tapes.FIELDS, 0.0)
     for path in paths:
         tape, expected = load(path, tapes)
         for name, x in tapes.differences(tapes.run_ibdata(tape, "siemens"), expected).items():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.dynamics import PAPER, State
+from ibdata.dynamics import PAPER
+from ibdata.dynamics.state import FIELDS
 
 TAPES = {  # name: setpoints, drifting, steps, seed
     "constant": ((0, 1, 5, *range(10, 101, 10)), False, 600, 5),
@@ -23,9 +24,7 @@ def printed_states(tape, printed, tapes):
             state = printed.step(state, action, row)
             states.append(state)
         lanes.append(states)
-    return {
-        name: np.array([[s[name] for s in t] for t in zip(*lanes, strict=True)]) for name in State._fields
-    }
+    return {name: np.array([[s[name] for s in t] for t in zip(*lanes, strict=True)]) for name in FIELDS}
 
 
 @pytest.mark.parametrize("name", TAPES)
