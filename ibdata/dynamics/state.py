@@ -18,10 +18,10 @@ Ints = npt.NDArray[np.int64]
 
 (THETA,) = rows("theta_0")  # the first of the ten rows θ[t], θ[t-1] … θ[t-9]
 COSTS = slice(THETA, THETA + 10)
-# What can be read of a state; the ten costs are read as one.
+# The names by which a state is read; the ten costs are read as one array.
 FIELDS = tuple(dict.fromkeys("operational_cost" if name.startswith("theta_") else name for name in VARIABLES))
 FINITE = float(np.finfo(np.float64).max)
-# Of the variables that the next step reads; the others need only be finite.
+# The next step does not read these, so they need only be finite.
 UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
 
 
@@ -85,7 +85,7 @@ class Noise(NamedTuple):
     uniform_drift_flip: Floats
 
 
-# A double's uniforms end below 1; its logarithm, and so Exp(1), at 745; 40 standard deviations are never.
+# Uniform doubles are below 1 and -log of the least double below 745.2; no normal draw exceeds 40.
 NOISE_RANGES = {
     "exp": (0.0, 745.2, "Exp(1)"),
     "bernoulli": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),

@@ -1,4 +1,4 @@
-"""What an environment is told: setpoint, dynamics, start, frames of history, scale of the reward."""
+"""The settings of an environment: setpoint, dynamics, start, length of the history, scale of the reward."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ M_MIN, M_MAX = -1.001, 1.24  # the penalty m, see `VARIABLES`
 
 
 def _number(value: Any) -> Any:
-    """Numbers of numpy are numbers too."""
+    """A number of numpy as one of Python."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def _one(value: Any) -> Any:
-    """An environment has one setpoint."""
+    """Check that a setpoint is a single one."""
     start = value.get("drifting") if isinstance(value, dict) else value
     if value != "drifting" and not isinstance(start, float | int | np.number):
         near = suggestion(value, ["drifting"]) if isinstance(value, str) else ""
@@ -42,7 +42,7 @@ def _one(value: Any) -> Any:
 
 
 def _as_mapping(value: Any) -> Any:
-    """A variant as YAML would give it."""
+    """A variant in the form that an experiment's YAML has."""
     return {"base": "siemens", **dataclasses.asdict(value)} if isinstance(value, Variant) else value
 
 
@@ -72,7 +72,7 @@ class Settings(FrozenModel):
 
 
 def settings(**given: Any) -> Settings:
-    """The settings given; ConfigError with a line for each that cannot be meant."""
+    """Check settings. Raises ConfigError with a line for each invalid one."""
     try:
         return Settings.model_validate(given)
     except ValidationError as error:
@@ -86,7 +86,7 @@ def _line(error: Any, given: dict[str, Any]) -> str:
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:
-    """The lowest and the highest consumption there can be.
+    """The lowest and the highest possible consumption.
 
     c = ĉ + (1 + k ĉ) z is linear in ĉ and in z, so its extremes are at those of both: z in ±8.21, and
     ĉ = θᶜ + 25 (m + offset) with θᶜ in [Σw, 4915 Σw] and the penalty m in its bounds.

@@ -1,4 +1,4 @@
-"""Lanes of the benchmark that are reset and moved one by one or together, by integers the caller draws."""
+"""The simulation behind the environments, fed with random integers that the caller draws."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Simulation:
             self.seen[which] = seen
 
     def observations(self) -> Float32s:
-        """What is seen (n, 6 · history), newest frame first; a new array each time."""
+        """The observations (n, 6 · history), newest first; a new array each time."""
         return self.seen.reshape(self.n, -1).copy()
 
     def rewards(self) -> npt.NDArray[np.float64]:
@@ -69,7 +69,7 @@ class Simulation:
         return self._reward * self.settings.reward_scale
 
     def drawn(self) -> dict[str, npt.NDArray[Any]]:
-        """What a picture of an episode shows, arrays (n,)."""
+        """The variables that a picture of an episode shows, arrays (n,)."""
         return {name: getattr(self._state, name) for name in DRAWN}
 
     def latent(self) -> dict[str, npt.NDArray[Any]]:

@@ -36,7 +36,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     transition to learn from), "SameStep" (the truncated step returns it, and the last observation is in
     `info["final_obs"]`) and "Disabled" (`reset(options={"reset_mask": truncated})` is the caller's).
 
-    Raises ConfigError or UsageError for arguments that cannot be meant.
+    Raises ConfigError or UsageError for invalid arguments.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generator of each lane, some steps ahead of it."""
+        """The generator of each lane; some of its numbers are already read ahead."""
         return self._streams.generators
 
     @property
@@ -146,7 +146,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         return self._simulation.observations(), rewards, np.zeros_like(truncated), truncated, info
 
     def _final(self, ended: Flags) -> dict[str, Any]:
-        """What an automatic reset hides: the last observations and infos of the episodes that ended."""
+        """The last observations and infos of the episodes that ended, which an automatic reset would hide."""
         last = np.full(self.num_envs, None, dtype=object)
         seen = self._simulation.observations()
         for lane in np.flatnonzero(ended).tolist():

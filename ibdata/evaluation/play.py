@@ -1,4 +1,4 @@
-"""The returns of a policy's episodes, on random numbers that it shares with other policies."""
+"""The returns of policies' episodes; all policies meet the same random numbers of the environment."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class EvaluationBlock(Block):
-    """Episodes whose environment draws from the address of the cell without its policy."""
+    """Episodes whose environment draws at addresses that do not depend on the policy."""
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -41,7 +41,7 @@ class EvaluationBlock(Block):
 def returns(experiment: Experiment, discount: float) -> tuple[Floats, Floats]:
     """Discounted and undiscounted returns (policies, setpoints, episodes) of an experiment's episodes.
 
-    Raises PolicyError where a policy returns something that is no action.
+    Raises PolicyError if a policy returns something that is not an action.
     """
     total = len(experiment.cells) * experiment.episodes
     out = np.empty((2, total))

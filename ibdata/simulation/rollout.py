@@ -25,7 +25,8 @@ from ibdata.simulation.variables import Layout, Table, layout
 LANES = 256  # episodes of a block, whose state and record stay in the processor's cache
 CHUNK = 32  # steps drawn and recorded at a time, for the same reason
 LEAST_LANES = 64
-PART_ROWS = 2**18  # a table that is encoded while the next is filled; the last bits of statistics hang on it
+# Rows of a table, which is encoded while the next is filled; another number changes statistics' last bits.
+PART_ROWS = 2**18
 
 
 class Columns(NamedTuple):
@@ -37,9 +38,18 @@ class Columns(NamedTuple):
 
 
 def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
-    """The columns of episodes first … stop - 1 of the dataset.
+    """Simulate episodes first … stop - 1 of a dataset.
 
-    Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
+    Args:
+        experiment: the experiment.
+        first: the first episode.
+        stop: the episode after the last.
+
+    Returns:
+        The float columns, whose rows are ordered by (episode, step).
+
+    Raises:
+        PolicyError: an action is not finite or has the wrong shape; names the policy, episode and step.
     """
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
@@ -50,9 +60,10 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 
 
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Runs of episodes that are simulated into one table: of about PART_ROWS rows, and whole blocks of them.
+    """Split episodes first … stop - 1 into parts, each of which is simulated into one table.
 
-    Where episodes are long they are at least LEAST_LANES, so that few steps are taken for little.
+    A part has about PART_ROWS rows in whole blocks. If episodes are so long that a block would be larger, it
+    has at least LEAST_LANES episodes, since simulating fewer side by side is slow.
     """
     most = PART_ROWS // experiment.steps
     most = most // LANES * LANES or max(most, LEAST_LANES)
@@ -61,7 +72,7 @@ def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, 
 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Runs of at most LANES episodes that have one policy."""
+    """Split episodes first … stop - 1 into blocks of at most LANES episodes with the same policy."""
     per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
     while first < stop:
         end = min(stop, first + LANES, (first // per_policy + 1) * per_policy)

@@ -36,14 +36,14 @@ FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
 COMPILE = 'numba.njit(nogil=True, error_model="numpy")'
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
-    "fused multiply-add": ("compiling.py", COMPILE, "numba.njit(fastmath={'contract'})"),
-    "fastmath": ("compiling.py", COMPILE, "numba.njit(fastmath=True)"),
+    "fused multiply-add": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath={'contract'})"),
+    "fastmath": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath=True)"),
     "exp of the C library": (
-        "dynamics/exact.py",
+        "numerics/exact.py",
         "    k = np.rint(x",
         "    return math.exp(x)\n    k = np.rint(x",
     ),
-    "log of the C library": ("dynamics/exact.py", "    bits = ", "    return math.log(x)\n    bits = "),
+    "log of the C library": ("numerics/exact.py", "    bits = ", "    return math.log(x)\n    bits = "),
 }
 if os.environ.get("IBDATA_SAME_BITS") != "full":
     CHANGES = {name: CHANGES[name] for name in ("fused multiply-add", "exp of the C library")}
