@@ -9,7 +9,7 @@ from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp
 
 Weights = tuple[float, float, float, float, float]
-History = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float64]
 
 
 @compiled
@@ -27,37 +27,35 @@ def operational_cost(p: float, v: float, g: float) -> float:
 
 
 @compiled
-def remember(theta: float, history: History, lane: int) -> None:
-    """Shift θ into one lane of a history (n, 10) of operational costs, oldest first, in place.
+def remember(theta: Floats, history: Floats) -> None:
+    """Shift the costs θ (n,) of n lanes into their history (10, n), newest first, in place.
 
     The history before the first step is all zeros, which no θ can be: it is filled with the first θ, as
     the constructor of the authors' `IDS.py` does (the paper is silent).
 
-    >>> history = np.zeros((1, 10))
-    >>> remember(2.0, history, 0); remember(3.0, history, 0); history[0, 7:].tolist()
-    [2.0, 2.0, 3.0]
+    >>> history = np.zeros((10, 1))
+    >>> remember(np.array([2.0]), history); remember(np.array([3.0]), history); history[:3, 0].tolist()
+    [3.0, 2.0, 2.0]
     """
-    if history[lane, 9] == 0.0:
-        for i in range(10):
-            history[lane, i] = theta
-        return
-    for i in range(9):
-        history[lane, i] = history[lane, i + 1]
-    history[lane, 9] = theta
+    for lag in range(9, 0, -1):
+        for i in range(theta.shape[0]):
+            history[lag, i] = theta[i] if history[0, i] == 0.0 else history[lag - 1, i]
+    for i in range(theta.shape[0]):
+        history[0, i] = theta[i]
 
 
 @compiled
-def convolved_cost(history: History, lane: int, w: Weights) -> float:
-    """Convolved operational cost θᶜ of one lane of a history (n, 10), θ[t-9] … θ[t], oldest first.
+def convolved_cost(history: Floats, lane: int, w: Weights) -> float:
+    """Convolved operational cost θᶜ of one lane of a history (10, n), θ[t] … θ[t-9], newest first.
 
         θᶜ_t = w₅ θ_{t-5} + w₆ θ_{t-6} + w₇ θ_{t-7} + w₈ θ_{t-8} + w₉ θ_{t-9}
 
     Hein et al. 2017, Eq. (7); the weights (1, 2, 3, 2, 1)/9 are a field of the variant.
 
-    >>> convolved_cost(np.arange(10.0).reshape(1, 10), 0, (0.0, 0.0, 0.0, 0.25, 0.5))
-    0.25
+    >>> convolved_cost(np.arange(10.0).reshape(10, 1), 0, (0.0, 0.0, 0.0, 0.25, 0.5))
+    6.5
     """
     theta_c = 0.0
     for i in range(5):
-        theta_c += w[i] * history[lane, 4 - i]
+        theta_c += w[i] * history[5 + i, lane]
     return theta_c

@@ -1,16 +1,6 @@
 """What a step takes and gives: the state of any number of lanes, and its noise in standard form.
 
-| symbol | name | unit, range |
-|---|---|---|
-| p | setpoint | 0 … 100 |
-| v, g, h | velocity, gain, shift: the steerings | 0 … 100 |
-| c, f, r | consumption, fatigue, reward | cost units; c about -30 … 5800, f in [0, 300] |
-| δ, ψ, φ | domain, response, direction of the mis-calibration | ±1, ±1, -6 … 6 |
-| μᵛ, μᵍ | latents of the fatigue | 0 … 5 |
-| θ, θᶜ, ĉ | operational cost, the convolved one, noise-free consumption | cost units |
-| hᵉ, vᵉ, gᵉ | effective shift, velocity, gain | [-1.5, 1.5], [0, 1], [0, 1] |
-| m, α, f_b | penalty, amplification, basic fatigue | [-1, 1.24] within 1e-15, [0, 1], [0, 300] |
-| b, l | rate and steps left of a moving setpoint's segment | setpoint units per step; steps |
+A lane is one episode among those that are simulated side by side. `variables.py` lists the variables.
 """
 
 from __future__ import annotations
@@ -20,39 +10,62 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.miscalibration import PHI_MAX
 from ibdata.dynamics.setpoint import NO_DRIFT
+from ibdata.dynamics.variables import FLOATS, INTEGERS, VARIABLES, of_role, rows
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+(THETA,) = rows("theta_0")  # the first of the ten rows θ[t], θ[t-1] … θ[t-9]
+COSTS = slice(THETA, THETA + 10)
+# The names by which a state is read; the ten costs are read as one array.
+FIELDS = tuple(dict.fromkeys("operational_cost" if name.startswith("theta_") else name for name in VARIABLES))
+FINITE = float(np.finfo(np.float64).max)
+# The next step does not read these, so they need only be finite.
+UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
+
 
 class State(NamedTuple):
-    """The Markov state of n lanes and the values derived with it; arrays (n,) unless said otherwise."""
+    """The Markov state of n lanes and the values derived with it.
 
-    setpoint: Floats
-    velocity: Floats
-    gain: Floats
-    shift: Floats
-    consumption: Floats
-    fatigue: Floats
-    reward: Floats
-    operational_cost: Floats  # (n, 10), θ[t-9] … θ[t], oldest first
-    domain: Ints
-    response: Ints
-    direction: Ints
-    mu_v: Floats
-    mu_g: Floats
-    drift_rate: Floats
-    drift_left: Ints  # steps left of the segment, counted after the step; -1 = constant setpoint
-    convolved_cost: Floats
-    penalty: Floats
-    expected_consumption: Floats
-    effective_shift: Floats
-    effective_velocity: Floats
-    effective_gain: Floats
-    alpha: Floats
-    basic_fatigue: Floats
+    `state.velocity`, and so on for every name in `ibdata.dynamics.variables`, is a view (n,) of a row;
+    `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. To write into a view changes the state.
+    """
+
+    floats: Floats  # (float variables, n)
+    integers: Ints  # (whole variables, n)
+
+    def __getattr__(self, name: str) -> npt.NDArray[Any]:
+        if name == "operational_cost":
+            return np.moveaxis(self.floats[COSTS][::-1], 0, -1)
+        if name not in VARIABLES:
+            raise AttributeError(f"a State has no variable {name!r}; it has {', '.join(FIELDS)}")
+        part: npt.NDArray[Any] = self.integers if VARIABLES[name].whole else self.floats
+        view: npt.NDArray[Any] = part[rows(name)[0]]
+        return view
+
+    def replace(self, **values: npt.ArrayLike) -> State:
+        """A copy in which some variables have other values.
+
+        Args:
+            **values: arrays by the name of the variable, each of the shape that reading it gives.
+
+        Returns:
+            A state that shares no memory with this one.
+
+        Raises:
+            ValueError: a shape is another, or a whole number is none.
+        """
+        new = State(self.floats.copy(), self.integers.copy())
+        for name, x in values.items():
+            view, given = getattr(new, name), np.asarray(x)
+            if given.shape != view.shape:
+                raise ValueError(f"state.{name}: found {given}, expected {view.shape} numbers")
+            with np.errstate(invalid="ignore"):  # NaN is no whole number
+                view[...] = given
+            if view.dtype == np.int64 and not np.array_equal(view, given):
+                raise ValueError(f"state.{name}: found {given}, expected whole numbers")
+        return new
 
 
 class Noise(NamedTuple):
@@ -72,21 +85,7 @@ class Noise(NamedTuple):
     uniform_drift_flip: Floats
 
 
-INTEGERS = ("domain", "response", "direction", "drift_left")
-FINITE = float(np.finfo(np.float64).max)
-# Of the fields that the next step reads; the others need only be finite.
-STATE_RANGES = {
-    **dict.fromkeys(("setpoint", "velocity", "gain", "shift"), (0.0, 100.0)),
-    "operational_cost": (0.0, 5000.0),
-    "domain": (-1.0, 1.0),
-    "response": (-1.0, 1.0),
-    "direction": (-float(PHI_MAX), float(PHI_MAX)),
-    "mu_v": (0.0, 5.0),
-    "mu_g": (0.0, 5.0),
-    "drift_rate": (-100.0, 100.0),
-    "drift_left": (float(NO_DRIFT), 1e6),
-}
-# A double's uniforms end below 1; its logarithm, and so Exp(1), at 745; 40 standard deviations are never.
+# Uniform doubles are below 1 and -log of the least double below 745.2; no normal draw exceeds 40.
 NOISE_RANGES = {
     "exp": (0.0, 745.2, "Exp(1)"),
     "bernoulli": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
@@ -104,10 +103,19 @@ def initial_state(
 ) -> State:
     """The state before the zero-action step: `step(state, zeros, noise, variant)` gives the first one.
 
-    Scalars or arrays (n,), all in [0, 100], which are broadcast against each other; domain and response
-    are 1, direction and both μ are 0, and the history of operational costs is empty (zeros).
+    Args:
+        setpoint: a number or an array (n,) in [0, 100], as the three steerings; all are broadcast.
+        velocity: the first steering.
+        gain: the second steering.
+        shift: the third steering.
+        drifting: whether the setpoint moves.
 
-    Raises ValueError naming the argument that is not finite, out of range, or of another shape.
+    Returns:
+        A state in which domain and response are 1, direction and both μ are 0, and the history of operational
+        costs is empty (zeros).
+
+    Raises:
+        ValueError: an argument, which is named, is not finite, out of range, or of another shape.
     """
     names = ("setpoint", "velocity", "gain", "shift")
     given = [np.asarray(x, dtype=np.float64) for x in (setpoint, velocity, gain, shift)]
@@ -117,41 +125,54 @@ def initial_state(
         if not np.all((value >= 0.0) & (value <= 100.0)):
             raise ValueError(f"initial_state: {name}: found {value}, expected numbers in [0, 100]")
     try:
-        p, v, g, h = (np.array(x) for x in np.broadcast_arrays(*(np.atleast_1d(x) for x in given)))
+        steerings = np.broadcast_arrays(*(np.atleast_1d(x) for x in given))
     except ValueError:
         shapes = ", ".join(f"{name} {value.shape}" for name, value in zip(names, given, strict=True))
         raise ValueError(f"initial_state: found {shapes}, expected equal lengths") from None
-    n = p.size
-    zeros = State._make(np.zeros(n) for _ in State._fields)
-    return zeros._replace(
-        setpoint=p,
-        velocity=v,
-        gain=g,
-        shift=h,
-        operational_cost=np.zeros((n, 10)),
-        domain=np.ones(n, dtype=np.int64),
-        response=np.ones(n, dtype=np.int64),
-        direction=np.zeros(n, dtype=np.int64),
-        drift_left=np.full(n, 0 if drifting else NO_DRIFT, dtype=np.int64),
-    )
+    n = steerings[0].size
+    state = State(np.zeros((len(FLOATS), n)), np.zeros((len(INTEGERS), n), dtype=np.int64))
+    for name, value in zip(names, steerings, strict=True):
+        getattr(state, name)[:] = value
+    state.domain[:] = state.response[:] = 1
+    state.drift_left[:] = 0 if drifting else NO_DRIFT
+    return state
 
 
 def checked_state(state: State) -> State:
-    """A copy of the state, in which every field has the type, the length and the range of a State."""
-    n = len(np.atleast_1d(np.asarray(state.setpoint)))
-    fields: dict[str, npt.NDArray[Any]] = {}
-    for name, x in zip(State._fields, state, strict=True):
-        given = np.asarray(x)
-        shape = (n, 10) if name == "operational_cost" else (n,)
-        low, high = STATE_RANGES.get(name, (-FINITE, FINITE))
-        if given.shape != shape or not np.all((given >= low) & (given <= high)):
+    """A copy of the state, in which every variable is known to be in its range."""
+    new = State(
+        np.array(state.floats, dtype=np.float64, order="C"),
+        np.array(state.integers, dtype=np.int64, order="C"),
+    )
+    n = new.floats.shape[-1]
+    found, expected = (new.floats.shape, new.integers.shape), ((len(FLOATS), n), (len(INTEGERS), n))
+    if found != expected or not np.array_equal(new.integers, state.integers):
+        raise ValueError(
+            f"step: state: found arrays {found}, expected {expected}, of floats and of whole numbers"
+        )
+    for part, (low, high) in zip(new, (FLOAT_RANGES, INTEGER_RANGES), strict=True):
+        outside = ~((part >= low) & (part <= high)).all(axis=1)
+        if outside.any():
+            i = int(np.argmax(outside))
+            name = (FLOATS if part is new.floats else INTEGERS)[i]
+            field = "operational_cost" if name.startswith("theta_") else name
+            x = getattr(new, field)
             raise ValueError(
-                f"step: state.{name}: found {x}, expected {shape} numbers in [{low:g}, {high:g}]"
+                f"step: state.{field}: found {x}, expected {x.shape} numbers in "
+                f"[{low[i, 0]:g}, {high[i, 0]:g}]"
             )
-        fields[name] = np.array(given, dtype=np.int64 if name in INTEGERS else np.float64, order="C")
-        if not np.array_equal(fields[name], given):
-            raise ValueError(f"step: state.{name}: found {x}, expected whole numbers")
-    return State(**fields)
+    return new
+
+
+def _ranges(names: tuple[str, ...]) -> tuple[Floats, Floats]:
+    """The lowest and the highest values (variables, 1) that `step` takes."""
+    known = [(None, None) if name in UNREAD else VARIABLES[name][3:5] for name in names]
+    low = [-FINITE if low is None else low for low, _ in known]
+    high = [FINITE if high is None else high for _, high in known]
+    return np.array([low]).T, np.array([high]).T
+
+
+FLOAT_RANGES, INTEGER_RANGES = _ranges(FLOATS), _ranges(INTEGERS)
 
 
 def checked_noise(noise: Noise, n: int) -> Noise:

@@ -20,23 +20,43 @@ from ibdata.dynamics.fatigue import (
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
 from ibdata.dynamics.setpoint import NO_DRIFT, drift
-from ibdata.dynamics.state import Noise, State, checked_noise, checked_state
+from ibdata.dynamics.state import COSTS, Noise, State, checked_noise, checked_state
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
+from ibdata.dynamics.variables import rows
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 from ibdata.numerics.compiled import compiled
+
+SETPOINT, VELOCITY, GAIN, SHIFT = rows("setpoint", "velocity", "gain", "shift")
+CONSUMPTION, FATIGUE, REWARD = rows("consumption", "fatigue", "reward")
+DOMAIN, RESPONSE, DIRECTION = rows("domain", "response", "direction")
+MU_V, MU_G, DRIFT_RATE, DRIFT_LEFT = rows("mu_v", "mu_g", "drift_rate", "drift_left")
+EFFECTIVE_VELOCITY, EFFECTIVE_GAIN, EFFECTIVE_SHIFT = rows(
+    "effective_velocity", "effective_gain", "effective_shift"
+)
+CONVOLVED_COST, PENALTY, EXPECTED_CONSUMPTION = rows("convolved_cost", "penalty", "expected_consumption")
+ALPHA, BASIC_FATIGUE = rows("alpha", "basic_fatigue")
 
 
 def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:
     """The state one step later; nothing given is changed.
 
-    action (n, 3) holds (Δv, Δg, Δh), clipped to [-1, 1]; noise is in standard form; the variant is a
-    `Variant` or the name of one. The order of the parts is that of the authors' `IDS.step`: setpoint,
-    steering, fatigue, operational cost, mis-calibration, consumption, reward (the paper names none).
+    The order of the parts is that of the authors' `IDS.step`: setpoint, steering, fatigue, operational cost,
+    mis-calibration, consumption, reward (the paper names none).
 
-    Raises ValueError for a state, action or noise that is not finite, of another length, or out of range.
+    Args:
+        state: n lanes.
+        action: (n, 3) = (Δv, Δg, Δh), clipped to [-1, 1].
+        noise: the random numbers of the step, in standard form.
+        variant: the dynamics, or the name of shipped ones.
+
+    Returns:
+        A state that shares no memory with the one given.
+
+    Raises:
+        ValueError: state, action or noise is not finite, of another length, or out of range.
     """
     new = checked_state(state)
-    n = new.setpoint.shape[0]
+    n = new.floats.shape[1]
     a = np.array(action, dtype=np.float64)
     if a.shape != (n, 3):
         raise ValueError(f"step: action: found shape {a.shape}, expected ({n}, 3)")
@@ -61,13 +81,15 @@ def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k
 @compiled
 def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """Setpoint, velocity, gain and shift."""
-    p, v, g, h = state.setpoint, state.velocity, state.gain, state.shift
+    x = state.floats
+    p, v, g, h = x[SETPOINT], x[VELOCITY], x[GAIN], x[SHIFT]
+    b, left = x[DRIFT_RATE], state.integers[DRIFT_LEFT]
     for i in range(p.shape[0]):
-        if state.drift_left[i] != NO_DRIFT:
-            p[i], state.drift_rate[i], state.drift_left[i] = drift(
+        if left[i] != NO_DRIFT:
+            p[i], b[i], left[i] = drift(
                 p[i],
-                state.drift_rate[i],
-                state.drift_left[i],
+                b[i],
+                left[i],
                 noise.uniform_drift_length[i],
                 noise.uniform_drift_rate[i],
                 noise.uniform_drift_zero[i],
@@ -85,8 +107,10 @@ def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k:
 @compiled
 def _update_fatigue(state: State, noise: Noise, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
-    p, v, g = state.setpoint, state.velocity, state.gain
-    ve, ge, mu_v, mu_g = state.effective_velocity, state.effective_gain, state.mu_v, state.mu_g
+    x = state.floats
+    p, v, g = x[SETPOINT], x[VELOCITY], x[GAIN]
+    ve, ge, mu_v, mu_g = x[EFFECTIVE_VELOCITY], x[EFFECTIVE_GAIN], x[MU_V], x[MU_G]
+    alpha, f_b, f = x[ALPHA], x[BASIC_FATIGUE], x[FATIGUE]
     eta_v, eta_g = np.empty(p.shape[0]), np.empty(p.shape[0])
     for i in range(p.shape[0]):
         ve[i] = effective_velocity(v[i], g[i], p[i], k.v0, k.g0, k.v1, k.g1)
@@ -101,40 +125,38 @@ def _update_fatigue(state: State, noise: Noise, k: Parameters) -> None:
     for i in range(p.shape[0]):
         mu_g[i] = update_mu(mu_g[i], ge[i], eta_g[i])
     for i in range(p.shape[0]):
-        state.alpha[i] = amplification(
+        alpha[i] = amplification(
             mu_v[i], mu_g[i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
         )
     for i in range(p.shape[0]):
-        state.basic_fatigue[i] = basic_fatigue(v[i], g[i])
+        f_b[i] = basic_fatigue(v[i], g[i])
     for i in range(p.shape[0]):
-        state.fatigue[i] = fatigue(state.basic_fatigue[i], state.alpha[i])
+        f[i] = fatigue(f_b[i], alpha[i])
 
 
 @compiled
 def _update_consumption(state: State, noise: Noise, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
-    p, v, g, h, he = state.setpoint, state.velocity, state.gain, state.shift, state.effective_shift
+    x, z = state.floats, state.integers
+    p, v, g, h, he = x[SETPOINT], x[VELOCITY], x[GAIN], x[SHIFT], x[EFFECTIVE_SHIFT]
+    costs, theta_c = x[COSTS], x[CONVOLVED_COST]
+    domain, response, phi, m = z[DOMAIN], z[RESPONSE], z[DIRECTION], x[PENALTY]
+    c_hat, c, f, r = x[EXPECTED_CONSUMPTION], x[CONSUMPTION], x[FATIGUE], x[REWARD]
     theta = np.empty(p.shape[0])
     for i in range(p.shape[0]):
         theta[i] = operational_cost(p[i], v[i], g[i])
+    remember(theta, costs)
     for i in range(p.shape[0]):
-        remember(theta[i], state.operational_cost, i)
-        state.convolved_cost[i] = convolved_cost(state.operational_cost, i, k.weights)
+        theta_c[i] = convolved_cost(costs, i, k.weights)
     for i in range(p.shape[0]):
         he[i] = effective_shift(h[i], p[i])
     for i in range(p.shape[0]):
-        state.domain[i], state.response[i], state.direction[i] = update_direction(
-            state.domain[i], state.response[i], state.direction[i], he[i]
-        )
+        domain[i], response[i], phi[i] = update_direction(domain[i], response[i], phi[i], he[i])
     for i in range(p.shape[0]):
-        state.penalty[i] = penalty(state.direction[i], he[i])
+        m[i] = penalty(phi[i], he[i])
     for i in range(p.shape[0]):
-        state.expected_consumption[i] = expected_consumption(
-            state.convolved_cost[i], state.penalty[i], k.consumption_offset
-        )
+        c_hat[i] = expected_consumption(theta_c[i], m[i], k.consumption_offset)
     for i in range(p.shape[0]):
-        state.consumption[i] = consumption(
-            state.expected_consumption[i], noise.normal_consumption[i], k.consumption_noise
-        )
+        c[i] = consumption(c_hat[i], noise.normal_consumption[i], k.consumption_noise)
     for i in range(p.shape[0]):
-        state.reward[i] = reward(state.consumption[i], state.fatigue[i])
+        r[i] = reward(c[i], f[i])

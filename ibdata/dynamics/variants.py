@@ -42,8 +42,8 @@ class Parameters(NamedTuple):
 class Variant:
     """One reading of the Industrial Benchmark: one field for each decision on which the sources differ.
 
-    Raises ValueError at construction if a field cannot be meant: one that would let a value leave the range
-    that the paper gives it, or a number that is not finite.
+    Raises ValueError at construction if a field is invalid: it would let a value leave the range that the
+    paper gives it, or is not finite.
     """
 
     eta_mean: float
@@ -108,7 +108,7 @@ class Variant:
             raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
 
     def parameters(self) -> Parameters:
-        """The fields as one NamedTuple of numbers, the form in which they enter the kernel."""
+        """The fields as one NamedTuple of numbers, the form that compiled code takes."""
         try:
             eta_scale, eta_shift = self.eta_squash
             (v0, g0), (v1, g1) = self.effective_velocity_ends
@@ -172,7 +172,7 @@ VARIANTS: Mapping[str, Variant] = {"siemens": SIEMENS, "paper": PAPER}
 
 
 def resolve(variant: Variant | str) -> Variant:
-    """The variant itself, or the one of that name; ValueError for a name that is not in `VARIANTS`."""
+    """A variant given itself or by name. Raises ValueError for a name that is not in `VARIANTS`."""
     if isinstance(variant, Variant):
         return variant
     if variant not in VARIANTS:

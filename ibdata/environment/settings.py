@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
+from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment import ID
 from ibdata.errors import ConfigError
 from ibdata.experiment.dynamics import Dynamics
@@ -20,7 +21,6 @@ from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION
 from ibdata.policies.base import FrozenModel
-from ibdata.simulation.variables import VARIABLES
 
 MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
@@ -43,7 +43,7 @@ def _one(value: Any) -> Any:
 
 
 def _as_mapping(value: Any) -> Any:
-    """A variant as YAML would give it."""
+    """A variant in the form that an experiment's YAML has."""
     return {"base": "siemens", **dataclasses.asdict(value)} if isinstance(value, Variant) else value
 
 

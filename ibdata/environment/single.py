@@ -25,14 +25,14 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     setpoint: a number, "drifting" (from 50 on), or {"drifting": a number}.
     dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
     start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-    history: observations in a row, newest first, the first one repeated at the start.
+    history: the number of observations returned together, newest first; the first one fills it at the start.
     reward_scale: factor of the reward, which is -consumption - 3 fatigue of the new state.
 
     Observations are float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption; actions
     are (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov
     state under the names of a dataset's columns. All draws come from `np_random`.
 
-    Raises ConfigError for settings, UsageError for an action or a render mode that cannot be meant.
+    Raises ConfigError for invalid settings, UsageError for an invalid action or render mode.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}

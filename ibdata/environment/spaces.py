@@ -14,11 +14,11 @@ except ModuleNotFoundError:
 
 
 def spaces(settings: Settings) -> tuple[Box, Box]:
-    """The spaces of observations (6 · history,), newest frame first, and of actions (3,).
+    """The spaces of observations (6 · history,), newest first, and of actions (3,).
 
-    The bounds are those of the dynamics, for any setpoint, so that a policy can be moved from one to another.
+    The bounds hold for every setpoint, so that a policy can be used at another one.
     """
-    low, high = (  # rounding keeps order, so what is rounded stays within
+    low, high = (  # rounding is monotonic, so rounded values stay within rounded bounds
         np.tile(np.array(bounds, dtype=np.float32), settings.history)
         for bounds in observation_bounds(settings.variant)
     )

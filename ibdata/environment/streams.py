@@ -1,4 +1,4 @@
-"""The random integers of many lanes: a generator each, read ahead, so that a step costs no call a lane."""
+"""The random integers of many lanes, read ahead from a generator for each, so that few calls are needed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Streams:
 
     @property
     def generators(self) -> tuple[np.random.Generator, ...]:
-        """The generators, made where there was none."""
+        """The generators; those of lanes that had none yet are seeded from the operating system."""
         return tuple(self._generator(lane) for lane in range(len(self._seeds)))
 
     @property
@@ -30,7 +30,7 @@ class Streams:
         return tuple(seed for _, seed in zip(self.generators, self._seeds, strict=True))
 
     def seed(self, lane: int, seed: int | None) -> None:
-        """Begin the lane's stream anew; None leaves it as it is."""
+        """Restart the stream of a lane with a seed; None leaves it as it is."""
         if seed is not None:
             self._make(lane, seed)
 

@@ -36,7 +36,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     transition to learn from), "SameStep" (the truncated step returns it, and the last observation is in
     `info["final_obs"]`) and "Disabled" (`reset(options={"reset_mask": truncated})` is the caller's).
 
-    Raises ConfigError or UsageError for arguments that cannot be meant.
+    Raises ConfigError or UsageError for invalid arguments.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
-        """The generator of each lane, some steps ahead of it."""
+        """The generator of each lane; some of its numbers are already read ahead."""
         return self._streams.generators
 
     @property

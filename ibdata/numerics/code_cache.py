@@ -1,8 +1,9 @@
 """numba's cache of machine code with files that are verified before they are loaded.
 
-numba's own believes every file that it finds, and stops at one that it cannot read. Here a function is
-compiled again wherever its file is missing, damaged or another user's. What is used of numba is the key and
-the serial form of machine code, and that its compiler calls `load_overload` before and `save_overload` after.
+numba's own cache trusts every file that it finds, and fails at one that it cannot read. Here a function is
+compiled again if its file is missing, damaged or owned by another user. Three things of numba are relied on:
+the key, the serial form of machine code, and that its compiler calls `load_overload` before it compiles and
+`save_overload` afterwards.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ibdata.system.private_files import verified
 
 
 class _Locator(_CacheLocator):
-    """Which function it is; of folders it knows nothing. numba itself names `_py_file` in a warning."""
+    """Identifies a function, but not a folder. numba itself names `_py_file` in a warning."""
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file, self._line = file, function.__code__.co_firstlineno
@@ -70,7 +71,7 @@ class _CodeFiles(IndexDataCacheFile):
         return None
 
     def _data_path(self, name: int) -> int:
-        """What numba opens: the verified file itself, which no other can replace."""
+        """What numba opens: a descriptor of the verified file, which nobody can exchange for another file."""
         return os.dup(name)
 
     def _name(self, key: Any) -> str:
@@ -88,12 +89,12 @@ class CodeCache(FunctionCache):
         self._cache_file = _CodeFiles(self._impl, places)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for a signature, or None where it is to be compiled."""
+        """The machine code for a signature, or None if it must be compiled."""
         try:
             return super().load_overload(sig, target_context)
         except IbdataError:  # a signal that asks to stop
             raise
-        except Exception:  # whatever the reason is, compiling helps
+        except Exception:  # for any other reason, compile again
             return None
 
 

@@ -1,8 +1,8 @@
 """Compiled functions, and where their machine code is kept.
 
-numba's own cache asks only whether the file of a function is the one it was compiled from: it misses a change
-in a function that is called. The cache here lies in a folder named by the digest of all compiled sources, so
-old code can never run.
+numba's own cache only checks whether a function's own file has changed, so it misses changes in the functions
+that it calls. The cache here lies in a folder named by the digest of all compiled sources, so outdated code
+never runs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ibdata.system.cache_folders import Places
 
 try:
     import numba
-except ValueError as error:  # it reads its variables when it is imported
+except ValueError as error:  # numba reads its environment variables on import
     names = ", ".join(sorted(name for name in os.environ if name.startswith("NUMBA_")))
     raise UsageError(f"{names}: numba refuses this setting: {error} Correct or unset it.") from None
 
@@ -37,8 +37,8 @@ SOURCES = (
 def compiled(function: F) -> F:
     """`numba.njit` with fastmath off and its code in `PLACES`; plain Python under NUMBA_DISABLE_JIT=1.
 
-    It lets go of Python's lock, so that what is simulated can be encoded and hashed meanwhile. A division by
-    zero, which no equation has, would give an infinity: a test for it would keep loops from being vectorized.
+    Compiled code releases Python's global lock, so that other threads can encode and hash meanwhile. No
+    equation divides by zero; numba's test for it is off, because it would keep loops from being vectorized.
     """
     made: Any = numba.njit(nogil=True, error_model="numpy")(function)
     if made is not function:
@@ -53,7 +53,7 @@ def is_compiled() -> bool:
 
 
 def is_kept() -> bool:
-    """Whether machine code outlives this process, as far as can be told before it is written."""
+    """Whether machine code is probably kept for later processes; only writing it would tell for certain."""
     return PLACES.lasting
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 LEVEL = 0.95
-REACH = 12.0  # standard deviations; what lies beyond is nothing to a double
+REACH = 12.0  # standard deviations; the probability beyond is less than a double resolves
 
 
 class Estimate(NamedTuple):
-    """A mean; of one value neither standard error nor 95 % interval are known."""
+    """A mean with its standard error and 95 % interval, which are None if a group has only one value."""
 
     mean: float
     standard_error: float | None
@@ -23,9 +23,15 @@ class Estimate(NamedTuple):
 
 
 def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
-    """The mean of the means of independent groups of values, such as the episodes of several setpoints.
+    """The mean of the means of independent groups of values, with Student's t interval.
 
-    Student's t with Welch and Satterthwaite's degrees of freedom.
+    The degrees of freedom are those of Welch and Satterthwaite.
+
+    Args:
+        groups: arrays of values, such as the returns of one setpoint's episodes each.
+
+    Returns:
+        The mean, its standard error and its 95 % interval.
 
     >>> mean, error, interval = estimate([np.array([1.0, 2.0, 3.0])])
     >>> mean, round(error, 6), [round(x, 4) for x in interval]
@@ -57,7 +63,7 @@ def _freedom(variances: Sequence[float], freedom: Sequence[int]) -> float:
 
 @lru_cache
 def t_quantile(freedom: float) -> float:
-    """The t that |T| stays below with probability 0.95, T of Student's distribution.
+    """The t for which P(|T| < t) = 0.95, where T has Student's distribution.
 
     With t = √ν tan θ the density of θ is proportional to cos(θ) to the ν - 1; its area, by the trapezoidal
     rule, gives it to 1e-6.

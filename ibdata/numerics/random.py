@@ -50,12 +50,21 @@ def slots(draws: int) -> int:
 def integers(
     keys: Raw, indices: npt.NDArray[np.int64], purpose: Purpose, step: int, steps: int, slots: int
 ) -> Raw:
-    """The integers (steps, slots, n) of n episodes from `step` on, with keys (n, 2) and indices (n,).
+    """The random integers of n episodes for some steps.
 
-    slots is a multiple of 4, those of one step.
+    Args:
+        keys: the Philox keys (n, 2), see `stream_key`.
+        indices: the numbers (n,) of the episodes within their cells.
+        purpose: what the integers are for.
+        step: the first step.
+        steps: the number of steps.
+        slots: integers for each step, a multiple of 4.
+
+    Returns:
+        Integers (steps, slots, n).
     """
     out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
-    with np.errstate(over="ignore"):  # where nothing is compiled, numpy tells of products past 64 bits
+    with np.errstate(over="ignore"):  # without compilation, numpy warns of products beyond 64 bits
         philox_blocks(
             np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
         )
@@ -74,7 +83,7 @@ def uniform(raw: np.uint64) -> float:
 
 @compiled
 def standard_normal(u: float) -> float:
-    """N(0, 1) from U(0, 1), for policies, which see nothing of the dynamics.
+    """N(0, 1) from U(0, 1), for policies.
 
     >>> float(standard_normal(0.5))
     0.0

@@ -1,4 +1,4 @@
-"""Compiled loops over lanes: what a block of episodes does at every step, and its columns afterwards."""
+"""Compiled loops over lanes: the steps of a block of episodes, and its columns afterwards."""
 
 from __future__ import annotations
 
@@ -7,118 +7,81 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.state import Floats, Noise, State
+from ibdata.dynamics.state import Floats, State
 from ibdata.dynamics.step import advance
+from ibdata.dynamics.variables import FLOATS
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
 from ibdata.simulation.noise import compiled_blank_noise, drift_noise, standard_noise
-from ibdata.simulation.packed import Packed, unpacked
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.int64]
 
-
-@compiled
-def step_lanes(
-    state: State, action: Float32s, raw: Raw, drift: Raw, t: int, noise: Noise, k: Parameters
-) -> None:
-    """One step in place with the integers (8, n) and (4, n) of step t.
-
-    drift has no steps for constant setpoints.
-    """
-    standard_noise(raw[t], noise)
-    if drift.shape[0] > 0:
-        drift_noise(drift[t], noise)
-    advance(state, action, noise, k)
-
-
-@compiled
-def observe(state: State, history: Float32s, first: bool) -> None:
-    """Push the observation into a history (n, frames, 6), newest first; at first into every frame."""
-    frames = history.shape[1]
-    if frames == 0:
-        return
-    for i in range(history.shape[0]):
-        for j in range(frames - 1, 0, -1):
-            for c in range(6):
-                history[i, j, c] = history[i, j - 1, c]
-        history[i, 0, 0] = state.setpoint[i] + 0.0
-        history[i, 0, 1] = state.velocity[i] + 0.0
-        history[i, 0, 2] = state.gain[i] + 0.0
-        history[i, 0, 3] = state.shift[i] + 0.0
-        history[i, 0, 4] = state.fatigue[i] + 0.0
-        history[i, 0, 5] = state.consumption[i] + 0.0
-        if first:
-            for j in range(1, frames):
-                for c in range(6):
-                    history[i, j, c] = history[i, 0, c]
-
-
-@compiled
-def record_state(state: State, out: AnyFloats, drifting: bool) -> None:
-    """The variables of a state into out (n, variables), as many as it has room for; -0.0 becomes 0.0.
-
-    Order: observation, reward, latents, moving setpoint (if drifting), derived values.
-    """
-    for i in range(out.shape[0]):
-        out[i, 0] = state.setpoint[i] + 0.0
-        out[i, 1] = state.velocity[i] + 0.0
-        out[i, 2] = state.gain[i] + 0.0
-        out[i, 3] = state.shift[i] + 0.0
-        out[i, 4] = state.fatigue[i] + 0.0
-        out[i, 5] = state.consumption[i] + 0.0
-        out[i, 6] = state.reward[i] + 0.0
-        if out.shape[1] == 7:
-            continue
-        for lag in range(9):
-            out[i, 7 + lag] = state.operational_cost[i, 8 - lag]
-        out[i, 16] = state.domain[i]
-        out[i, 17] = state.response[i]
-        out[i, 18] = state.direction[i]
-        out[i, 19] = state.mu_v[i] + 0.0
-        out[i, 20] = state.mu_g[i] + 0.0
-        j = 21
-        if drifting:
-            out[i, 21] = state.drift_rate[i] + 0.0
-            out[i, 22] = state.drift_left[i]
-            j = 23
-        if out.shape[1] > j:
-            out[i, j] = state.convolved_cost[i] + 0.0
-            out[i, j + 1] = state.penalty[i] + 0.0
-            out[i, j + 2] = state.expected_consumption[i] + 0.0
-            out[i, j + 3] = state.effective_shift[i] + 0.0
-            out[i, j + 4] = state.effective_velocity[i] + 0.0
-            out[i, j + 5] = state.effective_gain[i] + 0.0
-            out[i, j + 6] = state.alpha[i] + 0.0
-            out[i, j + 7] = state.basic_fatigue[i] + 0.0
+FLOAT_ROWS = len(FLOATS)
+TILE = 16
 
 
 @compiled
 def simulate(
-    packed: Packed,
+    state: State,
     actions: Float32s,
     raw: Raw,
     drift: Raw,
     k: Parameters,
     history: Float32s,
     record: AnyFloats,
-    drifting: bool,
+    rows: Ints,
+    first: int,
 ) -> None:
-    """Steps of every lane in place with actions (steps, n, 3), and what is seen and kept of each.
+    """Steps of every lane, in place.
 
-    The record (steps, n, variables) holds the state after each step, the history what a policy sees last.
+    Args:
+        state: n lanes.
+        actions: (steps, n, 3).
+        raw: random integers (steps, 8, n).
+        drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
+        k: the numbers of the variant.
+        history: the last observations (n, length, 6), newest first; each step adds its own.
+        record: (variables, times, n), which holds the state after step t at `first + t`.
+        rows: the variables recorded, as rows of a state's floats with its integers below them.
+        first: see `record`.
     """
-    state = unpacked(packed)
     noise = compiled_blank_noise(actions.shape[1])
     for t in range(actions.shape[0]):
-        step_lanes(state, actions[t], raw, drift, t, noise, k)
-        observe(state, history, False)
-        record_state(state, record[t], drifting)
+        standard_noise(raw[t], noise)
+        if drift.shape[0] > 0:
+            drift_noise(drift[t], noise)
+        advance(state, actions[t], noise, k)
+        _observe(state.floats, history)
+        for j in range(rows.shape[0]):
+            _record(state, rows[j], record[j, first + t])
 
 
-TILE = 16
+@compiled
+def _observe(x: Floats, history: Float32s) -> None:
+    """Push the observation, the first six rows of x, into a history (n, length, 6); -0.0 becomes 0.0."""
+    length = history.shape[1]
+    if length == 0:
+        return
+    for i in range(history.shape[0]):
+        for j in range(length - 1, 0, -1):
+            for c in range(6):
+                history[i, j, c] = history[i, j - 1, c]
+        for c in range(6):
+            history[i, 0, c] = x[c, i] + 0.0
+
+
+@compiled
+def _record(state: State, row: int, out: AnyFloats) -> None:
+    """A variable of every lane into out (n,); -0.0 becomes 0.0."""
+    if row < FLOAT_ROWS:
+        for i in range(out.shape[0]):
+            out[i] = state.floats[row, i] + 0.0
+    else:
+        for i in range(out.shape[0]):
+            out[i] = state.integers[row - FLOAT_ROWS, i]
 
 
 @compiled
@@ -126,8 +89,7 @@ def scatter_columns(
     record: AnyFloats,
     actions: Float32s,
     log_prob: Floats,
-    at_t: Ints,
-    at_t_plus_1: Ints,
+    sources: Ints,
     action_column: int,
     log_prob_column: int,
     table: AnyFloats,
@@ -135,24 +97,32 @@ def scatter_columns(
     count: int,
     steps: int,
 ) -> None:
-    """A chunk (step, lane, variable) into the columns of table (columns, rows).
+    """Some steps of every lane into the columns of a table (columns, rows).
 
-    Lane i starts at row + i · steps; `now` and `after` are pairs (variable, column) taken at t and t + 1.
+    Args:
+        record: (variables, count + 1, n).
+        actions: (count, n, 3).
+        log_prob: (count, n).
+        sources: triples (variable of the record, column, 0 to take it at t or 1 at t + 1).
+        action_column: the first of three columns.
+        log_prob_column: the column of the log density.
+        table: (columns, rows), in which lane i starts at row + i · steps.
+        row: see `table`.
+        count: steps to take.
+        steps: steps of an episode.
     """
-    for i in range(record.shape[1]):
-        r0 = row + i * steps
+    for j in range(sources.shape[0]):
+        k, c, later = sources[j, 0], sources[j, 1], sources[j, 2]
         for t0 in range(0, count, TILE):
             t1 = min(count, t0 + TILE)
-            for j in range(at_t.shape[0]):
-                k, c = at_t[j, 0], at_t[j, 1]
+            for i in range(actions.shape[1]):
+                r0 = row + i * steps
                 for t in range(t0, t1):
-                    table[c, r0 + t] = record[t, i, k]
-            for j in range(at_t_plus_1.shape[0]):
-                k, c = at_t_plus_1[j, 0], at_t_plus_1[j, 1]
-                for t in range(t0, t1):
-                    table[c, r0 + t] = record[t + 1, i, k]
-            for j in range(3):
-                for t in range(t0, t1):
-                    table[action_column + j, r0 + t] = actions[t, i, j]
-            for t in range(t0, t1):
-                table[log_prob_column, r0 + t] = log_prob[t, i]
+                    table[c, r0 + t] = record[k, t + later, i]
+    for i in range(actions.shape[1]):
+        r0 = row + i * steps
+        for j in range(3):
+            for t in range(count):
+                table[action_column + j, r0 + t] = actions[t, i, j]
+        for t in range(count):
+            table[log_prob_column, r0 + t] = log_prob[t, i]

@@ -1,4 +1,4 @@
-"""The noise of a step of the dynamics, from the integers at its address."""
+"""The noise of a step of the dynamics, from random integers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _exponentials(raw: Raw, out: Floats) -> None:
 
 @compiled
 def standard_noise(raw: Raw, noise: Noise) -> None:
-    """The noise of a step for a constant setpoint, from integers (8, n); slots in field order."""
+    """Fill the fields that every step uses, in their order, from integers (8, n)."""
     _exponentials(raw[0], noise.exp_v)
     _exponentials(raw[1], noise.exp_g)
     _uniforms(raw[2], noise.bernoulli_v)
@@ -43,7 +43,7 @@ def standard_noise(raw: Raw, noise: Noise) -> None:
 
 @compiled
 def drift_noise(raw: Raw, noise: Noise) -> None:
-    """The noise of a step that a moving setpoint adds, from integers (4, n)."""
+    """Fill the fields that a moving setpoint uses, in their order, from integers (4, n)."""
     _uniforms(raw[0], noise.uniform_drift_length)
     _uniforms(raw[1], noise.uniform_drift_rate)
     _uniforms(raw[2], noise.uniform_drift_zero)

@@ -1,8 +1,8 @@
 """The pure function (experiment, episodes) → columns.
 
-Episodes run side by side as lanes of a block, so that the compiled step has work to do; what a lane holds
-does not depend on its block. A block advances in chunks of steps: draw the integers, simulate into a
-record, then turn the record (step, lane, variable) into columns (episode, step).
+Episodes run side by side as the lanes of a block, so that the compiled step has work to do; what a lane
+holds does not depend on its block. A block advances in chunks of steps: draw the integers, simulate into a
+record, then turn the record (variable, step, lane) into columns (episode, step).
 """
 
 from __future__ import annotations
@@ -13,24 +13,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.state import State, initial_state
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell
-from ibdata.experiment.fields import BurnIn
-from ibdata.experiment.start import burn_in_steps, steerings
 from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniforms
-from ibdata.policies.actions import clip_and_round
+from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies.checked import CheckedPolicy
 from ibdata.simulation import kernel
-from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise
-from ibdata.simulation.packed import Packed, packed
+from ibdata.simulation.episodes import Episodes, Lanes, draw_uniforms, first_history
 from ibdata.simulation.variables import Layout, Table, layout
 
-LANES = 256  # a block's state and record stay in the processor's cache
+LANES = 256  # episodes of a block, whose state and record stay in the processor's cache
 CHUNK = 32  # steps drawn and recorded at a time, for the same reason
 LEAST_LANES = 64
-PART_ROWS = 2**18  # a table that is encoded while the next is filled; the last bits of statistics hang on it
+# Rows of a table, which is encoded while the next is filled; another number changes statistics' last bits.
+PART_ROWS = 2**18
 
 
 class Columns(NamedTuple):
@@ -42,9 +38,18 @@ class Columns(NamedTuple):
 
 
 def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
-    """The columns of episodes first … stop - 1 of the dataset.
+    """Simulate episodes first … stop - 1 of a dataset.
 
-    Raises PolicyError naming policy, episode and step where an action is not finite or of wrong shape.
+    Args:
+        experiment: the experiment.
+        first: the first episode.
+        stop: the episode after the last.
+
+    Returns:
+        The float columns, whose rows are ordered by (episode, step).
+
+    Raises:
+        PolicyError: an action is not finite or has the wrong shape; names the policy, episode and step.
     """
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
@@ -55,9 +60,10 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 
 
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Runs of episodes that are simulated into one table: of about PART_ROWS rows, and whole blocks of them.
+    """Split episodes first … stop - 1 into parts, each of which is simulated into one table.
 
-    Where episodes are long they are at least LEAST_LANES, so that few steps are taken for little.
+    A part has about PART_ROWS rows in whole blocks. If episodes are so long that a block would be larger, it
+    has at least LEAST_LANES episodes, since simulating fewer side by side is slow.
     """
     most = PART_ROWS // experiment.steps
     most = most // LANES * LANES or max(most, LEAST_LANES)
@@ -66,7 +72,7 @@ def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, 
 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Runs of at most LANES episodes that have one policy."""
+    """Split episodes first … stop - 1 into blocks of at most LANES episodes with the same policy."""
     per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
     while first < stop:
         end = min(stop, first + LANES, (first // per_policy + 1) * per_policy)
@@ -75,7 +81,7 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 
 
 class Block:
-    """Some episodes side by side: their random numbers, their state and what the policy has seen."""
+    """Some episodes side by side: the addresses of their random numbers, their state and their policy."""
 
     def __init__(self, experiment: Experiment, first: int, stop: int) -> None:
         self.experiment, self.first, self.n = experiment, first, stop - first
@@ -83,113 +89,95 @@ class Block:
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
         self.policy = cells[0].policy
-        self.asked = CheckedPolicy(self.policy, cells[0].label, first, self.n)
+        self.checked = CheckedPolicy(self.policy, cells[0].label, first, self.n)
         self.keys, self.policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)
         )
-        self.noise = blank_noise(self.n)
-        self.parameters = experiment.variant.parameters()
-        self.state = self._start(np.array([cell.setpoint for cell in cells])[lane_cells])
+        self.lanes = np.arange(self.n)
+        self.episodes = Episodes.of(experiment.start, experiment.drifting, experiment.variant)
+        setpoints = np.array([cell.setpoint for cell in cells])[lane_cells]
+        self.state = self.episodes.begin(self.draw, self.lanes, setpoints)
+        self.history = first_history(self.state, self.policy.history_length)
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
         """What the addresses of the environment's random numbers and of the policy's begin with."""
         return cell.digest, cell.digest
 
-    def _raw(self, purpose: Purpose, step: int, steps: int, count: int) -> Raw:
+    def draw(self, lanes: Lanes, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+        """The integers (steps, slots, lanes) at these addresses."""
         keys = self.policy_keys if purpose is Purpose.POLICY else self.keys
-        return integers(keys, self.indices, purpose, step, steps, count)
+        return integers(keys[lanes], self.indices[lanes], purpose, step, steps, slots)
 
-    def _uniforms(self, purpose: Purpose, step: int, steps: int, draws: int) -> npt.NDArray[np.float64]:
-        """Draws (steps, n, draws) from U(0, 1)."""
-        u = np.empty((steps, self.n, draws))
-        uniforms(self._raw(purpose, step, steps, slots(draws)), u)
-        return u
-
-    def _dynamics_raw(self, dynamics: Purpose, drift: Purpose, step: int, steps: int) -> tuple[Raw, Raw]:
-        """Integers for the dynamics and for the moving setpoint; of the latter no steps if it is constant."""
-        drift_steps = steps if self.experiment.drifting else 0
-        return (
-            self._raw(dynamics, step, steps, DYNAMICS_SLOTS),
-            self._raw(drift, step, drift_steps, DRIFT_SLOTS),
-        )
-
-    def _start(self, setpoints: npt.NDArray[np.float64]) -> State:
-        """The state after the zero-action step (address 0) and, where asked for, the burn-in."""
-        start = self.experiment.start
-        u = self._uniforms(Purpose.START, 0, 1, 3)[0]
-        state = initial_state(setpoints, *steerings(start, u), drifting=self.experiment.drifting)
-        raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 0, 1)
-        zeros = np.zeros((self.n, 3), dtype=np.float32)
-        kernel.step_lanes(state, zeros, raw, drift, 0, self.noise, self.parameters)
-        if isinstance(start, BurnIn):
-            state = self._burn_in(state, burn_in_steps(start, u), start.burn_in[1])
-        return state
-
-    def _burn_in(self, state: State, counts: npt.NDArray[np.int64], most: int) -> State:
-        """The state after counts (n,) steps with uniform random actions; lanes that are done stay."""
-        action = np.empty((self.n, 3), dtype=np.float32)
-        for t in range(most):
-            raw, drift = self._dynamics_raw(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t, 1)
-            u = self._uniforms(Purpose.BURN_IN_POLICY, t, 1, 3)[0]
-            clip_and_round(2.0 * u - 1.0, action)
-            moved = State._make(x.copy() for x in state)
-            kernel.step_lanes(moved, action, raw, drift, 0, self.noise, self.parameters)
-            running = t < counts
-            state = State._make(
-                np.where(running.reshape(-1, *(1,) * (x.ndim - 1)), y, x)
-                for x, y in zip(state, moved, strict=True)
-            )
-        return state
-
-    def fill(self, table: Table, row: int, places: Layout) -> int:
+    def fill(self, table: Table, row: int, layout: Layout) -> int:
         """Simulate the episodes into the columns from `row` on; the number of clipped actions."""
-        steps, clipped = self.experiment.steps, 0
-        chunk = min(CHUNK, steps)
-        record = np.empty((chunk + 1, self.n, len(places.recorded)), dtype=table.dtype)
+        chunk = min(CHUNK, self.experiment.steps)
+        record = np.empty((len(layout.rows), chunk + 1, self.n), dtype=table.dtype)
         actions = np.empty((chunk, self.n, 3), dtype=np.float32)
         log_prob = np.empty((chunk, self.n))
-        history = np.empty((self.n, self.policy.history_length, 6), dtype=np.float32)
-        kernel.observe(self.state, history, True)
-        kernel.record_state(self.state, record[0], self.experiment.drifting)
-        state = packed(self.state)
+        total = 0
+        for t, count, clipped in self.play(record, layout.rows, actions, log_prob):
+            total += clipped
+            kernel.scatter_columns(
+                record, actions, log_prob, layout.sources, layout.first_action, layout.log_prob,
+                table, row + t, count, self.experiment.steps,
+            )  # fmt: skip
+        return total
+
+    def play(
+        self,
+        record: Table,
+        rows: npt.NDArray[np.int64],
+        actions: npt.NDArray[np.float32],
+        log_prob: npt.NDArray[np.float64] | None = None,
+    ) -> Iterator[tuple[int, int, int]]:
+        """Play the episodes, a chunk of steps at a time, into arrays that each chunk fills anew.
+
+        Args:
+            record: (variables, chunk + 1, n), from the state before a chunk to the state after it.
+            rows: the variables to record, see `kernel.simulate`.
+            actions: (chunk, n, 3).
+            log_prob: (chunk, n), or None where no densities are wanted.
+
+        Yields:
+            The first step of a chunk, how many steps it has, and how many of its actions were clipped.
+        """
+        chunk, steps = len(actions), self.experiment.steps
+        record[:, 0] = np.concatenate(self.state)[rows] + 0.0
         for t in range(0, steps, chunk):
             count = min(chunk, steps - t)
-            clipped += self._simulate(state, t, history, record[1:], actions[:count], log_prob[:count])
-            kernel.scatter_columns(
-                record, actions, log_prob, places.at_t, places.at_t_plus_1, places.first_action,
-                places.log_prob, table, row + t, count, steps,
-            )  # fmt: skip
-            record[0] = record[count]
-        return clipped
+            yield t, count, self._advance(t, count, record, rows, actions, log_prob)
+            record[:, 0] = record[:, count]
 
-    def _simulate(
+    def _advance(
         self,
-        state: Packed,
         t: int,
-        history: npt.NDArray[np.float32],
+        count: int,
         record: Table,
+        rows: npt.NDArray[np.int64],
         actions: npt.NDArray[np.float32],
-        log_prob: npt.NDArray[np.float64],
+        log_prob: npt.NDArray[np.float64] | None,
     ) -> int:
-        """The steps from t on into the record; the dynamics' address t + 1 leads from t to t + 1.
+        """Play `count` steps from t on; the dynamics' address t + 1 leads from t to t + 1.
 
-        One at a time, because the policy looks at each; all at once for a policy without eyes.
+        One step at a time, because the policy looks at each, or all at once for a policy that ignores
+        observations.
         """
-        count, drifting = len(actions), self.experiment.drifting
-        span = 1 if self.policy.history_length else count
-        seen = history if self.policy.history_length else np.empty((count * self.n, 0, 6), dtype=np.float32)
-        seen = seen.view()
+        blind = self.policy.history_length == 0
+        span = count if blind else 1
+        seen = np.empty((count * self.n, 0, 6), dtype=np.float32) if blind else self.history.view()
         seen.flags.writeable = False
-        raw, drift = self._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, t + 1, count)
-        u = self._uniforms(Purpose.POLICY, t, count, self.policy.uniforms_per_step)
+        raw, drift = self.episodes.integers(self.draw, self.lanes, t + 1, count)
+        u = draw_uniforms(self.draw, self.lanes, Purpose.POLICY, t, count, self.policy.uniforms_per_step)
         clipped = 0
-        for part in (slice(i, i + span) for i in range(0, count, span)):
-            rows = actions[part].reshape(-1, 3)
-            clipped += self.asked.act(seen, u[part].reshape(len(rows), -1), rows, t + part.start)
-            log_prob[part].reshape(-1)[:] = self.asked.log_prob(seen, rows, t + part.start)
-            kernel.simulate(
-                state, actions[part], raw[part], drift[part], self.parameters, history, record[part], drifting
+        for i in range(0, count, span):
+            part = slice(i, i + span)
+            chosen = actions[part].reshape(-1, 3)
+            clipped += self.checked.act(seen, u[part].reshape(len(chosen), -1), chosen, t + i)
+            if log_prob is not None:
+                log_prob[part].reshape(-1)[:] = self.checked.log_prob(seen, chosen, t + i)
+            self.episodes.advance(
+                self.state, actions[part], raw[part], drift[part], self.history, record, rows, 1 + i
             )
         return clipped

@@ -1,4 +1,4 @@
-"""Small runs whose bits are known: they tell whether this machine computes what all others do.
+"""Small runs whose bits are known, to check that this machine computes the same as all others.
 
 Their columns are float64: a difference in the last bit would be rounded away in float32.
 """
@@ -24,7 +24,7 @@ EXPERIMENT = {
     "output": {"dtype": "float64", "latent": "full"},
 }
 SHA256 = "05152e81029575167919b932164a0673d9d85df4ed3f67c016298336503d6b18"
-# The other dynamics, and the policies that draw random numbers or compute densities in ways of their own.
+# The other dynamics, and the policies that draw random numbers or compute densities.
 OTHERS = {
     "name": "known-policies",
     "dynamics": "paper",
@@ -42,17 +42,17 @@ OTHERS_SHA256 = "f8ab653936c66fcfc71db7acad488d3bf5d83f188a4a565198c57e5a8a54691
 
 
 def digest(experiment: Mapping[str, Any] = EXPERIMENT) -> str:
-    """The hex hash of a known run's columns here."""
+    """The SHA-256 of a known run's columns, as computed on this machine."""
     known = Experiment.model_validate(experiment)
     episodes = len(known.cells) * known.episodes
     return hashlib.sha256(rollout(known, 0, episodes).table.astype("<f8").tobytes()).hexdigest()
 
 
 def keeps_denormals(least: float = sys.float_info.min) -> bool:
-    """Whether half of the least normal number is neither made 0 nor taken for 0."""
+    """Whether the processor keeps numbers below the least normal one, which some libraries set to 0."""
     return least / 2.0 * 2.0 == least
 
 
 def matches() -> bool:
-    """Whether the known runs have the bits that they have everywhere."""
+    """Whether this machine computes the known runs bit for bit."""
     return keeps_denormals() and digest() == SHA256 and digest(OTHERS) == OTHERS_SHA256

@@ -33,7 +33,7 @@ def as_json(data: Any) -> bytes:
 
 def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
     """info.json: columns with their meaning, groups of columns, counts, splits."""
-    described_columns = [Column(**c._asdict()) for c in columns(spec.experiments[0])]
+    described_columns = [Column(**c.form()) for c in columns(spec.experiments[0])]
     groups: dict[str, list[str]] = {}
     for column in described_columns:
         groups.setdefault(column.role, []).append(column.name)

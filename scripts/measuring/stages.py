@@ -12,8 +12,7 @@ from ibdata.experiment.plan import plan
 from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
-from ibdata.simulation.noise import standard_noise
-from ibdata.simulation.packed import packed
+from ibdata.simulation.noise import blank_noise, standard_noise
 from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
 from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
@@ -32,20 +31,20 @@ def simulating() -> list[Row]:
     block = Block(experiment, 0, LANES)
     n, count = LANES, CHUNK
     per = 1e9 / (n * count)
-    raw, drift = block._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 1, count)
+    raw, drift = block.episodes.integers(block.draw, block.lanes, 1, count)
     draws = block.policy.uniforms_per_step
-    policy_raw = block._raw(Purpose.POLICY, 0, count, slots(draws))
+    policy_raw = block.draw(block.lanes, Purpose.POLICY, 0, count, slots(draws))
     u, actions = np.empty((count, n, draws)), np.zeros((count, n, 3), dtype=np.float32)
     u_rows, action_rows = u.reshape(count * n, draws), actions.reshape(count * n, 3)
-    seen, history = np.empty((count * n, 0, 6), dtype=np.float32), np.empty((n, 0, 6), dtype=np.float32)
+    seen, blank = np.empty((count * n, 0, 6), dtype=np.float32), blank_noise(n)
     places = layout(experiment)
-    record = np.zeros((count + 1, n, len(places.recorded)), dtype=np.float32)
+    record = np.zeros((len(places.rows), count + 1, n), dtype=np.float32)
     table = np.empty((len(places.names), n * experiment.steps), dtype=np.float32)
-    log_prob, state = np.zeros((count, n)), packed(block.state)
+    log_prob = np.zeros((count, n))
 
     def draw() -> None:
-        block._dynamics_raw(Purpose.DYNAMICS, Purpose.DRIFT, 1, count)
-        block._raw(Purpose.POLICY, 0, count, slots(draws))
+        block.episodes.integers(block.draw, block.lanes, 1, count)
+        block.draw(block.lanes, Purpose.POLICY, 0, count, slots(draws))
 
     def policy() -> None:
         uniforms(policy_raw, u)
@@ -54,15 +53,15 @@ def simulating() -> list[Row]:
 
     def noise() -> None:
         for t in range(count):
-            standard_noise(raw[t], block.noise)
+            standard_noise(raw[t], blank)
 
     def step() -> None:
-        kernel.simulate(state, actions, raw, drift, block.parameters, history, record[1:], False)
+        block.episodes.advance(block.state, actions, raw, drift, None, record, places.rows, 1)
 
     def scatter_columns() -> None:
         kernel.scatter_columns(
-            record, actions, log_prob, places.at_t, places.at_t_plus_1, places.first_action, places.log_prob,
-            table, 0, count, experiment.steps,
+            record, actions, log_prob, places.sources, places.first_action, places.log_prob, table, 0,
+            count, experiment.steps,
         )  # fmt: skip
 
     parts = paired(draw, policy, noise, step, scatter_columns)

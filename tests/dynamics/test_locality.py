@@ -7,7 +7,8 @@ import dataclasses
 import pytest
 from helpers import tape
 
-from ibdata.dynamics import PAPER, SIEMENS, State, Variant
+from ibdata.dynamics import PAPER, SIEMENS, Variant
+from ibdata.dynamics.state import FIELDS
 
 STEPS, LANES = 300, 32
 
@@ -17,7 +18,7 @@ FATIGUE = {"alpha", "fatigue", "reward"}
 LATENT_FATIGUE = {"mu_v", "mu_g"} | FATIGUE
 # A setpoint moves all but the steerings, what follows from them alone, and the length of its segments.
 STEERED = {"velocity", "gain", "shift", "basic_fatigue", "drift_left"}
-SETPOINT = set(State._fields) - STEERED
+SETPOINT = set(FIELDS) - STEERED
 
 MOVES = {
     "eta_mean": LATENT_FATIGUE,

@@ -51,44 +51,45 @@ def test_the_cost_grows_with_each_of_its_arguments(p, v, g, more):
 
 
 def test_the_first_cost_fills_the_whole_history_of_its_lane_only():
-    history = np.zeros((3, 10))
-    remember(7.5, history, 1)
-    assert history[1].tolist() == [7.5] * 10
-    assert not history[[0, 2]].any()
+    history = np.zeros((10, 2))
+    history[:, 1] = np.arange(1.0, 11.0)
+    remember(np.array([7.5, 99.0]), history)
+    assert history[:, 0].tolist() == [7.5] * 10
+    assert history[:, 1].tolist() == [99.0, *range(1, 10)]
 
 
 def test_a_later_cost_pushes_the_oldest_out():
-    history = np.arange(1.0, 21.0).reshape(2, 10)
-    remember(99.0, history, 0)
-    assert history[0].tolist() == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 99.0]
-    assert history[1].tolist() == list(range(11, 21))
+    history = np.arange(1.0, 21.0).reshape(2, 10).T.copy()
+    remember(np.array([99.0, 100.0]), history)
+    assert history[:, 0].tolist() == [99.0, *range(1, 10)]
+    assert history[:, 1].tolist() == [100.0, *range(11, 20)]
 
 
 @examples
 @given(st.lists(st.floats(1.0, 5000.0), min_size=11, max_size=30))
-def test_the_history_holds_the_last_ten_costs_oldest_first(thetas):
-    history = np.zeros((1, 10))
+def test_the_history_holds_the_last_ten_costs_newest_first(thetas):
+    history = np.zeros((10, 1))
     for theta in thetas:
-        remember(theta, history, 0)
-    assert history[0].tolist() == thetas[-10:]
+        remember(np.array([theta]), history)
+    assert history[:, 0].tolist() == thetas[:-11:-1]
 
 
 @variants
 def test_the_impulse_response_is_the_kernel_at_lags_5_to_9(variant):
     """A cost of 1 in a history of nothing shows after five steps, as w₅ … w₉, and is then forgotten."""
     w = variant.convolution_weights
-    history = np.zeros((1, 10))
-    history[0, 9] = 1.0
+    history = np.zeros((10, 1))
+    history[0] = 1.0
     response = []
     for _ in range(11):
         response.append(convolved_cost(history, 0, w))
-        history[0] = [*history[0, 1:], 0.0]
+        history[:, 0] = [0.0, *history[:9, 0]]
     assert response == [0.0] * 5 + list(w) + [0.0]
 
 
 def test_the_convolved_cost_weights_five_old_costs():
     # θ[t-9] … θ[t] = 1 … 10: (1·5 + 2·4 + 3·3 + 2·2 + 1·1) / 9 = 27/9.
-    history = np.arange(1.0, 11.0).reshape(1, 10)
+    history = np.arange(10.0, 0.0, -1.0).reshape(10, 1)
     assert convolved_cost(history, 0, PAPER.convolution_weights) == pytest.approx(3.0, rel=1e-15)
 
 
@@ -96,9 +97,9 @@ def test_the_convolved_cost_weights_five_old_costs():
 @examples
 @given(theta=st.floats(1.0, 5000.0))
 def test_a_constant_cost_is_seen_times_the_sum_of_the_weights_after_ten_steps(variant, theta):
-    history = np.full((1, 10), 123.0)
+    history = np.full((10, 1), 123.0)
     for _ in range(10):
-        remember(theta, history, 0)
+        remember(np.array([theta]), history)
     seen = convolved_cost(history, 0, variant.convolution_weights)
     assert seen == pytest.approx(theta * sum(variant.convolution_weights), rel=1e-14)
 
@@ -108,7 +109,7 @@ def test_a_constant_cost_is_seen_times_the_sum_of_the_weights_after_ten_steps(va
 @given(a=costs, b=costs, factor=st.floats(0.0, 10.0))
 def test_the_convolution_is_linear(variant, a, b, factor):
     w = variant.convolution_weights
-    first, second = np.array([a]), np.array([b])
+    first, second = np.array([a]).T, np.array([b]).T
     combined = convolved_cost(first + factor * second, 0, w)
     parts = convolved_cost(first, 0, w) + factor * convolved_cost(second, 0, w)
     assert combined == pytest.approx(parts, rel=1e-13)

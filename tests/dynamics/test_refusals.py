@@ -7,6 +7,7 @@ import pytest
 from helpers import tape
 
 from ibdata.dynamics import Noise, State, initial_state, step
+from ibdata.dynamics.state import FIELDS
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
 BAD_ACTIONS = [
@@ -61,13 +62,26 @@ def test_noise_beyond_the_range_of_its_distribution_is_refused(state, noise, nam
         step(state, np.zeros((2, 3)), noise._replace(**{name: np.array([0.5, value])}))
 
 
-@pytest.mark.parametrize("name", [name for name in State._fields if name != "setpoint"])
-def test_a_state_field_of_another_length_is_refused(state, noise, name):
-    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected \(2,"):
-        step(state._replace(**{name: getattr(state, name)[:1]}), np.zeros((2, 3)), noise)
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_state_field_of_another_length_is_refused(state, name):
+    with pytest.raises(ValueError, match=rf"(?s)state.{name}: found .*, expected \(2,"):
+        state.replace(**{name: getattr(state, name)[:1]})
 
 
-@pytest.mark.parametrize("name", [name for name in State._fields if name not in INTEGERS])
+@pytest.mark.parametrize("part", ["floats", "integers"])
+def test_a_state_of_other_arrays_is_refused(state, noise, part):
+    parts = state._asdict()
+    for wrong in (parts[part][:-1], parts[part][:, :1]):
+        with pytest.raises(ValueError, match=r"step: state: found arrays .*, expected "):
+            step(State(**(parts | {part: wrong})), np.zeros((2, 3)), noise)
+
+
+def test_a_state_says_which_variables_it_has(state):
+    with pytest.raises(AttributeError, match=r"no variable 'speed'; it has setpoint, velocity, .*"):
+        _ = state.speed
+
+
+@pytest.mark.parametrize("name", [name for name in FIELDS if name not in INTEGERS])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_a_state_that_is_not_finite_is_refused(state, noise, name, wrong):
     getattr(state, name)[1] = wrong
@@ -103,11 +117,11 @@ def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
 
 @pytest.mark.parametrize("name", sorted(INTEGERS))
 @pytest.mark.parametrize("wrong", [0.5, np.nan])
-def test_a_whole_number_of_the_state_that_is_none_is_refused(state, noise, name, wrong):
+def test_a_whole_number_of_the_state_that_is_none_is_refused(state, name, wrong):
     field = getattr(state, name).astype(np.float64)
     field[1] = wrong
-    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected "):
-        step(state._replace(**{name: field}), np.zeros((2, 3)), noise)
+    with pytest.raises(ValueError, match=rf"(?s)state.{name}: found .*, expected whole numbers"):
+        state.replace(**{name: field})
 
 
 def test_a_name_that_is_no_variant_is_refused(state, noise):

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from helpers import tape
 
-from ibdata.dynamics import PAPER, SIEMENS, Noise, State, initial_state, step
+from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.operational_cost import operational_cost
+from ibdata.dynamics.state import FIELDS
+from ibdata.dynamics.variables import of_role
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
 STEPS, LANES = 120, 48
@@ -31,7 +33,7 @@ def test_the_initial_state_is_the_configured_steering_and_nothing_else():
     assert state.domain.tolist() == state.response.tolist() == [1, 1]
     assert state.drift_left.tolist() == [-1, -1]
     given = {"setpoint", "velocity", "gain", "shift", "domain", "response", "drift_left"}
-    assert not any(getattr(state, name).any() for name in set(State._fields) - given)
+    assert not any(getattr(state, name).any() for name in set(FIELDS) - given)
 
 
 def test_a_moving_setpoint_starts_without_a_segment():
@@ -50,7 +52,8 @@ def test_every_field_has_its_shape_and_type_before_and_after_a_step(n):
     start = initial_state(np.full(n, 50.0))
     after = step(start, np.zeros((n, 3)), tape.noise(np.random.default_rng(0), n))
     for state in (start, after):
-        for name, x in zip(State._fields, state, strict=True):
+        for name in FIELDS:
+            x = getattr(state, name)
             assert x.dtype == (np.int64 if name in INTEGERS else np.float64), name
             assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
 
@@ -108,7 +111,7 @@ def test_batches_of_any_size_give_the_same_bits(played, variant, size):
         lanes = slice(low, low + size)
         part = tape.Tape(drawn.actions[:, lanes], Noise(*(x[:, lanes] for x in drawn.noise)))
         alone = tape.stack(tape.play(tape.take(start, lanes), part, variant))
-        together = State(*(x[1:, lanes] for x in played[variant]))
+        together = tape.take(played[variant], (slice(1, None), lanes))
         assert tape.changed(alone, together) == set()
 
 
@@ -118,7 +121,7 @@ def test_the_order_of_the_lanes_does_not_matter(played, variant):
     order = np.random.default_rng(1).permutation(LANES)
     shuffled = tape.Tape(drawn.actions[:, order], Noise(*(x[:, order] for x in drawn.noise)))
     states = tape.stack(tape.play(tape.take(tape.start(LANES, "half"), order), shuffled, variant))
-    assert tape.changed(states, State(*(x[1:, order] for x in played[variant]))) == set()
+    assert tape.changed(states, tape.take(played[variant], (slice(1, None), order))) == set()
 
 
 @variants
@@ -138,8 +141,8 @@ def test_a_variant_may_be_named():
 
 
 @variants
-def test_the_derived_values_obey_their_equations(played, variant):
-    s = State(*(x[1:] for x in played[variant]))
+def test_the_derived_values_obey_their_equations(tape, played, variant):
+    s = tape.take(played[variant], slice(1, None))
     close = {"rtol": 1e-14, "atol": 1e-12}
     np.testing.assert_array_equal(s.reward, -s.consumption - 3.0 * s.fatigue)
     np.testing.assert_allclose(
@@ -169,17 +172,17 @@ def test_the_next_state_depends_on_the_markov_state_only(played, variant):
 
     θ[t-9], c and f are among the 20, yet feed nothing: here they are scrambled with all derived values.
     """
-    state = State(*(x[60] for x in played[variant]))
+    state = tape.take(played[variant], 60)
     rng = np.random.default_rng(8)
-    derived = State._fields[State._fields.index("convolved_cost") :]
-    scrambled = {name: rng.random(LANES) for name in ("consumption", "fatigue", "reward", *derived)}
+    unread = ("consumption", "fatigue", "reward", *of_role("derived"))
+    scrambled = {name: rng.random(LANES) for name in unread}
     history = state.operational_cost.copy()
     history[:, 0] = rng.random(LANES)
     history[:, 9] = [
         operational_cost(*x) for x in zip(state.setpoint, state.velocity, state.gain, strict=True)
     ]
     action, noise = rng.uniform(-1.0, 1.0, (LANES, 3)), tape.noise(rng, LANES)
-    other = step(state._replace(operational_cost=history, **scrambled), action, noise, variant)
+    other = step(state.replace(operational_cost=history, **scrambled), action, noise, variant)
     assert tape.changed(step(state, action, noise, variant), other) == set()
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import tape
 
-from ibdata.dynamics import PAPER, SIEMENS, Noise, State
+from ibdata.dynamics import PAPER, SIEMENS, Noise
 from ibdata.dynamics.fatigue import effective_gain, effective_velocity, noise_component, update_mu
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.setpoint import drift
+from ibdata.dynamics.state import FIELDS
 from ibdata.numerics.exact import logistic
 
 STEPS, LANES = 80, 36
@@ -17,7 +20,7 @@ variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", 
 
 FATIGUE = {"alpha", "fatigue", "reward"}
 # A draw of the moving setpoint moves all but the steerings and what follows from them alone.
-SETPOINT = set(State._fields) - {"velocity", "gain", "shift", "basic_fatigue"}
+SETPOINT = set(FIELDS) - {"velocity", "gain", "shift", "basic_fatigue"}
 FEEDS = {
     "exp_v": {"mu_v"} | FATIGUE,
     "exp_g": {"mu_g"} | FATIGUE,
@@ -48,7 +51,7 @@ def played(drawn):
 
 def lanes(state):
     """The lanes of a state, each with its scalars."""
-    return [State(*(x[i] for x in state)) for i in range(LANES)]
+    return [SimpleNamespace(**{name: getattr(state, name)[i] for name in FIELDS}) for i in range(LANES)]
 
 
 @variants

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
+from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.settings import (
     COST_MAX,
     M_MAX,
@@ -19,7 +20,6 @@ from ibdata.environment.settings import (
 )
 from ibdata.errors import ConfigError
 from ibdata.numerics.exact import normal
-from ibdata.simulation.variables import VARIABLES
 
 ID = "ibdata/IndustrialBenchmark-v0"
 SETPOINT = "expected a number, drifting or {drifting: a number}"

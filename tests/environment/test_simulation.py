@@ -9,7 +9,7 @@ from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation, checked_actions
 from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.variables import DRIFT, LATENT
+from ibdata.simulation.variables import hidden as hidden_variables
 
 STARTS = ("default", "uniform", {"burn_in": [0, 7]})
 
@@ -39,7 +39,7 @@ def actions_of(recorded):
 def test_the_simulation_fed_a_dataset_s_integers_is_its_episode_bit_for_bit(case, recorded):
     simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
     columns = recorded.columns
-    names = LATENT + (DRIFT if simulation.settings.drifting else ())
+    names = hidden_variables(simulation.settings.drifting)
     simulation.reset(simulation.everyone, tape)
     for t, action in enumerate(actions_of(recorded)):
         seen, hidden = simulation.observations()[0], simulation.latent()

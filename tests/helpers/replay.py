@@ -27,13 +27,13 @@ def load(path):
     """The tape and the expected states of a file."""
     with np.load(path, allow_pickle=False) as file:
         noise = tapes.Noise(*(file[f"noise_{name}"] for name in tapes.Noise._fields))
-        states = {name: file[f"state_{name}"] for name in tapes.State._fields}
+        states = {name: file[f"state_{name}"] for name in tapes.FIELDS}
         return tapes.Tape(file["setpoint"], bool(file["drifting"]), file["action"], noise), states
 
 
 def main(paths):
     """Replay the tapes and print the JSON object."""
-    worst = dict.fromkeys(tapes.State._fields, 0.0)
+    worst = dict.fromkeys(tapes.FIELDS, 0.0)
     for path in paths:
         tape, expected = load(path)
         for name, x in tapes.differences(tapes.run_ibdata(tape, "siemens"), expected).items():

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ibdata.dynamics import Noise, State, Variant, initial_state, step
+from ibdata.dynamics.state import FIELDS
 
 RARE = 0.15  # share of the uniform draws replaced by ones at the ends of (0, 1)
 
@@ -73,17 +74,18 @@ def play(state: State, tape: Tape, variant: Variant | str) -> list[State]:
 
 def stack(states: list[State]) -> State:
     """Many states as one, with the time as the first axis of each field."""
-    return State(*(np.stack(x) for x in zip(*states, strict=True)))
+    return State(*(np.stack(x, axis=1) for x in zip(*states, strict=True)))
 
 
-def take(fields: NamedTuple, lanes: object) -> NamedTuple:
-    """Some lanes of a state or of a step's noise."""
-    return type(fields)(*(x[lanes] for x in fields))
+def take(state: State, lanes: object) -> State:
+    """Some lanes, and of a stack some times: an index of the axes that follow a state's variables."""
+    index = lanes if isinstance(lanes, tuple) else (lanes,)
+    return State(*(x[(slice(None), *index)] for x in state))
 
 
 def changed(a: State, b: State) -> set[str]:
     """The names of the fields in which two states, or two stacks of states, differ in any bit."""
-    pairs = zip(State._fields, a, b, strict=True)
+    pairs = ((name, getattr(a, name), getattr(b, name)) for name in FIELDS)
     return {
         name for name, x, y in pairs if (x.dtype, x.shape, x.tobytes()) != (y.dtype, y.shape, y.tobytes())
     }
@@ -93,6 +95,7 @@ def digest() -> str:
     """SHA-256 of the states of 40 steps of 5 lanes in both variants, every other setpoint moving."""
     sha = hashlib.sha256()
     for variant in ("siemens", "paper"):
-        for field in stack(play(start(5, "half"), draw(40, 40, 5), variant)):
-            sha.update(field.tobytes())
+        states = stack(play(start(5, "half"), draw(40, 40, 5), variant))
+        for name in FIELDS:
+            sha.update(getattr(states, name).tobytes())
     return sha.hexdigest()

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ibdata.dynamics import Noise, State, initial_state, step
+from ibdata.dynamics import Noise, initial_state, step
+from ibdata.dynamics.state import FIELDS
 
 TOLERANCE = 1e-12  # times max(1, |value|)
 STYLES = ("uniform", "saturating", "bang-bang", "slow")
@@ -71,7 +72,7 @@ def run_ibdata(tape, variant):
     for t in range(tape.action.shape[0]):
         state = step(state, tape.action[t], Noise(*(x[t] for x in tape.noise)), variant)
         states.append(state)
-    return {name: np.stack([getattr(s, name) for s in states]) for name in State._fields}
+    return {name: np.stack([getattr(s, name) for s in states]) for name in FIELDS}
 
 
 def transitions(tape):
@@ -88,7 +89,7 @@ def rows(tape, lane):
 def differences(found, expected):
     """The largest |difference| / max(1, |value|) of each field; NaN in `expected` means "not known"."""
     worst = {}
-    for name in State._fields:
+    for name in FIELDS:
         known = ~np.isnan(expected[name])
         assert known.any(), name
         a, b = found[name][known], expected[name][known]

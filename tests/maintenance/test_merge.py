@@ -150,8 +150,6 @@ def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_
         ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
     expected = f"{third.path}: setpoint 20.0000002, policy random: the same episodes are"
     assert str(error.value).startswith(expected)
-        f"{third.path}: setpoint 20.0000002, policy random: the same episodes are"
-    )
     assert f"also in {first.path}; make one of the datasets with another --seed" in str(error.value)
 
 

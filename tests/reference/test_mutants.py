@@ -50,18 +50,18 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
         "step.py",
         [
             (
-                "convolved_cost(state.operational_cost, i",
-                "convolved_cost(state.operational_cost[:, [0, *range(9)]], i",
+                "convolved_cost(costs, i",
+                "convolved_cost(costs[[*range(1, 10), 9]], i",
             )
         ],
     ),
     "convolution reversed": (
         "step.py",
-        [("convolved_cost(state.operational_cost, i", "convolved_cost(state.operational_cost[:, ::-1], i")],
+        [("convolved_cost(costs, i", "convolved_cost(costs[::-1], i")],
     ),
-    "Goldstone sign": ("step.py", [("= penalty(state.direction", "= -penalty(state.direction")]),
+    "Goldstone sign": ("step.py", [("= penalty(phi", "= -penalty(phi")]),
     "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
-    "reward of t-1": ("step.py", [("return new\n", "return new._replace(reward=state.reward)\n")]),
+    "reward of t-1": ("step.py", [("return new\n", "return new.replace(reward=state.reward)\n")]),
     "latents cross-coupled": (  # as in the authors' Java code
         "step.py",
         [
@@ -72,16 +72,17 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "history window reversed": (
         "operational_cost.py",
         [
-            ("history[lane, i] = history[lane, i + 1]", "history[lane, 9 - i] = history[lane, 8 - i]"),
-            ("    history[lane, 9] = theta", "    history[lane, 0] = theta"),
+            ("range(9, 0, -1)", "range(9)"),
+            ("else history[lag - 1, i]", "else history[lag + 1, i]"),
+            ("        history[0, i] = theta", "        history[9, i] = theta"),
         ],
     ),
     "consumption and fatigue swapped in the reward": (
         "step.py",
         [
             (
-                "reward(state.consumption[i], state.fatigue[i])",
-                "reward(state.fatigue[i], state.consumption[i])",
+                "reward(c[i], f[i])",
+                "reward(f[i], c[i])",
             )
         ],
     ),
@@ -90,11 +91,12 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
         [
             (
                 "    _steer(state, action",
-                "    old = state._replace(setpoint=state.setpoint.copy())\n    _steer(state, action",
+                "    old = state.setpoint.copy()\n    _steer(state, action",
             ),
             (
                 "_update_fatigue(state, noise, k)\n    _update_consumption(state, noise, k)",
-                "_update_fatigue(old, noise, k)\n    _update_consumption(old, noise, k)",
+                "new, state.setpoint[:] = state.setpoint.copy(), old\n    _update_fatigue(state, noise, k)\n"
+                "    _update_consumption(state, noise, k)\n    state.setpoint[:] = new",
             ),
         ],
     ),

@@ -7,7 +7,8 @@ import pytest
 from helpers import printed_equations as printed
 from helpers import tapes
 
-from ibdata.dynamics import PAPER, State
+from ibdata.dynamics import PAPER
+from ibdata.dynamics.state import FIELDS
 
 TAPES = {  # name: setpoints, drifting, steps, seed
     "constant": ((0, 1, 5, *range(10, 101, 10)), False, 600, 5),
@@ -25,9 +26,7 @@ def printed_states(tape):
             state = printed.step(state, action, row)
             states.append(state)
         lanes.append(states)
-    return {
-        name: np.array([[s[name] for s in t] for t in zip(*lanes, strict=True)]) for name in State._fields
-    }
+    return {name: np.array([[s[name] for s in t] for t in zip(*lanes, strict=True)]) for name in FIELDS}
 
 
 @pytest.mark.parametrize("name", TAPES)

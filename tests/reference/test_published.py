@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from helpers import published, tapes
 
-from ibdata.dynamics import SIEMENS, State
+from ibdata.dynamics import SIEMENS
+from ibdata.dynamics.state import FIELDS
 
 TAPES = {  # name: setpoints, drifting, steps, seed
     "constant": ((0, 1, 5, *range(10, 101, 10)), False, 1000, 1),
@@ -20,7 +21,7 @@ def published_states(tape):
         published.run(p, tape.drifting, tape.action[:, lane], tapes.rows(tape, lane))
         for lane, p in enumerate(tape.setpoint)
     ]
-    return {name: np.stack([lane[name] for lane in lanes], axis=1) for name in State._fields}
+    return {name: np.stack([lane[name] for lane in lanes], axis=1) for name in FIELDS}
 
 
 @pytest.mark.parametrize("name", TAPES)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ibdata.dynamics.variables import VARIABLES, of_role
 from ibdata.experiment import Experiment
+from ibdata.policies import OBSERVATION as OBSERVED
 from ibdata.simulation.rollout import rollout
-from ibdata.simulation.variables import VARIABLES, columns
+from ibdata.simulation.variables import columns
 
 OBSERVATION = ["setpoint", "velocity", "gain", "shift", "fatigue", "consumption"]
 HIDDEN = [*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g"]
@@ -93,9 +95,23 @@ def test_values_at_two_moments_are_described_as_such():
             assert described_as[name.removeprefix("next_")].endswith("at t")
 
 
+def test_the_variables_that_policies_observe_are_the_first_of_the_table():
+    assert tuple(VARIABLES)[: len(OBSERVED)] == of_role("observation") == OBSERVED
+
+
+def test_a_column_knows_its_variable_and_whether_it_is_taken_later():
+    by_name = {column.name: column for column in columns(described("next", True))}
+    for name in ("obs_gain", "latent_mu_v", "latent_theta_3"):
+        now, after = by_name[name], by_name[f"next_{name}"]
+        assert now.variable == after.variable == name.partition("_")[2]
+        assert (now.later, after.later) == (False, True)
+    assert (by_name["reward"].variable, by_name["reward"].later) == ("reward", True)
+    assert by_name["act_gain"].variable is by_name["policy"].variable is None
+
+
 def test_a_lag_is_the_number_of_steps_that_its_description_says():
-    assert VARIABLES["theta_1"].description.endswith(", 1 step ago")
-    assert VARIABLES["theta_9"].description.endswith(", 9 steps ago")
+    assert VARIABLES["theta_1"].meaning.endswith(", 1 step ago")
+    assert VARIABLES["theta_9"].meaning.endswith(", 9 steps ago")
 
 
 @pytest.mark.parametrize("start", ["default", "uniform"])

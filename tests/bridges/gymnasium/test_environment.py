@@ -16,7 +16,7 @@ import ibdata.environment
 from ibdata.dynamics import PAPER
 from ibdata.errors import ConfigError, UsageError
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.variables import DRIFT, LATENT
+from ibdata.simulation.variables import hidden
 
 ID = "ibdata/IndustrialBenchmark-v0"
 SETTINGS = (
@@ -153,7 +153,7 @@ def test_an_episode_equals_the_dataset_s_where_both_get_the_same_noise(case, rec
     env.reset(seed=0)
     env.unwrapped.np_random = tape = Tape(recorded.integers)
     columns = recorded.columns
-    names = LATENT + (DRIFT if isinstance(case["setpoint"], dict) else ())
+    names = hidden(drifting=isinstance(case["setpoint"], dict))
     seen, info = env.reset()
     for t in range(len(columns["reward"])):
         assert seen.tolist() == [columns[f"obs_{name}"][t] for name in OBSERVATION]

@@ -1,0 +1,86 @@
+"""The table of variables: every number of a simulated state, listed once.
+
+The rows of `State`, the ranges that `step` checks, and a dataset's columns with their order, units and bounds
+all follow from it. To add a variable, add a line here and compute it in `step.py`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Variable(NamedTuple):
+    """One number of the state of an episode.
+
+    The role says where a dataset holds it: "observation", "reward", "latent" (the hidden part of the Markov
+    state), "drift" (hidden too, of moving setpoints only), "derived" (computed from others), or "unsaved".
+    """
+
+    name: str
+    symbol: str
+    unit: str  # "1", "cost", "1/step" or "steps"
+    low: float | None  # None: unbounded
+    high: float | None
+    role: str
+    meaning: str
+    whole: bool = False  # kept as int64, else as float64
+
+
+_TABLE = (
+    Variable("setpoint", "p", "1", 0, 100, "observation", "setpoint p, which no action changes"),
+    Variable("velocity", "v", "1", 0, 100, "observation", "velocity v"),
+    Variable("gain", "g", "1", 0, 100, "observation", "gain g"),
+    Variable("shift", "h", "1", 0, 100, "observation", "shift h"),
+    Variable("fatigue", "f", "cost", 0, 300, "observation", "fatigue f"),
+    Variable("consumption", "c", "cost", None, None, "observation", "consumption c, with its noise"),
+    Variable("reward", "r", "cost", None, None, "reward", "reward -c - 3f of the next observation"),
+    Variable("theta_0", "θ[t]", "cost", 0, 4915, "unsaved", "operational cost θ, now"),
+    *(
+        Variable(
+            f"theta_{lag}", f"θ[t-{lag}]", "cost", 0, 4915, "latent",
+            f"operational cost θ, {lag} step{'s'[: lag > 1]} ago",
+        )
+        for lag in range(1, 10)
+    ),
+    Variable("domain", "δ", "1", -1, 1, "latent", "domain δ of the mis-calibration, -1 or 1", True),
+    Variable("response", "ψ", "1", -1, 1, "latent", "response ψ of the mis-calibration, -1 or 1", True),
+    Variable(
+        "direction", "φ", "1", -6, 6, "latent", "direction φ of the mis-calibration, a whole number", True
+    ),
+    Variable("mu_v", "μᵛ", "1", 0, 5, "latent", "latent μᵛ of the fatigue (velocity)"),
+    Variable("mu_g", "μᵍ", "1", 0, 5, "latent", "latent μᵍ of the fatigue (gain)"),
+    Variable("drift_rate", "b", "1/step", -100, 100, "drift", "rate b of the moving setpoint"),
+    Variable(
+        "drift_left", "l", "steps", -1, None, "drift", "steps left of the moving setpoint's segment", True
+    ),
+    Variable("convolved_cost", "θᶜ", "cost", 0, 4915, "derived", "convolved operational cost θᶜ"),
+    Variable("penalty", "m", "1", -1.001, 1.24, "derived", "mis-calibration penalty m"),
+    Variable("expected_consumption", "ĉ", "cost", None, None, "derived", "consumption without noise ĉ"),
+    Variable("effective_shift", "hᵉ", "1", -1.5, 1.5, "derived", "effective shift hᵉ"),
+    Variable("effective_velocity", "vᵉ", "1", 0, 1, "derived", "effective velocity vᵉ"),
+    Variable("effective_gain", "gᵉ", "1", 0, 1, "derived", "effective gain gᵉ"),
+    Variable("alpha", "α", "1", 0, 1, "derived", "amplification α of the fatigue"),
+    Variable("basic_fatigue", "f_b", "cost", 0, 300, "derived", "basic fatigue f_b"),
+)  # fmt: skip
+
+VARIABLES = {variable.name: variable for variable in _TABLE}
+FLOATS = tuple(variable.name for variable in _TABLE if not variable.whole)
+INTEGERS = tuple(variable.name for variable in _TABLE if variable.whole)
+
+
+def rows(*names: str) -> tuple[int, ...]:
+    """Where variables lie: the rows of `State.floats`, or of `State.integers` for whole numbers.
+
+    >>> rows("setpoint", "velocity", "domain")
+    (0, 1, 0)
+    """
+    return tuple((INTEGERS if VARIABLES[name].whole else FLOATS).index(name) for name in names)
+
+
+def of_role(*roles: str) -> tuple[str, ...]:
+    """The names of the variables of these roles, in the order of the table.
+
+    >>> of_role("drift")
+    ('drift_rate', 'drift_left')
+    """
+    return tuple(variable.name for variable in _TABLE if variable.role in roles)

@@ -1,0 +1,129 @@
+"""The one driver of episodes: how they start and how they advance, whoever draws their random integers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dynamics import State, Variant, initial_state
+from ibdata.dynamics.variants import Parameters
+from ibdata.experiment.fields import BurnIn
+from ibdata.experiment.start import burn_in_steps, steerings
+from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Purpose, slots, uniforms
+from ibdata.policies.actions import clip_and_round
+from ibdata.simulation import kernel
+from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
+
+Floats = npt.NDArray[np.float64]
+Float32s = npt.NDArray[np.float32]
+Lanes = npt.NDArray[np.int64]  # numbers of lanes, the episodes that are simulated side by side
+# (lanes, purpose, step, steps, slots) -> the integers (steps, slots, lanes) of `steps` steps from `step` on.
+Draw = Callable[[Lanes, Purpose, int, int, int], Raw]
+
+NO_RECORD = np.empty((0, 0, 0), dtype=np.float32)
+NO_ROWS = np.empty(0, dtype=np.int64)
+
+
+class Episodes(NamedTuple):
+    """What episodes that are simulated together have in common.
+
+    Random integers are drawn in a fixed order and only where they are used, so `Draw` may be a function of
+    their address or a generator of its own for each lane.
+    """
+
+    start: Any  # "default", "uniform" or a BurnIn
+    drifting: bool
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, start: Any, drifting: bool, variant: Variant) -> Episodes:
+        """Episodes with this start, of moving or constant setpoints, under these dynamics."""
+        return cls(start, drifting, variant.parameters())
+
+    def begin(self, draw: Draw, lanes: Lanes, setpoints: Floats) -> State:
+        """The first state of some lanes: after the start, the zero-action step and the burn-in."""
+        n = len(lanes)
+        u = np.empty((n, 3))
+        if self.start != "default":
+            u = draw_uniforms(draw, lanes, Purpose.START, 0, 1, 3)[0]
+        state = initial_state(setpoints, *steerings(self.start, u), drifting=self.drifting)
+        zeros = np.zeros((1, n, 3), dtype=np.float32)
+        self.advance(state, zeros, *self.integers(draw, lanes, 0, 1))
+        if isinstance(self.start, BurnIn):
+            self._burn_in(state, burn_in_steps(self.start, u), draw, lanes)
+        return state
+
+    def _burn_in(self, state: State, counts: Lanes, draw: Draw, lanes: Lanes) -> None:
+        """Advance each lane of the state by counts (n,) steps with uniform random actions."""
+        for t in range(int(counts.max(initial=0))):
+            running = np.flatnonzero(t < counts)
+            some = lanes[running]
+            raw, drift = self.integers(draw, some, t, 1, Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT)
+            u = draw_uniforms(draw, some, Purpose.BURN_IN_POLICY, t, 1, 3)[0]
+            action = np.empty((1, len(some), 3), dtype=np.float32)
+            clip_and_round(2.0 * u - 1.0, action[0])
+            part = take(state, running)
+            self.advance(part, action, raw, drift)
+            put(state, running, part)
+
+    def integers(
+        self,
+        draw: Draw,
+        lanes: Lanes,
+        step: int,
+        steps: int,
+        dynamics: Purpose = Purpose.DYNAMICS,
+        drift: Purpose = Purpose.DRIFT,
+    ) -> tuple[Raw, Raw]:
+        """Integers (steps, 8, lanes) for the dynamics, and (steps, 4, lanes) for moving setpoints.
+
+        There are no steps of the second for constant setpoints.
+        """
+        raw = draw(lanes, dynamics, step, steps, DYNAMICS_SLOTS)
+        if not self.drifting:
+            return raw, np.empty((0, DRIFT_SLOTS, len(lanes)), dtype=np.uint64)
+        return raw, draw(lanes, drift, step, steps, DRIFT_SLOTS)
+
+    def advance(
+        self,
+        state: State,
+        actions: Float32s,
+        raw: Raw,
+        drift: Raw,
+        history: Float32s | None = None,
+        record: npt.NDArray[np.floating[Any]] = NO_RECORD,
+        rows: npt.NDArray[np.int64] = NO_ROWS,
+        first: int = 0,
+    ) -> None:
+        """Advance every lane by actions (steps, n, 3), in place; the arguments are those of the kernel."""
+        if history is None:
+            history = np.empty((actions.shape[1], 0, 6), dtype=np.float32)
+        kernel.simulate(state, actions, raw, drift, self.parameters, history, record, rows, first)
+
+
+def draw_uniforms(draw: Draw, lanes: Lanes, purpose: Purpose, step: int, steps: int, draws: int) -> Floats:
+    """Draws (steps, lanes, draws) from U(0, 1)."""
+    u = np.empty((steps, len(lanes), draws))
+    uniforms(draw(lanes, purpose, step, steps, slots(draws)), u)
+    return u
+
+
+def first_history(state: State, length: int) -> Float32s:
+    """The history (n, length, 6) at the start of an episode: the first observation, repeated."""
+    seen = (state.floats[:6].T + 0.0).astype(np.float32)
+    return np.repeat(seen[:, None], length, axis=1)
+
+
+def take(state: State, lanes: Lanes) -> State:
+    """A copy of some lanes."""
+    return State(state.floats.take(lanes, axis=1), state.integers.take(lanes, axis=1))
+
+
+def put(state: State, lanes: Lanes, part: State) -> None:
+    """Put some lanes back, in place."""
+    state.floats[:, lanes] = part.floats
+    state.integers[:, lanes] = part.integers
