@@ -95,7 +95,7 @@ def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(ti
     make(tiny, "1/2", "2/2")
     with pytest.raises(IbdataError, match="no finished dataset here"):
         ibdata.open("out")
-    monkeypatch.setattr("ibdata.generation.local.ShardWriter", None)
+    monkeypatch.setattr("ibdata.generation.local.shard_writer", None)
     assert make(tiny, "1/2") == make(tiny, "2/2")
     first = ibdata.finalize("out").manifest
     assert ibdata.finalize("out").manifest == first
@@ -294,7 +294,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.local.ShardWriter", fail)
+        failing.setattr("ibdata.generation.local.shard_writer", fail)
         with pytest.raises(IbdataError, match=r"^out: cannot be written: No space left on device$"):
             make(tiny, "2/2")
         assert not Path("out").exists()
@@ -303,7 +303,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
     under_way.write_bytes(b"part")
     before = files("out")
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.local.ShardWriter", fail)
+        failing.setattr("ibdata.generation.local.shard_writer", fail)
         Path("out").joinpath(".lock").touch()
         with lock.shared(Path("out")), pytest.raises(IbdataError, match="No space left"):
             make(tiny, "2/2")
