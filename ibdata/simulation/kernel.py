@@ -20,7 +20,6 @@ AnyFloats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.int64]
 
 FLOAT_ROWS = len(FLOATS)
-TILE = 16
 
 
 @compiled
@@ -113,12 +112,10 @@ def scatter_columns(
     """
     for j in range(sources.shape[0]):
         k, c, later = sources[j, 0], sources[j, 1], sources[j, 2]
-        for t0 in range(0, count, TILE):
-            t1 = min(count, t0 + TILE)
-            for i in range(actions.shape[1]):
-                r0 = row + i * steps
-                for t in range(t0, t1):
-                    table[c, r0 + t] = record[k, t + later, i]
+        for i in range(actions.shape[1]):
+            r0 = row + i * steps
+            for t in range(count):
+                table[c, r0 + t] = record[k, t + later, i]
     for i in range(actions.shape[1]):
         r0 = row + i * steps
         for j in range(3):
