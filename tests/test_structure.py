@@ -9,7 +9,7 @@ import pytest
 from helpers import ROOT
 
 PACKAGE = ROOT / "ibdata"
-LONGEST = 260  # lines: about 250, and a few more are no reason to split a file
+LONGEST = 290  # lines; most files have fewer than 200
 AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "version"}
 SCRIPTS = [path for path in (ROOT / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")]
 DOCUMENTS = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]

@@ -117,6 +117,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
 
     length = np.repeat([e.steps for e in experiments], counts)
     row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
+    runs = [run for shard in shards for run in spec.runs(shard)]
     digests = [digest for w in written for digest in w.content.digests]
     arrays: list[pa.Array] = [
         arrow_array(np.concatenate([n + s.offset for s, n in zip(shards, numbers, strict=True)])),
@@ -124,7 +125,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(np.concatenate([index for _, index in address])),
         arrow_array(of_cells(lambda cell: cell.setpoint)),
         arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
-        _splits([run for shard in shards for run in spec.runs(shard)]),
+        _lists([names for *_, names in runs], [stop - first for first, stop, _ in runs]),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
         arrow_array(np.repeat(np.array([shard.number for shard in shards], dtype=np.int32), counts)),
@@ -135,10 +136,15 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     return pa.table(arrays, schema=EPISODES)
 
 
-def _splits(runs: list[tuple[int, int, tuple[str, ...]]]) -> pa.Array:
-    """The splits of each episode of these runs."""
-    of = np.repeat(np.arange(len(runs)), [stop - first for first, stop, _ in runs])
-    return pa.array([names for *_, names in runs], pa.list_(pa.string())).take(arrow_array(of))
+def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
+    """Each list of texts, as often as its count says."""
+    lengths = np.repeat([len(texts) for texts in lists], counts)
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
+    numbers = [np.array([known[text] for text in texts], dtype=np.int64) for texts in lists]
+    of = [np.tile(own, n) for own, n in zip(numbers, counts, strict=True)]
+    texts = arrow_strings(list(known)).take(arrow_array(np.concatenate(of)))
+    return pa.ListArray.from_arrays(arrow_array(offsets), texts)
 
 
 def stats(spec: DatasetSpec, written: list[WrittenShard]) -> Stats:

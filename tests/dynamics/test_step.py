@@ -141,7 +141,7 @@ def test_a_variant_may_be_named():
 
 
 @variants
-def test_the_derived_values_obey_their_equations(tape, played, variant):
+def test_the_derived_values_obey_their_equations(played, variant):
     s = tape.take(played[variant], slice(1, None))
     close = {"rtol": 1e-14, "atol": 1e-12}
     np.testing.assert_array_equal(s.reward, -s.consumption - 3.0 * s.fatigue)

@@ -90,7 +90,7 @@ def test_nothing_is_written():
     [
         ({"workers": 0}, "workers: found 0, expected"),
         ({"workers": 10**6}, "workers: found 1000000, expected"),
-        ({"folder": Path("file")}, "file: found a file"),
+        ({"folder": Path("file")}, "file: is a file, not a folder"),
         ({"folder": Path("made")}, "made: exists already"),
         ({"folder": Path("foreign")}, "foreign: exists already"),
         ({"folder": Path("foreign"), "overwrite": True}, "foreign: not a dataset of ibdata"),
