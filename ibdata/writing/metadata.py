@@ -19,7 +19,7 @@ from ibdata.dataset.models import Column, Counts, Info, JsonObject, Manifest, Sp
 from ibdata.experiment.cells import Cell
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.simulation.variables import Table, columns, layout
-from ibdata.writing.arrow import arrow_array, arrow_texts
+from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.statistics import Moments, described, merged
 from ibdata.writing.summary import UNREAD
