@@ -1,4 +1,4 @@
-"""The report of a dataset under its earlier name; `ibdata.maintenance.card` makes it."""
+"""A dataset's card and report: `ibdata.report.card`."""
 
 from ibdata.maintenance.card import card
 

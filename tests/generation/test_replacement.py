@@ -17,7 +17,7 @@ from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.generation import replacement
-from ibdata.maintenance.card import card
+from ibdata.report import card
 from ibdata.writing.metadata import as_json
 
 PLAIN = {

@@ -16,8 +16,8 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.maintenance.card import card
 from ibdata.plots import drawn, plots
+from ibdata.report import card
 from ibdata.system import lock
 from ibdata.validation.validate import validate
 
