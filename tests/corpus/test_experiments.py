@@ -193,8 +193,9 @@ def test_one_unknown_key_is_an_error_that_names_it(file, plain, key, value, data
         load(file)
     (line,) = lines_of(error.value)
     assert line.startswith(f"{file}:1:")
-    # Or text that YAML does not allow at all.
-    assert f"{printable(key)}: no such option; " in line or "not valid YAML" in line or "half of" in line
+    # Or text that YAML does not allow at all; it reads U+0085 as the end of a line, and that as a space.
+    known = printable(key.replace("\x85", " "))
+    assert f"{known}: no such option; " in line or "not valid YAML" in line or "half of" in line
 
 
 @examples(600)
