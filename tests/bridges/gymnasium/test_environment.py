@@ -57,9 +57,7 @@ def episode(env, seed, steps=50):
     ],
 )
 def test_it_is_made_by_its_whole_name_after_every_order_of_imports(order):
-    code = (
-        f"import {order}; print(gymnasium.make('ibdata.environment:{ID}', setpoint=70).reset(seed=0)[0][0])"
-    )
+    code = f"{order}; print(gymnasium.make('ibdata.environment:{ID}', setpoint=70).reset(seed=0)[0][0])"
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("70.0\n", "")
 
