@@ -114,7 +114,7 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
 
 def test_workers_that_always_die_are_an_error_of_one_line_and_leave_nothing(cluster, tmp_path):
     experiment = deadly(tmp_path, deaths=1000)
-    with pytest.raises(IbdataError, match=r"^data/part-\d+: WorkerCrashedError, ") as error:
+    with pytest.raises(IbdataError, match=r"^data/part-\d+: Ray failed with WorkerCrashedError: ") as error:
         ibdata.generate(experiment, "out", engine="ray", allow_code=True)
     assert "\n" not in str(error.value)
     assert not Path("out").exists()
