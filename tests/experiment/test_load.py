@@ -87,6 +87,7 @@ def test_at_most_10_000_setpoints_are_accepted(problems, with_lines):
     assert len(problem) < 200
 
 
+@pytest.mark.slow
 def test_at_most_a_million_cells_are_accepted(problems, loaded, with_lines):
     setpoints = "setpoints: {start: 0, stop: 99.99, step: 0.01}"
     policies = [f"{{kind: constant, action: [{i / 200}, 0, 0]}}" for i in range(101)]

@@ -113,6 +113,7 @@ def test_at_most_a_mebibyte_is_read():
         assert str(error_of(text)) == "1:1: found 1048577 bytes, expected at most 1048576"
 
 
+@pytest.mark.slow
 def test_at_most_100_000_values_are_read():
     # The list itself is one of them; item i stands in column 2 i.
     assert str(error_of("[" + "1," * 100_000 + "]")) == (

@@ -95,6 +95,7 @@ WAYS = {
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_code_without_a_main_guard_runs_once_and_with_several_workers(way, alone, tmp_path):
     for path in ("plain.py", "package/module.py", "package/__main__.py"):
@@ -158,6 +159,7 @@ def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["changing.py", "script.py"]
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
     lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
