@@ -24,7 +24,14 @@ from ibdata.policies.custom import started_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
 from ibdata.writing import receipt
-from ibdata.writing.shard_writer import ShardWriter, WrittenShard, shard_writer, thread, writing_threads
+from ibdata.writing.shard_writer import (
+    ShardWriter,
+    Threads,
+    WrittenShard,
+    shard_writer,
+    thread,
+    writing_threads,
+)
 from ibdata.writing.summary import simulated
 
 MAX_DEATHS = 3  # of workers, without a shard finished in between
@@ -68,9 +75,7 @@ def _one_after_the_other(
         before: Future[WrittenShard] | None = None
         for shard in shards:
             with ExitStack() as opened:
-                writer = opened.enter_context(shard_writer(spec, shard, root, threads))
-                for part, floats in simulated(spec, shard):
-                    writer.add(part, floats)
+                writer = _filled(opened, spec, shard, root, threads)
                 made = before.result() if before else None  # so that no more than two are in memory
                 before = finishing.submit(_finish, writer, opened.pop_all(), root, identity)
             if made:
@@ -144,10 +149,16 @@ def _work(shard: Shard) -> WrittenShard:
 def write_shard(spec: DatasetSpec, shard: Shard, root: Path, identity: str) -> WrittenShard:
     """Simulate a shard and write it, and its receipt after it."""
     with writing_threads() as threads, ExitStack() as opened:
-        writer = opened.enter_context(shard_writer(spec, shard, root, threads))
-        for part, floats in simulated(spec, shard):
-            writer.add(part, floats)
+        writer = _filled(opened, spec, shard, root, threads)
         return _finish(writer, opened.pop_all(), root, identity)
+
+
+def _filled(opened: ExitStack, spec: DatasetSpec, shard: Shard, root: Path, threads: Threads) -> ShardWriter:
+    """Open the writer of a shard, simulate the shard, and hand all its parts to the writer."""
+    writer = opened.enter_context(shard_writer(spec, shard, root, threads))
+    for part, floats in simulated(spec, shard):
+        writer.add(part, floats)
+    return writer
 
 
 def _finish(writer: ShardWriter, opened: ExitStack, root: Path, identity: str) -> WrittenShard:

@@ -58,14 +58,12 @@ def commit(folder: Path) -> None:
     except DatasetError:
         discard(root)
         raise
-    for part in PARTS:
-        if (root / part).is_dir():
-            (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
-            (root / part / FRESH).touch()
     if (root / "data").is_dir():
         _bar(folder, root)
     for part in PARTS:
         if (root / part).is_dir():
+            (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
+            (root / part / FRESH).touch()
             sync_folder(root / part)
     sync_folder(root)
     with held():
