@@ -18,14 +18,13 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, ranges
+from ibdata.generation import origin, output_folder, ranges, receipt
 from ibdata.generation.engine import select_engine
 from ibdata.generation.generate import default_folder, make, resolve
 from ibdata.generation.ranges import Range
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy, shared
 from ibdata.system.object_store import is_url
-from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -146,7 +145,7 @@ def _finish(folder: Path) -> None:
     written: list[WrittenShard] = []
     missing: list[Shard] = []
     for shard in spec.shards:
-        w = receipt.get(folder, identity, shard)
+        w = receipt.get(folder, identity, spec, shard)
         missing += [shard] if w is None else []
         written += [] if w is None else [w]
     if missing:

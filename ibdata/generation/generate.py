@@ -15,14 +15,13 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, replacement
+from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
-from ibdata.writing import receipt
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -154,7 +153,7 @@ def make(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
 ) -> list[WrittenShard]:
     """Write the shards that have no receipt yet; return all of them."""
-    written = [w for shard in shards if (w := receipt.get(root, identity, shard)) is not None]
+    written = [w for shard in shards if (w := receipt.get(root, identity, spec, shard)) is not None]
     done = {w.shard.number for w in written}
     missing = [shard for shard in shards if shard.number not in done]
     output_folder.forget(root, missing)

@@ -18,12 +18,12 @@ from typing import Any
 from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
+from ibdata.generation import receipt
 from ibdata.generation.origin import agree
 from ibdata.generation.output_folder import refuse_moved, sweep_shards
 from ibdata.policies.custom import started_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
-from ibdata.writing import receipt
 from ibdata.writing.shard_writer import (
     ShardWriter,
     Threads,

@@ -14,10 +14,10 @@ from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.custom_code import customs, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation import self_check
 from ibdata.system.atomic_files import create_or_compare, plain_bytes, write
-from ibdata.writing import receipt
 from ibdata.writing.metadata import as_json
 
 PATH = f"{receipt.FOLDER}/run.json"

@@ -13,10 +13,10 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
+from ibdata.generation import receipt
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
 from ibdata.validation.validate import check_files
-from ibdata.writing import receipt
 from ibdata.writing.card import is_foreign, refuse_foreign
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"

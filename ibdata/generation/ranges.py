@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import Shard
-from ibdata.generation import output_folder
+from ibdata.generation import output_folder, receipt
 from ibdata.system import lock
 from ibdata.system.atomic_files import write
-from ibdata.writing import receipt
 from ibdata.writing.metadata import as_json
 
 MAX_PARTS = 100_000

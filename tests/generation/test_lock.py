@@ -19,10 +19,9 @@ import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.errors import BusyError
 from ibdata.experiment.plan import plan
-from ibdata.generation import ranges
+from ibdata.generation import ranges, receipt
 from ibdata.generation.ranges import Range
 from ibdata.system import lock
-from ibdata.writing import receipt
 
 PLAIN = {
     "name": "tiny",

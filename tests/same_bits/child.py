@@ -32,9 +32,8 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.experiment import Experiment
-from ibdata.generation import local
+from ibdata.generation import local, receipt
 from ibdata.simulation import rollout, self_check
-from ibdata.writing import receipt
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
