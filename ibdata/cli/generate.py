@@ -34,7 +34,7 @@ from ibdata.cli._shared import (
     help="The folder to make, or a URL such as s3://bucket/name; default data/<name>. The datasets of a "
     "folder of experiments go to DIR/<name>.",
 )
-@click.option("--workers", type=int, metavar="N", help="Worker processes; default: one per processor.")
+@click.option("--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work.")
 @click.option(
     "--engine",
     type=click.Choice(["local", "ray"]),

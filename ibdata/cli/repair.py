@@ -11,7 +11,7 @@ from ibdata.cli._shared import allow_code_option, folder_argument, json_option, 
 
 @click.command("repair")
 @folder_argument
-@click.option("--workers", type=int, metavar="N", help="Worker processes; default: one per processor.")
+@click.option("--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work.")
 @allow_code_option
 @json_option
 def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) -> None:

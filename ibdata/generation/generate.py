@@ -47,7 +47,7 @@ def generate(
             for `generate_all`.
         out: The folder of the dataset; by default data/<name>. Where it is a URL, as s3://bucket/name, the
             dataset is made on this machine, then uploaded.
-        workers: How many processes to use; by default one a processor.
+        workers: How many processes to use; by default chosen by the work.
         seed: Replaces the experiment's seed.
         overrides: Replace values of the YAML, as `key.sub=value`.
         resume: Go on with a run that was stopped, or start one; upload what is missing at a URL.

@@ -14,7 +14,7 @@ from typing import Any
 from ibdata.errors import IbdataError, MissingError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import local
+from ibdata.generation.make_shard import write_shard
 from ibdata.generation.origin import agree
 from ibdata.generation.output_folder import sweep_shards
 from ibdata.system.signals import STOPPING, check
@@ -97,7 +97,7 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     sweep_shards(root, [shard])  # of a worker that died at it
     agree(root, spec, folder)
-    return local.write_shard(spec, shard, root, identity)
+    return write_shard(spec, shard, root, identity)
 
 
 @contextmanager

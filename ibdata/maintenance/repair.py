@@ -13,7 +13,7 @@ from ibdata.experiment.custom_code import provenance, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
-from ibdata.generation.engine import worker_count
+from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import warm_up
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
@@ -41,7 +41,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
 
     Args:
         folder: The folder of the dataset.
-        workers: How many processes to use; by default one a processor.
+        workers: How many processes to use; by default chosen by the work.
         allow_code: Allow custom policies, which run arbitrary Python code, where shards are to be made
             again. They promise the same bits in the same environment only.
 
@@ -51,7 +51,8 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     Raises:
         DatasetError: There is no dataset, or what was made again is not what was there.
     """
-    path, processes = Path(folder), worker_count(workers)
+    path = Path(folder)
+    refuse_workers(workers)
     if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
@@ -63,11 +64,11 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         except manifest.NewerError:
             raise
         except DatasetError:
-            return _rebuild(path, processes, allow_code)
-        return _mend(path, listed, processes, allow_code)
+            return _rebuild(path, workers, allow_code)
+        return _mend(path, listed, workers, allow_code)
 
 
-def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> list[str]:
+def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
     entries = listed.entries()
     problems = list(check_files(folder, listed))
@@ -134,7 +135,7 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
         (staged / "data").rmdir()
 
 
-def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
+def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that do not have the experiment's content."""
     spec = _told(folder)
     require_consent(spec, folder, allow_code)
@@ -174,7 +175,7 @@ def _told(folder: Path) -> DatasetSpec:
 
 
 def _made_again(
-    spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int
+    spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int | None
 ) -> dict[int, WrittenShard]:
     """Write the shards under `.next`; return them by number."""
     first = spec.experiments[0]

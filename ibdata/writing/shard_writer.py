@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, ParamSpec, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,6 +24,8 @@ from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 WAITING = 2  # parts
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class WrittenShard(NamedTuple):
@@ -37,8 +39,8 @@ class WrittenShard(NamedTuple):
 class Threads(NamedTuple):
     """The threads that work for a writer; two writers may share them."""
 
-    encoding: ThreadPoolExecutor
-    summarizing: ThreadPoolExecutor
+    encoding: Executor
+    summarizing: Executor
 
 
 class ShardWriter:
@@ -132,10 +134,26 @@ def shard_writer(spec: DatasetSpec, shard: Shard, folder: Path, threads: Threads
 
 
 @contextmanager
-def writing_threads() -> Iterator[Threads]:
-    """Threads for `shard_writer`."""
+def writing_threads(overlap: bool = True) -> Iterator[Threads]:
+    """Threads for `shard_writer`; without overlap the caller itself does what is submitted."""
+    if not overlap:
+        yield Threads(AtOnce(), AtOnce())
+        return
     with thread() as encoding, thread() as summarizing:
         yield Threads(encoding, summarizing)
+
+
+class AtOnce(Executor):
+    """An executor that does at once what is submitted."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Call the function; its result or error is in the future."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
 
 
 @contextmanager

@@ -15,9 +15,10 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers.tiny import TEN_SHARDS
 
 import ibdata
-from ibdata import Experiment, IbdataError
+from ibdata import IbdataError
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import origin, receipt
@@ -25,15 +26,6 @@ from ibdata.generation.ranges import Range
 from ibdata.system import lock
 
 pytestmark = pytest.mark.slow
-
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 5,
-    "steps": 5,
-    "output": {"shard_rows": 5},
-}
 
 
 @pytest.fixture(autouse=True)
@@ -43,7 +35,7 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def tiny():
-    return Experiment.model_validate(PLAIN)
+    return TEN_SHARDS
 
 
 def make(tiny, *ranges, out="out"):
@@ -92,7 +84,7 @@ def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(ti
     make(tiny, "1/2", "2/2")
     with pytest.raises(IbdataError, match="no finished dataset here"):
         ibdata.open("out")
-    monkeypatch.setattr("ibdata.generation.local.shard_writer", None)
+    monkeypatch.setattr("ibdata.generation.make_shard.shard_writer", None)
     assert make(tiny, "1/2") == make(tiny, "2/2")
     first = ibdata.finalize("out").manifest
     assert ibdata.finalize("out").manifest == first
@@ -233,7 +225,7 @@ POLICY = "class Still:\n    def predict(self, observations):\n        return obs
 
 def test_custom_policies_need_leave_and_the_same_code_everywhere(tmp_path):
     Path("still.py").write_text(POLICY.format("0"))
-    custom = {**PLAIN, "policies": [{"kind": "custom", "target": "still:Still"}]}
+    custom = {**TEN_SHARDS.plain(), "policies": [{"kind": "custom", "target": "still:Still"}]}
     Path("mine.yaml").write_text(json.dumps(custom))
     with pytest.raises(UsageError, match="--allow-code"):
         ibdata.generate_shards("mine.yaml", "1/2", "out", workers=1)
@@ -292,7 +284,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.local.shard_writer", fail)
+        failing.setattr("ibdata.generation.make_shard.shard_writer", fail)
         with pytest.raises(IbdataError, match=r"^out: cannot be written: No space left on device$"):
             make(tiny, "2/2")
         assert not Path("out").exists()
@@ -301,7 +293,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
     under_way.write_bytes(b"part")
     before = files("out")
     with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.local.shard_writer", fail)
+        failing.setattr("ibdata.generation.make_shard.shard_writer", fail)
         Path("out").joinpath(".lock").touch()
         with lock.shared(Path("out")), pytest.raises(IbdataError, match="No space left"):
             make(tiny, "2/2")
@@ -313,7 +305,7 @@ def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files)
     assert not under_way.exists()
 
 
-MANY = {**PLAIN, "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
+MANY = {**TEN_SHARDS.plain(), "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
 
 
 def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_command, files):

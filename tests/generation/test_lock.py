@@ -14,24 +14,17 @@ from pathlib import Path
 from threading import Barrier
 
 import pytest
+from helpers.tiny import TEN_SHARDS
 
 import ibdata
-from ibdata import Experiment, IbdataError
+from ibdata import IbdataError
 from ibdata.errors import BusyError
 from ibdata.experiment.plan import plan
 from ibdata.generation import ranges, receipt
 from ibdata.generation.ranges import Range
 from ibdata.system import lock
 
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 5,
-    "steps": 5,
-    "output": {"shard_rows": 5},
-}
-TINY = Experiment.model_validate(PLAIN)
+TINY = TEN_SHARDS
 SHARDS = plan(TINY)
 
 
@@ -155,7 +148,7 @@ def test_of_threads_that_want_the_same_shards_one_at_a_time_has_them():
         assert len(held) == len(set(held))
 
 
-MANY = {**PLAIN, "name": "many", "episodes": 40, "steps": 1000, "output": {"shard_rows": 1000}}
+MANY = {**TEN_SHARDS.plain(), "name": "many", "episodes": 40, "steps": 1000, "output": {"shard_rows": 1000}}
 
 
 @pytest.fixture

@@ -151,10 +151,10 @@ def test_what_is_edited_during_the_run_is_recorded_as_it_was_before(here):
 
 EDITED = """
     from pathlib import Path
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
     from ibdata.simulation import self_check
 
-    begin = local._start
+    begin = worker_pool._start
 
     def start(*args):  # what a worker does first
         {}
@@ -176,7 +176,7 @@ def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypa
     (here / "at-70-stop.py").unlink()
     (here / "edited.py").write_text(textwrap.dedent(EDITED).format(change))
     monkeypatch.syspath_prepend(here)
-    monkeypatch.setattr("ibdata.generation.local._start", importlib.import_module("edited").start)
+    monkeypatch.setattr("ibdata.generation.worker_pool._start", importlib.import_module("edited").start)
     try:
         with pytest.raises(UsageError, match=f": found {found}"):
             generate(workers=2)

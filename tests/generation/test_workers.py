@@ -26,10 +26,10 @@ SCRIPT = """
     import sys
     import ibdata
     import changing
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
     from ibdata.experiment import Experiment
 
-    local._start = changing.start
+    worker_pool._start = changing.start
     experiment = Experiment.model_validate({plain})
     try:
         made = ibdata.generate(experiment, "a/b", workers=2)
@@ -43,9 +43,9 @@ CHANGING = """
     import os
     import ibdata.writing.summary as content
     from ibdata.policies.checked import PolicyError
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
 
-    rollout, begin = content.rollout, local._start
+    rollout, begin = content.rollout, worker_pool._start
 
     def changed(experiment, first, stop):
         {changed}

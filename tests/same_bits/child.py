@@ -32,12 +32,12 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.experiment import Experiment
-from ibdata.generation import local, receipt
+from ibdata.generation import local, receipt, worker_pool
 from ibdata.simulation import rollout, self_check
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
-BEGIN = local._start
+BEGIN = worker_pool._start
 
 
 def experiments(size: str, shards: float = 0) -> list[Experiment]:
@@ -164,7 +164,7 @@ def without_tokens(path: Path) -> str:
 def main(spec: dict[str, object]) -> None:
     """Check the setting, generate, and print results, facts and versions."""
     prepare(spec)
-    local._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
+    worker_pool._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
     found = facts()
     if not numba.config.DISABLE_JIT:
         found["fuses"] = fuses()
