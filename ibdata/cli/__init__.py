@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import pkgutil
 import re
@@ -51,13 +53,18 @@ def cli() -> None:
 
 
 def main(args: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with its code; no traceback without --debug."""
+    """Run the command line and exit with its code; no traceback without --debug.
+
+    Where `args` is None the process has no other purpose, and ends at once: Python would take 0.4 s to clear
+    its memory.
+    """
     given = list(sys.argv[1:] if args is None else args)
     debug, as_json = "--debug" in given, "--json" in given
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for help and tracebacks, which others print
+    gc.set_threshold(100_000)  # imports make many objects and little garbage
     _end_at_signals()
     try:
         code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
@@ -79,7 +86,12 @@ def main(args: Sequence[str] | None = None) -> None:
             traceback.print_exc()
         code = error.exit_code if isinstance(error, IbdataError) else 1
         _report(_lines(error), code, as_json)
-    _end(code)
+    _flush()
+    if args is None:
+        atexit._run_exitfuncs()
+        _flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _nowhere() -> TextIO:
@@ -87,14 +99,13 @@ def _nowhere() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")  # it lives as long as the process
 
 
-def _end(code: int) -> None:
-    """Exit; Python would complain again, and change the code, where stdout or stderr cannot be written."""
+def _flush() -> None:
+    """Flush stdout and stderr; Python would complain at exit where they cannot be written."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    sys.exit(code)
 
 
 def _end_at_signals() -> None:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
@@ -251,6 +250,8 @@ class Dataset:
 
     def _runs(self, split: str) -> dict[int, Runs]:
         """The rows of a split in each shard, as runs start … stop - 1."""
+        import pyarrow.compute as pc  # takes 0.04 s, and generating needs it not
+
         table = self.episode_table
         offsets = table["splits"].combine_chunks().offsets.to_numpy()
         hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(table["splits"]), split).to_numpy())])

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +92,7 @@ class CodeCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
+        _leave_scipy_out()
         try:
             return super().load_overload(sig, target_context)
         except IbdataError:  # a signal that asks to stop
@@ -101,3 +104,23 @@ class CodeCache(FunctionCache):
 @cache
 def _sha256_of(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+@cache
+def _leave_scipy_out() -> None:
+    """Keep numba from importing SciPy, which takes 0.2 s, only to learn that it is installed.
+
+    Where linear algebra is compiled, numba imports SciPy as it always does.
+    """
+    if "numba.np.arraymath" in sys.modules or find_spec("scipy") is None:
+        return
+    from numba.np import linalg
+
+    ensure_blas = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath
+
+        vars(arraymath)["ensure_blas"] = ensure_blas
+    finally:
+        linalg.ensure_blas = ensure_blas

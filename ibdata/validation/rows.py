@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
@@ -124,6 +123,8 @@ def _rows(
 
 def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
     """The labels' numbers; -1 for a text that is not a label."""
+    import pyarrow.compute as pc  # takes 0.04 s, and generating needs it not
+
     texts = pa.array(labels, pa.string())
     parts = []
     for chunk in column.chunks:
