@@ -13,6 +13,8 @@ import pytest
 import ibdata
 from ibdata import Experiment
 
+pytestmark = pytest.mark.slow  # a process starts in more than a second
+
 PLAIN = {
     "name": "tiny",
     "setpoints": [20.0, 70.0],

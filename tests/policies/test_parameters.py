@@ -123,6 +123,7 @@ class Actor:
 """
 
 
+@pytest.mark.slow
 def test_a_policy_sees_the_same_with_one_worker_and_with_two(tmp_path, monkeypatch):
     (tmp_path / "typed.py").write_text(CODE)
     monkeypatch.chdir(tmp_path)
