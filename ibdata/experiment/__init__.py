@@ -94,13 +94,13 @@ def load_all(
             found[f"{file}: name: {message}"] = [str(file)]
         experiments[experiment.name] = experiment
     if found:
-        raise ConfigError([line for item in found.items() for line in _where(*item, len(files))])
+        raise ConfigError([line for item in found.items() for line in _with_files(*item, len(files))])
     return list(experiments.values())
 
 
-def _where(problem: str, files: list[str], of: int) -> list[str]:
+def _with_files(problem: str, files: list[str], total: int) -> list[str]:
     """A problem with the names of its files, unless all files have it or it already names its file."""
-    named = len(files) == of or problem.startswith(files[0])
+    named = len(files) == total or problem.startswith(files[0])
     return [problem] if named else [f"{file}: {problem}" for file in files]
 
 

@@ -54,9 +54,9 @@ def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[
     bounds = sorted(cuts)
     order = list(splits)
     anywhere = {k for k, split in enumerate(splits.values()) if split.setpoint is None}
-    by_setpoint = _wanting(split.setpoints() or () for split in splits.values())
-    by_label = _wanting(split.policies() or experiment.labels for split in splits.values())
-    by_index = _wanting([low for low in bounds if low in split.indices(n)] for split in splits.values())
+    by_setpoint = _selecting(split.setpoints() or () for split in splits.values())
+    by_label = _selecting(split.policies() or experiment.labels for split in splits.values())
+    by_index = _selecting([low for low in bounds if low in split.indices(n)] for split in splits.values())
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
         of_cell = (by_setpoint[cell.setpoint] | anywhere) & by_label[cell.label]
@@ -69,10 +69,10 @@ def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[
     return runs
 
 
-def _wanting(wanted: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
+def _selecting(selected: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
     """For each value, the numbers of the splits that select it."""
     found = defaultdict[Any, set[int]](set)
-    for k, values in enumerate(wanted):
+    for k, values in enumerate(selected):
         for value in values:
             found[value].add(k)
     return found
