@@ -21,7 +21,8 @@ READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 def _readable(path: Path, data: bytes | None) -> Iterator[None]:
     try:
         if data is None and not stat.S_ISREG(os.stat(path).st_mode):
-            raise DatasetError(f"{path}: found no regular file, expected one")
+            found = "a folder" if path.is_dir() else "a special file"
+            raise DatasetError(f"{path}: found {found}, expected a regular file; see ibdata validate")
         yield
     except DatasetError:
         raise
@@ -95,7 +96,7 @@ def _opened(
             raise DatasetError(f"{path}: found {found} rows, expected {rows}; see ibdata validate")
         missing = [name for name in names or () if name not in file.schema_arrow.names]
         if missing:
-            raise DatasetError(f"{path}: found no column {missing[0]}, expected one; see ibdata validate")
+            raise DatasetError(f"{path}: {missing[0]}: missing, expected a column; see ibdata validate")
         yield file
 
 

@@ -118,7 +118,10 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
                 ray.init(place, **quiet)
             except (OSError, RuntimeError, ValueError) as error:
                 reason = (str(error).splitlines() or [""])[0]
-                raise IbdataError(f"--address: {place}: found no Ray that answers: {reason}") from None
+                raise IbdataError(
+                    f"--address: {place}: found no answer ({reason}), expected a running Ray; correct the "
+                    "address or leave it out"
+                ) from None
         yield place == "local"
     finally:
         with _own_handlers():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -33,10 +34,9 @@ class Problem(NamedTuple):
 
     @classmethod
     def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
-        """The problem that an error tells of, without the name of the file, which `path` is."""
-        return cls(
-            path, None, rule, str(error).removeprefix(f"{file}: ").replace(", see ibdata validate", "")
-        )
+        """The problem that an error reports, without the name of the file, which `path` gives."""
+        message = re.sub("[,;] see ibdata validate", "", str(error).removeprefix(f"{file}: "))
+        return cls(path, None, rule, message)
 
     def __str__(self) -> str:
         place = self.path if self.row is None else f"{self.path}: row {self.row}"
@@ -232,7 +232,7 @@ def nulls(table: pa.Table) -> Found:
     for name in table.column_names:
         if table[name].null_count:
             row = int(np.argmax(table[name].is_null().to_numpy()))
-            yield Broken(row, f"{name}: found no value, expected one", table[name].null_count)
+            yield Broken(row, f"{name}: found null, expected a value", table[name].null_count)
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:

@@ -89,4 +89,4 @@ def test_two_experiments_of_one_name_are_a_problem(folder):
 def test_a_folder_where_one_experiment_is_meant_is_told_with_an_example(folder):
     with pytest.raises(UsageError) as caught:
         load(folder)
-    assert str(caught.value) == ("two: found a folder of experiments, expected one, such as two/a.yaml")
+    assert str(caught.value) == ("two: found a folder of experiments, expected a file such as two/a.yaml")
