@@ -1,4 +1,4 @@
-"""docs/dissimilarity.md says what its tables say, and fewer states with another seed say the same.
+"""The text of docs/dissimilarity.md agrees with its tables, and the tables with a smaller measurement.
 
 Bounds on means are 5 standard errors of both measurements; the seed is fixed.
 """

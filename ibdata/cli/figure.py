@@ -6,11 +6,15 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say
+from ibdata.cli._shared import Listing, json_option, module_summary, print_json, say
 from ibdata.plots import DYNAMICS, figure, names
 
 
-@click.command("figure")
+def _figures() -> list[tuple[str, str]]:
+    return [(name, module_summary(f"ibdata.plots.paper.{name}")) for name in names()]
+
+
+@click.command("figure", cls=Listing, title="Figures", listed=_figures)
 @click.argument("name", type=click.Choice(names()))
 @click.option(
     "--out",
@@ -27,13 +31,7 @@ from ibdata.plots import DYNAMICS, figure, names
 def command(
     name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool, as_json: bool
 ) -> None:
-    """Draw a figure of the benchmark's paper and print the file's name.
-
-    \b
-    landscape   the penalty of the mis-calibration, and how its direction turns
-    policies    three ways to move through that landscape
-    dynamics    200 random steps: fatigue, operational cost, consumption, reward
-    setpoints   four moving setpoints
+    """Draw a figure of the benchmark's paper and print the name of the file.
 
     \b
     ibdata figure landscape

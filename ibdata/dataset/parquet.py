@@ -1,4 +1,4 @@
-"""Reading Parquet files that may be damaged or missing; every error is a DatasetError of one line."""
+"""Reading Parquet files that may be damaged or missing. Every error is a DatasetError of one line."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def batches(
         groups = [i for i, end in enumerate(ends) if end > start and end - sizes[i] < stop]
         row = ends[groups[0]] - sizes[groups[0]] if groups else 0
         columns = None if names is None else list(names)
-        for group in groups:  # one at a time: pyarrow would keep the bytes of all
+        for group in groups:  # one at a time, because pyarrow keeps the bytes of all that it is asked for
             for batch in file.iter_batches(most, row_groups=[group], columns=columns):
                 low, high = max(0, start - row), min(batch.num_rows, stop - row)
                 if low < high:
@@ -100,5 +100,5 @@ def _opened(
 
 
 def _file(path: Path) -> pa.OSFile:
-    """The file itself: given a path, pyarrow would find partitions in the names of its folders."""
+    """Open a file. From a path, pyarrow would take the names of folders for partitions."""
     return pa.OSFile(os.fsencode(path))

@@ -17,7 +17,7 @@ Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
-    """A function that writes shards to a folder and yields each when it is there.
+    """A function that writes shards to a folder and yields each when it is written.
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
@@ -30,7 +30,7 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
 
 
 def worker_count(workers: int | None) -> int:
-    """The number of processes to use; by default one a processor."""
+    """The number of processes to use; by default one per processor."""
     if workers is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if not 1 <= workers <= MAX_WORKERS:
@@ -42,7 +42,7 @@ def _local(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import local
 
     if address is not None:
-        raise UsageError(f"address: found {address!r}, which goes with the engine ray only")
+        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
     count = worker_count(workers)
     return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, count)
 

@@ -36,18 +36,18 @@ def estimate(
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: What would be generated.
-        folder: Where it would be generated.
-        workers: How many processes would be used; by default one a processor.
-        resume: As `generate` has it.
-        overwrite: As `generate` has it.
-        allow_code: As `generate` has it.
+        experiment: The experiment that would be generated.
+        folder: The folder in which it would be generated.
+        workers: How many processes would be used; by default one per processor.
+        resume: As in `generate`.
+        overwrite: As in `generate`.
+        allow_code: As in `generate`.
 
     Returns:
-        out, episodes, rows, shards, the number of workers that are busy, and estimated bytes and seconds.
+        out, episodes, rows, shards, workers (those that would have work), and estimated bytes and seconds.
 
     Raises:
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
     processes, out = worker_count(workers), Path(folder)
     spec = DatasetSpec.of(experiment)

@@ -1,4 +1,4 @@
-"""The local engine: shards are written in this process, or in a pool that survives a killed worker."""
+"""The local engine: shards are written in this process, or in a pool that survives the death of a worker."""
 
 from __future__ import annotations
 
@@ -42,10 +42,9 @@ def run(
 ) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
-    A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
-    row.
+    If a worker dies, the shards in progress are made again. Raises IbdataError after three deaths in a row.
     """
-    alone = multiprocessing.current_process().daemon  # which may not have children
+    alone = multiprocessing.current_process().daemon  # a daemon may not have children
     if workers == 1 or len(shards) <= 1 or alone:
         yield from _one_after_the_other(spec, shards, root, identity)
         return
@@ -76,7 +75,7 @@ def _one_after_the_other(
         for shard in shards:
             with ExitStack() as opened:
                 writer = _filled(opened, spec, shard, root, threads)
-                made = before.result() if before else None  # so that no more than two are in memory
+                made = before.result() if before else None  # wait, so that at most two are in memory
                 before = finishing.submit(_finish, writer, opened.pop_all(), root, identity)
             if made:
                 yield made
@@ -118,22 +117,22 @@ def _pool(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_job: list[Any] = []  # a worker's spec, folder, identity and the YAML's folder, set once when it starts
+_job: list[Any] = []  # in a worker: spec, dataset's folder, identity, YAML's folder; set when it starts
 
 
 def _start(plain: dict[str, Any], root: Path, identity: str, here: str, folder: Path | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(OSError):  # it was removed
-        os.chdir(here)  # a policy may have led the parent elsewhere
+    with suppress(OSError):  # the folder was removed
+        os.chdir(here)  # a policy may have changed the parent's current folder
     started_in.set(here)
     _job[:] = [DatasetSpec.from_plain(plain), root, identity, folder]
 
 
 def _end_with_parent() -> None:
-    """Executor workers would live on, and write on, when their parent is killed (cpython#111873)."""
+    """End this worker if its parent is killed; otherwise it would go on writing (cpython#111873)."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
@@ -147,7 +146,7 @@ def _work(shard: Shard) -> WrittenShard:
 
 
 def write_shard(spec: DatasetSpec, shard: Shard, root: Path, identity: str) -> WrittenShard:
-    """Simulate a shard and write it, and its receipt after it."""
+    """Simulate a shard and write it, then its receipt."""
     with writing_threads() as threads, ExitStack() as opened:
         writer = _filled(opened, spec, shard, root, threads)
         return _finish(writer, opened.pop_all(), root, identity)
@@ -162,7 +161,7 @@ def _filled(opened: ExitStack, spec: DatasetSpec, shard: Shard, root: Path, thre
 
 
 def _finish(writer: ShardWriter, opened: ExitStack, root: Path, identity: str) -> WrittenShard:
-    """Commit a shard whose parts are all added, and then its receipt."""
+    """Commit a shard to which all parts were added, then its receipt."""
     with opened:
         made = writer.finish()
         refuse_moved(root, identity)

@@ -1,6 +1,6 @@
-"""Receipts of the shards of an unfinished run, from which it is resumed.
+"""Receipts of the shards that an unfinished run has written, from which it is resumed.
 
-Only experiments are run like that, and those have no later splits.
+They hold no statistics of splits that are labels: only `ibdata split` makes these, in finished datasets.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ NO_RECEIPT = (OSError, ValueError, KeyError, TypeError, RecursionError, zipfile.
 
 
 def path_of(shard: Shard) -> str:
-    """The receipt's path inside the dataset's folder."""
+    """The path of a shard's receipt within the folder of the dataset."""
     return f"{FOLDER}/part-{shard.number:05d}.receipt"
 
 
 def put(folder: Path, identity: str, written: WrittenShard) -> None:
-    """Write the receipt of a shard that is on the disk."""
+    """Write the receipt of a shard whose file is on the disk."""
     content = written.content
     header = {
         "identity": identity,
@@ -56,7 +56,7 @@ def put(folder: Path, identity: str, written: WrittenShard) -> None:
 
 
 def get(folder: Path, identity: str, shard: Shard) -> WrittenShard | None:
-    """Read the receipt of a shard; None unless receipt and file are whole and of this experiment."""
+    """Read the receipt of a shard. None unless receipt and file are undamaged and belong to this run."""
     try:
         data = plain_bytes(folder / path_of(shard), MAX_BYTES)
         if hashlib.sha256(data[32:]).digest() != data[:32]:
@@ -70,7 +70,7 @@ def get(folder: Path, identity: str, shard: Shard) -> WrittenShard | None:
 
 
 def _parsed(body: bytes, identity: str, shard: Shard) -> WrittenShard | None:
-    """Parse a receipt; None if it is of another shard."""
+    """Parse a receipt; None if it belongs to another run or shard."""
     with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
         entry = FileEntry(*header["entry"])

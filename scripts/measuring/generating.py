@@ -1,4 +1,4 @@
-"""How long it takes to make a dataset, against other ways, and by its size."""
+"""Measure the time to generate a dataset, compared with other programs and by the size of the dataset."""
 
 import importlib.util
 import json
@@ -54,7 +54,7 @@ print((time.perf_counter() - start) / 10_000)
 
 
 def floor(experiment: Experiment, scratch: Scratch) -> Callable[[], None]:
-    """pyarrow alone, writing the very same table with the same options to one file."""
+    """A function in which pyarrow alone writes the same table with the same options to one file."""
     (shard,) = plan(experiment)
     table = arrow_table(experiment, shard, rollout(experiment, shard.first, shard.stop))
     kinds = columns(experiment)
@@ -68,7 +68,7 @@ def floor(experiment: Experiment, scratch: Scratch) -> Callable[[], None]:
 
 
 def end_to_end(scratch: Scratch) -> list[Row]:
-    """(a) and (b): against the floor, the published package and a plain loop."""
+    """Runs compared with pyarrow alone, with the published package and with a plain loop."""
     rows: list[Row] = []
     for name, experiment, target in (
         ("random", described(MILLION), 1.8),
@@ -79,7 +79,7 @@ def end_to_end(scratch: Scratch) -> list[Row]:
 
 
 def against_the_floor(scratch: Scratch, name: str, experiment: Experiment, target: float) -> list[Row]:
-    """A run into several files and into one, against writing the same Parquet alone."""
+    """Runs into several files and into one, compared with pyarrow alone."""
     larger = experiment.model_copy(update={"episodes": 4 * experiment.episodes})
     small, several, least = paired(
         lambda: scratch.generate(experiment), lambda: scratch.generate(larger), floor(experiment, scratch)
@@ -99,7 +99,7 @@ def against_the_floor(scratch: Scratch, name: str, experiment: Experiment, targe
 
 
 def against_loops(scratch: Scratch) -> list[Row]:
-    """Against programs that call a simulator once a transition: the published one, and our environment."""
+    """A run compared with loops that call a simulator for each transition: the published one and ours."""
     larger = described(4 * MILLION)
     (one,) = paired(lambda: scratch.generate(larger))
     core = processor_time(lambda: scratch.generate(larger)) / 4
@@ -136,7 +136,7 @@ def against_loops(scratch: Scratch) -> list[Row]:
 
 
 def two_workers(scratch: Scratch) -> Row:
-    """Two workers against one."""
+    """Two workers compared with one."""
     experiment = described(4 * MILLION)
     single, double = paired(
         lambda: scratch.generate(experiment, 1), lambda: scratch.generate(experiment, 2), times=3
@@ -150,7 +150,7 @@ def two_workers(scratch: Scratch) -> Row:
 
 
 def start_up(scratch: Scratch) -> list[Row]:
-    """(d): the command from nothing, and the paper's protocol against the published package's."""
+    """The start-up of the command, and the paper's protocol compared with the published package."""
     help_seconds, ten, paper, theirs = paired(
         lambda: subprocess.run([COMMAND, "--help"], check=True, capture_output=True),
         lambda: _command(scratch, "--set", "steps=1"),
@@ -180,7 +180,7 @@ def _command(scratch: Scratch, *arguments: str) -> None:
 
 
 def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, float, float]]]:
-    """(e): seconds and peak memory of one worker, by transitions."""
+    """Time and peak memory of one worker, by the number of transitions."""
     points = []
     for rows in (10_000, 100_000, MILLION, 10 * MILLION, *([100 * MILLION] if full else [])):
         points.append((rows, *scratch.child(described(rows))))
@@ -200,7 +200,7 @@ def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, fl
 
 
 def sizes(scratch: Scratch) -> list[Row]:
-    """(f): bytes a row of each kind of latent state."""
+    """Bytes per row for each kind of latent state."""
     targets = {True: "≤ 85", "full": "≤ 108"}
     found: list[Row] = []
     for latent in (False, True, "full", "next"):

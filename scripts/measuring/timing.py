@@ -1,4 +1,4 @@
-"""Experiments to measure with, clocks, and a folder for datasets that are measured and thrown away."""
+"""Experiments for measurements, timers, and a temporary folder for datasets."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ Row = tuple[str, str, str, str]  # what, measured, target, remark
 
 
 def described(rows: int, policy: dict[str, Any] | None = None, **changes: Any) -> Experiment:
-    """Ten setpoints, episodes of 1000 steps, so many rows."""
+    """An experiment with ten setpoints, episodes of 1000 steps and this number of rows."""
     plain = {
         "name": "benchmark",
         "setpoints": {"start": 10, "stop": 100, "step": 10},
@@ -31,14 +31,14 @@ def described(rows: int, policy: dict[str, Any] | None = None, **changes: Any) -
 
 
 def timed(call: Callable[[], Any]) -> float:
-    """Seconds that a call takes."""
+    """The duration of a call in seconds."""
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
 
 
 def paired(*calls: Callable[[], Any], times: int = TIMES) -> list[float]:
-    """Median seconds of each call; they take turns, after one round that does not count."""
+    """The median duration of each call in seconds. The calls take turns; a first round does not count."""
     for call in calls:
         call()
     rounds = [[timed(call) for call in calls] for _ in range(times)]
@@ -46,7 +46,7 @@ def paired(*calls: Callable[[], Any], times: int = TIMES) -> list[float]:
 
 
 def processor_time(call: Callable[[], Any]) -> float:
-    """Median seconds of all threads."""
+    """The median processor time of a call in seconds, summed over all threads."""
     found = []
     for _ in range(TIMES):
         start = time.process_time()
@@ -56,18 +56,18 @@ def processor_time(call: Callable[[], Any]) -> float:
 
 
 class Scratch:
-    """A folder for what is measured."""
+    """Runs in a temporary folder."""
 
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
 
     def generate(self, experiment: Experiment, workers: int = 1, name: str = "x") -> ibdata.Dataset:
-        """The dataset, made anew."""
+        """Generate a dataset, replacing an older one."""
         shutil.rmtree(self.folder / name, ignore_errors=True)
         return ibdata.generate(experiment, self.folder / name, workers=workers)
 
     def script(self, text: str, *arguments: str) -> float:
-        """The number that a script prints."""
+        """Run a script and return the number that it prints last."""
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", text, *arguments],
             cwd=self.folder,
@@ -78,7 +78,7 @@ class Scratch:
         return float(done.stdout.split()[-1])
 
     def child(self, experiment: Experiment) -> tuple[float, float]:
-        """Seconds and peak memory (MB) of a run with one worker in a process of its own."""
+        """The duration (seconds) and peak memory (MB) of a run with one worker in a process of its own."""
         text = (
             "import json,sys,time,ibdata\n"
             "if __name__ == '__main__':\n"

@@ -1,4 +1,4 @@
-"""Every case of *.txt: an input, what the command says of it, and its exit code.
+"""Run every case in *.txt: an input, the expected output of the command, and its exit code.
 
 A case begins with `== title`. `| …` are the lines of x.yaml, `|*` those of a small experiment, `@ …` its
 encoding. `! …` makes a file or damages the dataset d (see conftest.py). `$ 2: …` runs ibdata in this process

@@ -1,4 +1,4 @@
-"""What holds of every format: all or nothing, checked, refusing what cannot be meant."""
+"""Rules for every format: exports are complete or absent, can be verified, and refuse invalid arguments."""
 
 from __future__ import annotations
 

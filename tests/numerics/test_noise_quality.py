@@ -1,4 +1,4 @@
-"""The laws and the independence of the random numbers in a million transitions, with the power of each test.
+"""The laws and the independence of the random numbers in a million transitions, and the power of the tests.
 
 Noise is recovered from what a dataset holds (float64, `latent: full`) by solving the equation it enters, and
 is compared with its law and with its address. Seeds are fixed, so a test passes always or never; at ALPHA,
