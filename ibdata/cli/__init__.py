@@ -98,7 +98,7 @@ def _end(code: int) -> None:
 
 
 def _end_at_signals() -> None:
-    """Let signals end the process while there is nothing to clean up: callbacks may lose exceptions."""
+    """Let signals end the process until there is something to clean up: an exception could get lost."""
     if threading.current_thread() is not threading.main_thread():
         return
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     multiple=True,
     default=["70"],
     metavar="P",
-    help="A number, drifting, or '{drifting: [50, 70]}' with start values; may be repeated. Default 70.",
+    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")

@@ -23,7 +23,7 @@ def _figures() -> list[tuple[str, str]]:
     help="A .png or .svg file; default figures/<name>.png.",
 )
 @click.option(
-    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="Dynamics."
+    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="The variant."
 )
 @click.option("--seed", type=int, metavar="N", help="Seed of the episodes that are drawn.")
 @click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")

@@ -31,9 +31,7 @@ REPORT = "report.html"  # only after `ibdata card`
 NEXT = ".next"  # the folder in which a replacement is written
 NEW = ".new"  # its name while it takes the place of the old dataset
 BAR = b"This dataset is being replaced, or was; read it again.\n"  # a file on which Parquet readers fail
-REPLACED = (
-    "replaced"  # the name of such a file in a replaced folder `data`, which else could be read as empty
-)
+REPLACED = "replaced"  # the name of such a file in a replaced folder `data`
 RUN = ".run"  # the folder of an unfinished run's receipts
 FRESH = ".fresh"  # an empty file that marks a new folder until the whole replacement is in place
 FORMAT: Final = "ibdata-manifest"
@@ -81,7 +79,7 @@ def parsed(path: Path, data: bytes) -> Manifest:
 
 
 def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
-    """Read a listed JSON file as a model. Raises as `listed_content`, and DatasetError for another form."""
+    """Read a listed JSON file as a model. Raises DatasetError, or ReplacedError as `listed_content`."""
     return _parsed(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
 
 

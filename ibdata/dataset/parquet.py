@@ -51,7 +51,7 @@ def read(
 
 
 def described(path: Path) -> tuple[pa.Schema, int]:
-    """The schema and the number of rows of a file. Raises as `read`."""
+    """The schema and the number of rows of a file. Raises the errors of `read`."""
     with _opened(path, None, None) as file:
         return file.schema_arrow, file.metadata.num_rows
 
@@ -64,7 +64,7 @@ def batches(
     start: int = 0,
     stop: int | None = None,
 ) -> Iterator[pa.RecordBatch]:
-    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises as `read`."""
+    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises the errors of `read`."""
     with _opened(path, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
         ends = list(accumulate(sizes))

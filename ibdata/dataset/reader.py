@@ -119,7 +119,7 @@ class Dataset:
         """The undiscounted returns of the behaviour, by policy and setpoint.
 
         Returns:
-            `results`, each with policy, setpoint, episodes, mean_return, standard_error, interval,
+            `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
             mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
             episodes of 1000 steps from the default start, under a published variant and at constant
             setpoints; for others, score and scale are None.
@@ -169,7 +169,7 @@ class Dataset:
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
-        """Rows start … stop - 1 of one shard, at most `batch_rows` at a time. Raises as `read_shard`."""
+        """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
         place = manifest.locate(self.path, shard.path)
         with self._unreplaced():

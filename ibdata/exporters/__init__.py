@@ -3,7 +3,7 @@
 The docstring of a format is its help. A format has `export(view, path, target)`, which writes the file or
 folder `path` and returns the Python code that loads it from `target`, its final name. It may also have
 
-- `verify(view, path)`, which compares what was written with the data;
+- `verify(view, path)`, which compares the written file or folder with the data;
 - `HISTORY`, its default history;
 - `place(view, out)`, which returns the target for the option `--out`;
 - options of its own, as keyword arguments of `export` and `place`.

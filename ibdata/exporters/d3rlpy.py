@@ -1,8 +1,8 @@
 """A file for d3rlpy's ReplayBuffer.load. d3rlpy takes the next observation from the next row, and would lose
 the last transition of an episode that ends at a time limit. So each of these episodes gets one more row, with
-the final observation, reward 0 and action 0.5. These appear in no transition, except the action as the next
-action of the last one. The value 0.5 keeps d3rlpy from taking actions that are all -1, 0 or 1 for discrete
-ones. Written in constant memory, but d3rlpy loads the whole file. Needs ibdata[hdf5] to write.
+the final observation, reward 0 and action 0.5. Neither this reward nor this action is used in a transition,
+except as the next action of the last one. The value 0.5 keeps d3rlpy from taking actions that are all -1, 0
+or 1 for discrete ones. Written in constant memory, but d3rlpy loads the whole file. Needs ibdata[hdf5].
 """
 
 from __future__ import annotations

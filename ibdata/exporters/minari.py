@@ -142,7 +142,7 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
 
 
 def _common(view: View) -> Common:
-    """A function that looks up an option of the dataset's experiments; None if these differ."""
+    """A function that returns an option of the dataset's experiments, or None if they differ in it."""
     experiments = []
     for path in view.dataset.manifest_model.entries():
         if path.startswith("meta/experiment"):

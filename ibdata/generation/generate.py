@@ -134,7 +134,7 @@ def _run(
     begun: Origin,
     folder: Path,
 ) -> None:
-    """Write the missing shards into root and finish the dataset; messages call it by the name `folder`."""
+    """Write the missing shards into root and finish the dataset. Messages name it `folder`."""
     experiment = spec.experiments[0]
     try:
         if overwrite and origin.begun(root) != begun.note():

@@ -81,7 +81,7 @@ def _bases() -> Iterator[str]:
         if asked and not asked.startswith("~"):  # a ~ stays if there is no HOME, or no such user
             yield from _resolved(asked)
     own = os.path.expanduser(os.path.join(os.environ.get("XDG_CACHE_HOME") or "~/.cache", "ibdata"))
-    if os.path.isabs(own):  # a folder in the current one may be anybody's
+    if os.path.isabs(own):  # a relative path may lead to anybody's folder
         yield from _resolved(own)
 
 

@@ -53,7 +53,7 @@ def shared(folder: Path) -> Iterator[ExitStack]:
     try:
         yield leaving
     finally:
-        if _try(folder, descriptor):  # gives up the shared lock, even if others still hold theirs
+        if _try_lock(folder, descriptor):  # gives up the shared lock, even if others still hold theirs
             leaving.close()
             _leave(path, descriptor)
         else:
@@ -78,7 +78,7 @@ def is_locked(folder: Path) -> bool:
 def is_lost(folder: Path) -> bool:
     """Whether the file of a lock that this process holds is gone: the folder then belongs to another one."""
     descriptor = _mine.get(folder / NAME)
-    return descriptor is not None and not _is(folder / NAME, descriptor)
+    return descriptor is not None and not _is_file_of(folder / NAME, descriptor)
 
 
 def held(path: Path, kind: int = fcntl.LOCK_SH) -> bool:
@@ -88,7 +88,7 @@ def held(path: Path, kind: int = fcntl.LOCK_SH) -> bool:
     except (OSError, ValueError):
         return False
     try:
-        return not _try(path.parent, descriptor, kind)
+        return not _try_lock(path.parent, descriptor, kind)
     finally:
         os.close(descriptor)
 
@@ -99,16 +99,16 @@ def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
         new = not os.path.lexists(path)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
-            got = _try(path.parent, descriptor, kind)
+            got = _try_lock(path.parent, descriptor, kind)
         except _NoLocksError:
             os.close(descriptor)
             if new:
                 path.unlink(missing_ok=True)
             raise
-        if got and _is(path, descriptor):
+        if got and _is_file_of(path, descriptor):
             _mine[path] = descriptor
             return descriptor
-        os.close(descriptor)  # if the lock was got, its file was removed meanwhile: try again with a new file
+        os.close(descriptor)  # a lock that was acquired is on a file that was removed meanwhile: try again
         if not got and time.monotonic() >= until:
             raise _busy(path.parent)
         if not got:
@@ -117,13 +117,13 @@ def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
 
 def _leave(path: Path, descriptor: int) -> None:
     """Remove the lock's file, if it is still that of this lock, then release it."""
-    if _is(path, descriptor):
+    if _is_file_of(path, descriptor):
         path.unlink(missing_ok=True)  # before the release, so that no other process gets a lock on this file
     _mine.pop(path, None)
     os.close(descriptor)
 
 
-def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
+def _try_lock(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -138,7 +138,7 @@ def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     return True
 
 
-def _is(path: Path, descriptor: int) -> bool:
+def _is_file_of(path: Path, descriptor: int) -> bool:
     try:
         return os.path.samestat(os.lstat(path), os.fstat(descriptor))
     except FileNotFoundError:

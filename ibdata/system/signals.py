@@ -13,7 +13,7 @@ from ibdata.errors import Interrupted
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _arrived: list[int] = []
-_held: list[int] = []  # an entry for each `held` that is entered
+_held: list[int] = []  # one entry for each block of `held` that has not ended
 
 
 def check() -> None:

@@ -33,7 +33,7 @@ class Problem(NamedTuple):
 
     @classmethod
     def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
-        """The problem that an error describes. Its message loses the name of the file, which `path` gives."""
+        """The problem that an error describes, without the name of the file in its message."""
         return cls(
             path, None, rule, str(error).removeprefix(f"{file}: ").replace(", see ibdata validate", "")
         )
@@ -60,7 +60,7 @@ class Rows(NamedTuple):
     experiment: Experiment
     part: Shard
     described: list[Column]
-    columns: dict[str, Array]  # (rows,) each; for the policy, the numbers of its labels in the experiment
+    columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
     ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
 
     def group(self, role: str) -> list[str]:

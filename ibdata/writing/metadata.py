@@ -59,7 +59,7 @@ def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
 
 
 def _common(values: list[Any]) -> Any:
-    """The value that all have; None where they differ."""
+    """The value of all, or None if they differ."""
     return values[0] if all(value == values[0] for value in values) else None
 
 

@@ -12,6 +12,7 @@ import pytest
 import ibdata
 from ibdata.cli import cli, main
 from ibdata.experiment.template import template
+from ibdata.plots import names, plots
 from ibdata.policies import POLICIES
 
 pytestmark = pytest.mark.slow
@@ -83,6 +84,12 @@ def test_help_has_examples_of_the_command_itself(run, name):
     code, out, _ = run(name, "--help")
     assert code == 0
     assert f"  ibdata {name}" in out.replace("Usage: ibdata", "")
+
+
+@pytest.mark.parametrize(("name", "listed"), [("figure", names), ("plot", plots)])
+def test_help_lists_every_picture(run, name, listed):
+    _, out, _ = run(name, "--help")
+    assert all(f"\n  {each} " in out for each in listed())
 
 
 def test_the_shell_completes_commands_and_options(command):
