@@ -7,8 +7,8 @@ import codecs
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from importlib.util import find_spec
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -50,13 +50,11 @@ class Listing(click.Command):
             formatter.write_dl(self._listed())
 
 
-def module_summary(name: str) -> str:
-    """The first paragraph of a module's docstring, read without importing the module."""
-    spec = find_spec(name)
-    assert spec is not None
-    assert spec.origin is not None
-    docstring = ast.get_docstring(ast.parse(Path(spec.origin).read_bytes())) or ""
-    return " ".join(docstring.partition("\n\n")[0].split())
+def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
+    """The first paragraph of the docstring of each module, read without importing the module."""
+    (folder,) = import_module(package).__path__
+    docstrings = ((n, ast.get_docstring(ast.parse(Path(folder, f"{n}.py").read_bytes()))) for n in names)
+    return [(name, " ".join((text or "").partition("\n\n")[0].split())) for name, text in docstrings]
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place(path_type=Path))

@@ -10,18 +10,18 @@ from ibdata.cli._shared import (
     Listing,
     folder_argument,
     json_option,
-    module_summary,
     print_json,
     print_pairs,
     say,
     say_all,
+    summaries,
 )
 from ibdata.exporters import FORMATS, added_formats
 
 
 def _formats() -> list[tuple[str, str]]:
-    own = [(name, module_summary(f"ibdata.exporters.{name}")) for name in FORMATS]
-    return [*own, *((added.name, f"Added by {added.module}.") for added in added_formats())]
+    added = [(each.name, f"Added by {each.module}.") for each in added_formats()]
+    return summaries("ibdata.exporters", FORMATS) + added
 
 
 @click.command("export", cls=Listing, title="Formats", listed=_formats)

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import Listing, json_option, module_summary, print_json, say
+from ibdata.cli._shared import Listing, json_option, print_json, say, summaries
 from ibdata.plots import DYNAMICS, figure, names
 
 
-def _figures() -> list[tuple[str, str]]:
-    return [(name, module_summary(f"ibdata.plots.paper.{name}")) for name in names()]
-
-
-@click.command("figure", cls=Listing, title="Figures", listed=_figures)
+@click.command(
+    "figure", cls=Listing, title="Figures", listed=lambda: summaries("ibdata.plots.paper", names())
+)
 @click.argument("name", type=click.Choice(names()))
 @click.option(
     "--out",

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import Listing, folder_argument, json_option, module_summary, print_json, say
+from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
 from ibdata.plots import FOLDER, FORMS, plot, plots
 
 
-def _pictures() -> list[tuple[str, str]]:
-    return [(name, module_summary(f"ibdata.plots.dataset.{name}")) for name in plots()]
-
-
-@click.command("plot", cls=Listing, title="Pictures", listed=_pictures)
+@click.command(
+    "plot", cls=Listing, title="Pictures", listed=lambda: summaries("ibdata.plots.dataset", plots())
+)
 @folder_argument
 @click.option(
     "--out",
