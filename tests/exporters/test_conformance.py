@@ -309,7 +309,7 @@ def test_the_help_has_what_each_format_works_around(ibdata):
         "Parquet corrupt episodes of 32,768 steps or more",
         "would lose the last transition",
         "one vector per row",
-        "puts a 0 in front of `index`",
+        "the loader puts a 0 in front of it",
     ):
         assert words in text
 
