@@ -257,7 +257,7 @@ def test_a_note_that_is_missing_or_damaged_is_one_line(here, content):
     if content is not None:
         (here / "out/.run/run.json").write_bytes(content)
     for call in (lambda: generate(resume=True), lambda: ibdata.finalize("out")):
-        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so the code that made"):
+        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so the code"):
             call()
     assert generate(overwrite=True).content_root == generate("whole").content_root
 
