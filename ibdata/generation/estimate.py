@@ -37,18 +37,18 @@ def estimate(
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: What would be generated.
-        folder: Where it would be generated.
+        experiment: The experiment that would be generated.
+        folder: The folder in which it would be generated.
         workers: How many processes would be used; by default chosen by the work.
-        resume: As `generate` has it.
-        overwrite: As `generate` has it.
-        allow_code: As `generate` has it.
+        resume: As in `generate`.
+        overwrite: As in `generate`.
+        allow_code: As in `generate`.
 
     Returns:
         out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
 
     Raises:
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
     refuse_workers(workers)
     out = Path(folder)

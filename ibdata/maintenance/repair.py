@@ -1,4 +1,4 @@
-"""Repairing a dataset: what is damaged or missing is made again, and the manifest's digests prove it."""
+"""Repairing a dataset: damaged and missing files are made again and compared with the manifest's digests."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again, and only them.
 
-    They are replaced only if the rows that were made again, or from which metadata are made again, have the
-    content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if the
-    shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the dataset,
-    the manifest gets the new hashes. A damaged report.html is removed: `ibdata card` draws it again. A
+    A file is replaced only if its rows, or the rows that its metadata describe, have the content that the
+    manifest lists. A damaged manifest is made again from meta/experiment.yaml, if at least one shard has the
+    content of that experiment. If pyarrow writes other bytes than the version that made the dataset, the
+    manifest gets the new hashes. A damaged report.html is removed; `ibdata card` draws it again. A
     replacement that was interrupted is finished.
 
     Args:
         folder: The folder of the dataset.
         workers: How many processes to use; by default chosen by the work.
-        allow_code: Allow custom policies, which run arbitrary Python code, where shards are to be made
-            again. They promise the same bits in the same environment only.
+        allow_code: Allow custom policies, which run arbitrary Python code, to make shards again. They give
+            the same bits only in the same environment.
 
     Returns:
         The paths of the files that were made again or removed.
 
     Raises:
-        DatasetError: There is no dataset, or what was made again is not what was there.
+        DatasetError: There is no dataset, or a file that was made again has another content.
     """
     path = Path(folder)
     refuse_workers(workers)
@@ -76,7 +76,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     if not damaged:
         return []
     replacement.refuse_folders(folder, damaged)
-    for problem in problems:  # before more files come beside them
+    for problem in problems:  # before any file is written
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     spec = spec_in(folder, listed)
@@ -85,7 +85,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
     lost = [path for path in damaged if path not in paths]
     if lost and listed.versions["ibdata"] != __version__:
-        lost = list(metadata_files(spec, [], ""))  # so that all of them are of one version
+        lost = list(metadata_files(spec, [], ""))  # so that one version writes all of them
     if wrong:
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
@@ -99,7 +99,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
             if w is None and NEEDS_CONTENT & set(lost):
                 content = stored_content(spec, shard, folder / one.path)
             if content is not UNREAD and content_of(content.digests) != one.content:
-                found = "found other content when made again, expected what the manifest lists"
+                found = "found other content when made again, expected the content that the manifest lists"
                 raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
             if w:
                 entries[one.path] = w.entry._replace(path=one.path)
@@ -109,14 +109,14 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:
-            del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
+            del entries[manifest.REPORT]  # only `ibdata card` can draw it
         _stage_manifest(folder, staged, listed, entries)
         _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
     return damaged
 
 
 def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
-    """Stage the manifest if files of `meta` or hashes change, and with it the files that stay."""
+    """Stage the manifest if files in `meta` or hashes change, together with the files that stay the same."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
     if staged_files or data != manifest.content(folder, manifest.PATH):
@@ -126,7 +126,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
 
 
 def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
-    """Move shards that were made again, and whose content is proven, to the places of damaged ones."""
+    """Move shards that were made again, and whose content was compared, to the places of damaged ones."""
     for source, path in files.items():
         (folder / "data").mkdir(exist_ok=True)
         (staged / source).replace(folder / path)
@@ -137,7 +137,7 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
 
 def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that do not have the experiment's content."""
-    spec = _told(folder)
+    spec = _spec_from_experiments(folder)
     require_consent(spec, folder, allow_code)
     reproducible = all([warm_up(experiment) for experiment in spec.experiments])
     whole: list[WrittenShard] = []
@@ -167,8 +167,8 @@ def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
-def _told(folder: Path) -> DatasetSpec:
-    """The spec of a dataset without a manifest, from meta/experiment*.yaml; later splits are lost."""
+def _spec_from_experiments(folder: Path) -> DatasetSpec:
+    """The spec of a dataset without a manifest, from meta/experiment*.yaml. Splits made later are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
@@ -177,7 +177,7 @@ def _told(folder: Path) -> DatasetSpec:
 def _made_again(
     spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int | None
 ) -> dict[int, WrittenShard]:
-    """Write the shards under `.next`; return them by number."""
+    """Write the shards to `.next`; return them by number."""
     first = spec.experiments[0]
     write(staged, output_folder.EXPERIMENT, as_yaml(first))
     identity = output_folder.identity(first)
@@ -187,7 +187,7 @@ def _made_again(
 
 
 def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
-    """The file that holds a shard's episodes; None where no readable file does."""
+    """The file that holds a shard's episodes; None if no readable file does."""
     for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
         try:
             if stored_content(spec, shard, path).digests == content.digests:

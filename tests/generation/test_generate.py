@@ -1,4 +1,4 @@
-"""Generating: what it takes, where it writes, what it refuses, and what it says."""
+"""Generating: arguments, output folders, errors, and output."""
 
 from __future__ import annotations
 
