@@ -1,4 +1,4 @@
-"""Reading Parquet files that may be damaged or missing; every error is a DatasetError of one line."""
+"""Reading Parquet files that may be damaged or missing. Every error is a DatasetError of one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 def _readable(path: Path, data: bytes | None) -> Iterator[None]:
     try:
         if data is None and not stat.S_ISREG(os.stat(path).st_mode):
-            raise DatasetError(f"{path}: found no regular file, expected one")
+            found = "a folder" if path.is_dir() else "a special file"
+            raise DatasetError(f"{path}: found {found}, expected a regular file; see ibdata validate")
         yield
     except DatasetError:
         raise
@@ -51,7 +52,7 @@ def read(
 
 
 def described(path: Path) -> tuple[pa.Schema, int]:
-    """The schema and the number of rows of a file. Raises as `read`."""
+    """The schema and the number of rows of a file. Raises the errors of `read`."""
     with _opened(path, None, None) as file:
         return file.schema_arrow, file.metadata.num_rows
 
@@ -65,9 +66,9 @@ def batches(
     stop: int | None = None,
     threads: bool = True,
 ) -> Iterator[pa.RecordBatch]:
-    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises as `read`.
+    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises the errors of `read`.
 
-    Without `threads` each is decoded by the caller's thread alone, which takes less of the processors' time.
+    Without `threads` the caller's thread decodes each alone, which takes less of the processors' time.
     """
     with _opened(path, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
@@ -101,10 +102,10 @@ def _opened(
             raise DatasetError(f"{path}: found {found} rows, expected {rows}; see ibdata validate")
         missing = [name for name in names or () if name not in file.schema_arrow.names]
         if missing:
-            raise DatasetError(f"{path}: found no column {missing[0]}, expected one; see ibdata validate")
+            raise DatasetError(f"{path}: {missing[0]}: missing, expected a column; see ibdata validate")
         yield file
 
 
 def _file(path: Path) -> pa.OSFile:
-    """The file itself: given a path, pyarrow would find partitions in the names of its folders."""
+    """Open a file. From a path, pyarrow would take the names of folders for partitions."""
     return pa.OSFile(os.fsencode(path))

@@ -1,4 +1,4 @@
-"""Compiled loops over lanes: the steps of a block of episodes, and its columns afterwards."""
+"""Compiled loops over lanes, which simulate a block of episodes and write its columns."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def simulate(
     rows: Ints,
     first: int,
 ) -> None:
-    """Steps of every lane, in place.
+    """Advance every lane by several steps, in place.
 
     Args:
         state: n lanes.
         actions: (steps, n, 3).
         raw: random integers (steps, 8, n).
-        drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
-        k: the numbers of the variant.
-        history: the last observations (n, length, 6), newest first; each step adds its own.
-        record: (variables, times, n), which holds the state after step t at `first + t`.
-        rows: the variables recorded, as rows of a state's floats with its integers below them.
+        drift: random integers (steps, 4, n) for moving setpoints; (0, 4, n) for constant ones.
+        k: the parameters of the dynamics.
+        history: the latest observations (n, length, 6), newest first; each step adds one.
+        record: (variables, times, n), into which the state after step t is written at `first + t`.
+        rows: the variables to record, as rows of a state's floats followed by its integers.
         first: see `record`.
     """
     noise = compiled_blank_noise(actions.shape[1])
@@ -74,7 +74,7 @@ def _observe(x: Floats, history: Float32s) -> None:
 
 @compiled
 def _record(state: State, row: int, out: AnyFloats) -> None:
-    """A variable of every lane into out (n,); -0.0 becomes 0.0."""
+    """Write a variable of every lane into out (n,); -0.0 becomes 0.0."""
     if row < FLOAT_ROWS:
         for i in range(out.shape[0]):
             out[i] = state.floats[row, i] + 0.0
@@ -96,19 +96,19 @@ def scatter_columns(
     count: int,
     steps: int,
 ) -> None:
-    """Some steps of every lane into the columns of a table (columns, rows).
+    """Write some steps of every lane into the columns of a table.
 
     Args:
         record: (variables, count + 1, n).
         actions: (count, n, 3).
         log_prob: (count, n).
-        sources: triples (variable of the record, column, 0 to take it at t or 1 at t + 1).
+        sources: triples (variable of the record, column, 0 for its value at t or 1 for t + 1).
         action_column: the first of three columns.
         log_prob_column: the column of the log density.
         table: (columns, rows), in which lane i starts at row + i · steps.
         row: see `table`.
-        count: steps to take.
-        steps: steps of an episode.
+        count: the number of steps to write.
+        steps: the number of steps of an episode.
     """
     for j in range(sources.shape[0]):
         k, c, later = sources[j, 0], sources[j, 1], sources[j, 2]

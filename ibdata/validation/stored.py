@@ -1,4 +1,4 @@
-"""Read stored rows in the parts in which they were simulated, which bounds memory."""
+"""Read stored rows in the parts in which they were simulated, so that memory is bounded."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def stored_parts(
     """Cut the rows of a shard into parts.
 
     Args:
-        spec: What the dataset is made of.
+        spec: The experiments and splits of the dataset.
         shard: The shard.
         batches: All its rows, in order. None is kept after it was copied.
         most: At most so many rows a part, but at least an episode; by default the parts are those in which
@@ -70,7 +70,7 @@ def stored_parts(
 
 
 def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
-    """The summary of a shard that is in a file. Raises DatasetError where it cannot be read as that shard."""
+    """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)
