@@ -5,9 +5,8 @@ again. With a history, earlier observations follow in columns such as obs_veloci
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -19,30 +18,19 @@ from ibdata.exporters._tables import Rows
 from ibdata.exporters._target import differs
 from ibdata.exporters._view import View
 
-THREADS = 2  # more would take more memory
-
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the CSV file."""
-    with pa.output_stream(path) as file, ThreadPoolExecutor(THREADS) as threads:
-        waiting = deque[Future[pa.Buffer]]()
-        for number, table in enumerate(_tables(view, "write")):
-            if len(waiting) == THREADS:
-                file.write(waiting.popleft().result())
-            waiting.append(threads.submit(_text, table, number == 0))
-        for text in waiting:
-            file.write(text.result())
+    with pa.output_stream(path) as file, ExitStack() as stack:
+        writer: csv.CSVWriter | None = None
+        for table in _tables(view, "write"):
+            writer = writer or stack.enter_context(csv.CSVWriter(file, table.schema))
+            writer.write_table(table)
     return f"""\
 import pandas as pd
 
 data = pd.read_csv({str(target)!r}, engine="pyarrow")
 """
-
-
-def _text(table: pa.Table, header: bool) -> pa.Buffer:
-    sink = pa.BufferOutputStream()
-    csv.write_csv(table, sink, csv.WriteOptions(include_header=header))
-    return sink.getvalue()
 
 
 def _tables(view: View, what: str) -> Iterator[pa.Table]:
