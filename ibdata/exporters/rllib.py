@@ -18,7 +18,7 @@ from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Block, View
 
 ROW_GROUP_ROWS = 100_000
-OPTIONS = {"compression": "zstd", "write_page_checksum": True}
+OPTIONS = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 SUFFIX = ".parquet"
 FILE = "arrays.parquet"
 SCHEMA = {

@@ -24,7 +24,7 @@ from ibdata.system.atomic_files import FileEntry, file_sha256, write
 from ibdata.system.guard import writing_to
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
+from ibdata.validation.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.summary import describe
@@ -96,8 +96,8 @@ def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Sh
     """Read the float columns of a shard's episodes from the files of the source that hold them."""
     experiment = spec.of_shard(shard)
     try:
-        for part, table in stored_parts(spec, shard, _batches(experiment, shard, source)):
-            yield part, float_columns(experiment, table)
+        for part, floats, _ in stored_parts(spec, shard, _batches(experiment, shard, source)):
+            yield part, floats
     except ValueError as error:
         if isinstance(error, IbdataError):
             raise

@@ -15,6 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 SAMPLE_ROWS = 100_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
+BLOCK = 1024  # values that are summed at a time; a multiple of 4
 QUANTILES = tuple(float(q) for q in get_args(Quantile))
 
 
@@ -119,28 +120,44 @@ def sums(rows: Table, lengths: int) -> Floats:
 
 @compiled
 def _moments(table: Table, mean: Floats, squares: Floats, low: Floats, high: Floats) -> None:
-    n = table.shape[1]
     for c in range(table.shape[0]):
         x = table[c]
-        s0 = s1 = s2 = s3 = 0.0
-        least = greatest = x[0]
         o = np.float64(x[0])  # subtracted first, so that a constant column has no spread
-        whole = n - n % 4
+        mean[c] = o + _summed(x, o, False) / len(x)
+        squares[c] = _summed(x, mean[c], True)
+        low[c], high[c] = _extremes(x)
+
+
+@compiled
+def _summed(x: Table, o: float, squared: bool) -> float:
+    """The sum of x - o, or of its square. The differences come first, because that loop is vectorized."""
+    d = np.empty(BLOCK)
+    s0 = s1 = s2 = s3 = 0.0
+    for start in range(0, len(x), BLOCK):
+        part = x[start : start + BLOCK]
+        for i in range(len(part)):
+            d[i] = part[i] - o
+        if squared:
+            for i in range(len(part)):
+                d[i] = d[i] * d[i]
+        whole = len(part) - len(part) % 4
         for i in range(0, whole, 4):
-            s0, s1, s2, s3 = s0 + (x[i] - o), s1 + (x[i + 1] - o), s2 + (x[i + 2] - o), s3 + (x[i + 3] - o)
-        for i in range(n):
-            least = min(least, x[i])
-            greatest = max(greatest, x[i])
-        for i in range(whole, n):
-            s0 = s0 + (x[i] - o)
-        m = o + ((s0 + s1) + (s2 + s3)) / n
-        s0 = s1 = s2 = s3 = 0.0
-        for i in range(0, whole, 4):
-            d0, d1, d2, d3 = x[i] - m, x[i + 1] - m, x[i + 2] - m, x[i + 3] - m
-            s0, s1, s2, s3 = s0 + d0 * d0, s1 + d1 * d1, s2 + d2 * d2, s3 + d3 * d3
-        for i in range(whole, n):
-            s0 = s0 + (x[i] - m) * (x[i] - m)
-        mean[c], squares[c], low[c], high[c] = m, (s0 + s1) + (s2 + s3), least, greatest
+            s0, s1, s2, s3 = s0 + d[i], s1 + d[i + 1], s2 + d[i + 2], s3 + d[i + 3]
+        for i in range(whole, len(part)):
+            s0 = s0 + d[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+@compiled
+def _extremes(x: Table) -> tuple[float, float]:
+    """The smallest and the greatest value; every BLOCK-th has its own, so that the loop is vectorized."""
+    low, high = np.full(BLOCK, x[0]), np.full(BLOCK, x[0])
+    for start in range(0, len(x), BLOCK):
+        part = x[start : start + BLOCK]
+        for i in range(len(part)):
+            low[i] = min(low[i], part[i])
+            high[i] = max(high[i], part[i])
+    return low.min(), high.max()
 
 
 @compiled
