@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import shutil
 import zipfile
-import zlib
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,9 +16,6 @@ from ibdata.exporters._view import Array, Arrays, Block, View
 
 Form = Callable[[Block], Arrays]
 Read = Callable[[str, int], Array]  # the next n rows of an array
-
-SAMPLE, COPIED = 2**14, 2**20  # bytes
-MORE = 1.1  # times the bytes, for a third of the time
 
 
 def transitions(block: Block) -> Arrays:
@@ -39,7 +34,7 @@ def transitions(block: Block) -> Arrays:
 
 
 def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
-    """Write the arrays of a form, and `others` that are short, as a compressed NPZ.
+    """Write the arrays of a form, and `others` that are short, as an NPZ that is not compressed.
 
     The members of a ZIP are written one after another, so each array is first written to a file of its own.
     """
@@ -53,38 +48,13 @@ def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
                     files[name] = stack.enter_context(parts[name].open("xb"))
                     _header(files[name], view.rows, array)
                 files[name].write(np.ascontiguousarray(array).data)
-    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED, allowZip64=True, compresslevel=1) as archive:
+    with zipfile.ZipFile(path, "x", allowZip64=True) as archive:
         for name, part in parts.items():
-            _add(archive, f"{name}.npy", part)
+            archive.write(part, f"{name}.npy")
             part.unlink()
         for name, array in others.items():
             with archive.open(f"{name}.npy", "w") as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
-
-
-def _add(archive: zipfile.ZipFile, name: str, part: Path) -> None:
-    """Add a file to a ZIP, compressed as suits it; zipfile itself has no strategies."""
-    member: Any
-    with part.open("rb") as file, archive.open(name, "w", force_zip64=True) as member:
-        file.seek(part.stat().st_size // 2)
-        member._compressor = compressor(strategy(file.read(SAMPLE)))
-        file.seek(0)
-        shutil.copyfileobj(file, member, COPIED)
-
-
-def compressor(strategy: int) -> zlib._Compress:
-    """A compressor for bare DEFLATE."""
-    return zlib.compressobj(1, zlib.DEFLATED, -zlib.MAX_WBITS, strategy=strategy)
-
-
-def strategy(sample: bytes) -> int:
-    """zlib's strategy for data like the sample: to look for all that repeats, or for runs of one byte only.
-
-    The latter takes a third of the time, and for noisy floats hardly more bytes.
-    """
-    strategies = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_RLE)
-    few, more = (len(made.compress(sample) + made.flush()) for made in (compressor(s) for s in strategies))
-    return strategies[more <= MORE * few]
 
 
 def check_npz(view: View, form: Form, path: Path) -> None:
