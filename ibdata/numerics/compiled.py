@@ -40,7 +40,20 @@ def compiled(function: F) -> F:
     Compiled code releases Python's global lock, so that other threads can encode and hash meanwhile. No
     equation divides by zero; numba's test for it is off, because it would keep loops from being vectorized.
     """
-    made: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    return _compiled(function)
+
+
+def inlined(function: F) -> F:
+    """As `compiled`, with its machine code repeated in its callers'.
+
+    For functions that handle many arrays: a call counts references to each, which takes longer than the work
+    on one lane.
+    """
+    return _compiled(function, inline=True)
+
+
+def _compiled(function: F, inline: bool = False) -> F:
+    made: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     if made is not function:
         made._cache = CodeCache(function, PLACES)  # as cache=True does, with numba's own cache
     return cast(F, made)

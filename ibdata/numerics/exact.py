@@ -136,6 +136,9 @@ def normal(u: float) -> float:
 @compiled
 def normals(u: npt.NDArray[np.float64]) -> None:
     """`normal` of every uniform (n,), in place: first as if all were in the middle, then the tails."""
+    if u.shape[0] == 1:
+        u[0] = normal(u[0])
+        return
     tails, lanes = np.empty(u.shape[0]), np.empty(u.shape[0], dtype=np.int64)
     count = 0
     for i in range(u.shape[0]):

@@ -13,7 +13,8 @@ from ibdata.dynamics.variables import FLOATS
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
-from ibdata.simulation.noise import compiled_blank_noise, drift_noise, standard_noise
+from ibdata.policies.actions import clipped_and_rounded
+from ibdata.simulation.noise import DYNAMICS_SLOTS, compiled_blank_noise, drift_noise, standard_noise
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
@@ -22,13 +23,28 @@ Ints = npt.NDArray[np.int64]
 FLOAT_ROWS = len(FLOATS)
 
 
+def packed(k: Parameters) -> Floats:
+    """The numbers of a variant in a row, the form that `simulate` takes: a tuple costs 2 µs a call."""
+    return np.hstack(k)
+
+
+@compiled
+def unpacked(x: Floats) -> Parameters:
+    """The numbers of a variant from the row that `packed` made."""
+    return Parameters(
+        x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], (x[10], x[11], x[12], x[13], x[14]),
+        x[15], x[16], x[17], x[18], x[19], x[20], x[21],
+    )  # fmt: skip
+
+
 @compiled
 def simulate(
-    state: State,
+    floats: Floats,
+    integers: Ints,
     actions: Float32s,
     raw: Raw,
     drift: Raw,
-    k: Parameters,
+    parameters: Floats,
     history: Float32s,
     record: AnyFloats,
     rows: Ints,
@@ -37,25 +53,60 @@ def simulate(
     """Steps of every lane, in place.
 
     Args:
-        state: n lanes.
+        floats: of a `State` of n lanes.
+        integers: of the same.
         actions: (steps, n, 3).
         raw: random integers (steps, 8, n).
         drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
-        k: the numbers of the variant.
+        parameters: of the variant, see `packed`.
         history: the last observations (n, length, 6), newest first; each step adds its own.
         record: (variables, times, n), which holds the state after step t at `first + t`.
         rows: the variables recorded, as rows of a state's floats with its integers below them.
         first: see `record`.
     """
-    noise = compiled_blank_noise(actions.shape[1])
+    state, k, noise = State(floats, integers), unpacked(parameters), compiled_blank_noise(actions.shape[1])
     for t in range(actions.shape[0]):
         standard_noise(raw[t], noise)
         if drift.shape[0] > 0:
             drift_noise(drift[t], noise)
         advance(state, actions[t], noise, k)
-        _observe(state.floats, history)
+        _observe(floats, history)
         for j in range(rows.shape[0]):
             _record(state, rows[j], record[j, first + t])
+
+
+@compiled
+def simulate_lane(
+    floats: Floats,
+    integers: Ints,
+    dv: float,
+    dg: float,
+    dh: float,
+    raw: Raw,
+    parameters: Floats,
+    history: Float32s,
+) -> None:
+    """A step of a single lane, in place, called with little: for it, a call takes longer than the equations.
+
+    Args:
+        floats: of a `State` of one lane.
+        integers: of the same.
+        dv: the change of velocity, any finite number.
+        dg: of gain.
+        dh: of shift.
+        raw: 8 random integers, and 4 more for a moving setpoint.
+        parameters: of the variant, see `packed`.
+        history: the last observations (1, length, 6), newest first, to which this step adds its own.
+    """
+    action, noise = np.empty((1, 3), dtype=np.float32), compiled_blank_noise(1)
+    action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
+    action[0, 2] = clipped_and_rounded(dh)
+    column = raw.reshape(raw.shape[0], 1)
+    standard_noise(column[:DYNAMICS_SLOTS], noise)
+    if raw.shape[0] > DYNAMICS_SLOTS:
+        drift_noise(column[DYNAMICS_SLOTS:], noise)
+    advance(State(floats, integers), action, noise, unpacked(parameters))
+    _observe(floats, history)
 
 
 @compiled

@@ -1,0 +1,69 @@
+"""The simulation behind the environment of one lane, of which a step takes a few microseconds."""
+
+from __future__ import annotations
+
+import math
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+
+from ibdata.dynamics import State
+from ibdata.dynamics.variables import rows
+from ibdata.environment.settings import Settings
+from ibdata.environment.simulation import Float32s, Simulation, checked_actions
+from ibdata.numerics.philox import Raw
+from ibdata.simulation import kernel
+from ibdata.simulation.episodes import Episodes
+from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
+from ibdata.simulation.variables import hidden, record_rows
+
+(REWARD,) = rows("reward")
+Action = tuple[float, float, float]
+NO_HISTORY = np.empty((1, 0, 6), dtype=np.float32)
+
+
+class _Episode(Episodes):
+    """Begins with the function that makes the steps too, so that no other machine code is loaded."""
+
+    def advance(self, state: State, actions: Float32s, raw: Raw, drift: Raw, *_: Any) -> None:
+        integers = np.concatenate([raw.ravel(), drift.ravel()])
+        dv, dg, dh = actions[0, 0].tolist()
+        kernel.simulate_lane(*state, dv, dg, dh, integers, self.parameters, NO_HISTORY)
+
+
+class Lane(Simulation):
+    """One lane. A call of NumPy takes as long as half the equations, so there are few."""
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(settings, 1)
+        self._episodes = _Episode(*self._episodes)
+        self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * settings.drifting  # random integers of a step
+        self._parameters, self._reward_scale = self._episodes.parameters, settings.reward_scale
+        self._hidden = itemgetter(*record_rows(hidden(settings.drifting)).tolist())
+
+    def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
+        """A step by three finite numbers; what `outcome` returns."""
+        (floats, integers), (dv, dg, dh) = self._state, action
+        kernel.simulate_lane(floats, integers, dv, dg, dh, raw, self._parameters, self.seen)
+        return self.outcome()
+
+    def outcome(self) -> tuple[Float32s, float, dict[str, float]]:
+        """Observation, scaled reward, and hidden variables by column name, as numbers of Python."""
+        floats, integers = self._state
+        numbers = floats.ravel().tolist() + integers.ravel().tolist()
+        info = dict(zip(self._latent, self._hidden(numbers)))  # noqa: B905  # strict=True takes 0.2 µs
+        return self.seen.ravel().copy(), numbers[REWARD] * self._reward_scale, info
+
+
+def checked_action(given: Any) -> Action:
+    """The three finite numbers of an action, without NumPy if it is what the action space samples.
+
+    Raises UsageError if it is no action.
+    """
+    if type(given) is np.ndarray and given.shape == (3,) and given.dtype.char in "fd":
+        dv, dg, dh = given.tolist()
+        if math.isfinite(dv + dg + dh):
+            return dv, dg, dh
+    dv, dg, dh = checked_actions([given], np.ones(1, dtype=bool))[0].tolist()
+    return dv, dg, dh
