@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-from operator import itemgetter
+from struct import unpack
 from typing import Any
 
 import numpy as np
 
 from ibdata.dynamics import State
-from ibdata.dynamics.variables import rows
+from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation, checked_actions
 from ibdata.numerics.philox import Raw
 from ibdata.simulation import kernel
-from ibdata.simulation.episodes import Episodes
+from ibdata.simulation.episodes import NO_ROWS, Episodes
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.simulation.variables import hidden, record_rows
 
-(REWARD,) = rows("reward")
 Action = tuple[float, float, float]
-NO_HISTORY = np.empty((1, 0, 6), dtype=np.float32)
+NO_HISTORY, NOTHING = np.empty((1, 0, 6), dtype=np.float32), np.empty(0)
 
 
 class _Episode(Episodes):
@@ -29,7 +28,7 @@ class _Episode(Episodes):
     def advance(self, state: State, actions: Float32s, raw: Raw, drift: Raw, *_: Any) -> None:
         integers = np.concatenate([raw.ravel(), drift.ravel()])
         dv, dg, dh = actions[0, 0].tolist()
-        kernel.simulate_lane(*state, dv, dg, dh, integers, self.parameters, NO_HISTORY)
+        kernel.simulate_lane(*state, dv, dg, dh, integers, self.parameters, NO_HISTORY, NO_ROWS, NOTHING)
 
 
 class Lane(Simulation):
@@ -40,20 +39,19 @@ class Lane(Simulation):
         self._episodes = _Episode(*self._episodes)
         self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * settings.drifting  # random integers of a step
         self._parameters, self._reward_scale = self._episodes.parameters, settings.reward_scale
-        self._hidden = itemgetter(*record_rows(hidden(settings.drifting)).tolist())
+        wanted = (*hidden(settings.drifting), "reward")
+        self._rows, self._out = record_rows(wanted), np.zeros(len(wanted))
+        self._form = "".join("q" if VARIABLES[name].whole else "d" for name in wanted)
 
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
-        """A step by three finite numbers; what `outcome` returns."""
+        """A step by three finite numbers: observation, scaled reward, hidden variables by column name."""
         (floats, integers), (dv, dg, dh) = self._state, action
-        kernel.simulate_lane(floats, integers, dv, dg, dh, raw, self._parameters, self.seen)
-        return self.outcome()
-
-    def outcome(self) -> tuple[Float32s, float, dict[str, float]]:
-        """Observation, scaled reward, and hidden variables by column name, as numbers of Python."""
-        floats, integers = self._state
-        numbers = floats.ravel().tolist() + integers.ravel().tolist()
-        info = dict(zip(self._latent, self._hidden(numbers)))  # noqa: B905  # strict=True takes 0.2 µs
-        return self.seen.ravel().copy(), numbers[REWARD] * self._reward_scale, info
+        kernel.simulate_lane(
+            floats, integers, dv, dg, dh, raw, self._parameters, self.seen, self._rows, self._out
+        )
+        numbers = unpack(self._form, self._out)  # type: ignore[arg-type]  # an array is a buffer
+        info = dict(zip(self._latent, numbers))  # noqa: B905  # the reward is left over
+        return self.seen.ravel().copy(), numbers[-1] * self._reward_scale, info
 
 
 def checked_action(given: Any) -> Action:

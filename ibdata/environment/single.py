@@ -72,8 +72,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         self._seen = []
         if self.render_mode is not None:
             self._remember()
-        seen, _, info = self._lane.outcome()
-        return seen, info
+        info = {name: values[0].item() for name, values in self._lane.latent().items()}
+        return self._lane.observations()[0], info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One step: observation, reward, False, False, and the hidden state."""

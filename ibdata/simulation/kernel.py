@@ -14,7 +14,7 @@ from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
 from ibdata.policies.actions import clipped_and_rounded
-from ibdata.simulation.noise import DYNAMICS_SLOTS, compiled_blank_noise, drift_noise, standard_noise
+from ibdata.simulation.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
@@ -64,12 +64,13 @@ def simulate(
         rows: the variables recorded, as rows of a state's floats with its integers below them.
         first: see `record`.
     """
-    state, k, noise = State(floats, integers), unpacked(parameters), compiled_blank_noise(actions.shape[1])
+    noise = np.zeros((NOISE_ROWS, actions.shape[1]))
+    state, k, named = State(floats, integers), unpacked(parameters), fields(noise)
     for t in range(actions.shape[0]):
         standard_noise(raw[t], noise)
         if drift.shape[0] > 0:
             drift_noise(drift[t], noise)
-        advance(state, actions[t], noise, k)
+        advance(state, actions[t], named, k)
         _observe(floats, history)
         for j in range(rows.shape[0]):
             _record(state, rows[j], record[j, first + t])
@@ -85,6 +86,8 @@ def simulate_lane(
     raw: Raw,
     parameters: Floats,
     history: Float32s,
+    rows: Ints,
+    out: Floats,
 ) -> None:
     """A step of a single lane, in place, called with little: for it, a call takes longer than the equations.
 
@@ -97,16 +100,24 @@ def simulate_lane(
         raw: 8 random integers, and 4 more for a moving setpoint.
         parameters: of the variant, see `packed`.
         history: the last observations (1, length, 6), newest first, to which this step adds its own.
+        rows: the variables wanted afterwards, see `simulate`.
+        out: their values; those of whole numbers are the bits of an int64.
     """
-    action, noise = np.empty((1, 3), dtype=np.float32), compiled_blank_noise(1)
+    action, noise = np.empty((1, 3), dtype=np.float32), np.zeros((NOISE_ROWS, 1))
     action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
     action[0, 2] = clipped_and_rounded(dh)
     column = raw.reshape(raw.shape[0], 1)
     standard_noise(column[:DYNAMICS_SLOTS], noise)
     if raw.shape[0] > DYNAMICS_SLOTS:
         drift_noise(column[DYNAMICS_SLOTS:], noise)
-    advance(State(floats, integers), action, noise, unpacked(parameters))
+    advance(State(floats, integers), action, fields(noise), unpacked(parameters))
     _observe(floats, history)
+    whole = out.view(np.int64)
+    for j in range(rows.shape[0]):
+        if rows[j] < FLOAT_ROWS:
+            out[j] = floats[rows[j], 0]
+        else:
+            whole[j] = integers[rows[j] - FLOAT_ROWS, 0]
 
 
 @compiled

@@ -1,6 +1,7 @@
 """A step of the environment against the published package's, and of many lanes against one."""
 
 import importlib.util
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ def environments() -> list[Row]:
     from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
 
     vars(np)["float"] = float  # which the published package still uses
-    from industrial_benchmark_python.IDS import IDS
+    IDS = import_module("industrial_benchmark_python.IDS").IDS
 
     one, many = IndustrialBenchmarkEnv(setpoint=70), IndustrialBenchmarkVectorEnv(LANES, setpoint=70)
     theirs = IDS(p=70, inital_seed=0)

@@ -95,11 +95,9 @@ def test_the_lane_of_the_environment_is_a_simulation_of_one_lane_bit_for_bit(set
         if t % 20 == 0:
             lane.reset(lane.everyone, tape)
             simulation.reset(simulation.everyone, other)
-            seen, reward, info = lane.outcome()
-        else:
-            action = action if t % 2 else action.astype(np.float32)
-            seen, reward, info = lane.move(checked_action(action), tape(lane.everyone, lane.draws)[0])
-            simulation.step(simulation.everyone, checked_actions([action], np.array([True])), other)
+        action = action if t % 2 else action.astype(np.float32)
+        seen, reward, info = lane.move(checked_action(action), tape(lane.everyone, lane.draws)[0])
+        simulation.step(simulation.everyone, checked_actions([action], np.array([True])), other)
         assert seen.dtype == np.float32
         assert seen.tolist() == simulation.observations()[0].tolist()
         assert (type(reward), reward) == (float, simulation.rewards()[0])
