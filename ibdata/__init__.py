@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors
 
     open = Dataset
 
-# Public name → its module; imported when first used, so that `ibdata --help` answers at once.
+# Public name → module. Modules are imported on first use, so that `ibdata --help` starts quickly.
 _MODULES = {
     "Dataset": "dataset.reader",
     "Experiment": "experiment",

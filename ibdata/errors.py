@@ -1,4 +1,4 @@
-"""The errors that users meet: a message of one line, and the exit code of the command line."""
+"""The exceptions that ibdata raises, with their messages and the exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from collections.abc import Sequence
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
 URL = re.compile(
-    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # one slash: a URL that was handled as a path
+    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # a single slash if the URL was treated as a path
     r"(?P<place>[^\s?#'\"]*)"
     r"(?P<query>\?[^\s'\"]*[^\s'\":,;])?",
     re.IGNORECASE,
 )
-USER = re.compile(r"^(?:[^/]*@|[^/]*:(?![0-9]*(?:/|$)).*@)")  # a secret may hold a / that is not escaped
+USER = re.compile(r"^(?:[^/]*@|[^/]*:(?![0-9]*(?:/|$)).*@)")  # a secret may contain an unescaped /
 VALUE = re.compile(r"([^?&;=]+)=([^&;]*)")
 HIDDEN = "…"
-OPEN_VALUES = ("region", "scheme", "endpoint_override")  # of a query; any other value may be a secret
+# Parameters of a query whose values are shown; any other value may be a secret.
+OPEN_VALUES = ("region", "scheme", "endpoint_override")
 
 
 def hidden(text: str) -> str:
@@ -38,7 +39,7 @@ def _without_value(pair: re.Match[str]) -> str:
 
 
 class IbdataError(ValueError):
-    """The base class of all errors here. Its message leaves out the credentials of URLs."""
+    """Base class of ibdata's exceptions. Credentials in URLs are removed from the message."""
 
     exit_code = 1
 
@@ -69,7 +70,7 @@ def printable(line: str) -> str:
 
 
 class Problems(ValueError):
-    """Several problems, each with the path of its key below the model that raises this."""
+    """Several problems in one model, each with the path of its key relative to that model."""
 
     def __init__(self, found: list[tuple[Loc, str]]) -> None:
         self.found = found
@@ -77,14 +78,14 @@ class Problems(ValueError):
 
 
 class ConfigError(UsageError):
-    """An experiment is not valid; `problems` has a line for each problem."""
+    """An experiment is invalid; `problems` holds one line per problem."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(map(printable, problems))
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:
-        return type(self), (self.problems,)  # it is pickled to come back from a worker process
+        return type(self), (self.problems,)  # pickled on the way back from a worker process
 
 
 class DatasetError(IbdataError):
@@ -100,7 +101,7 @@ class BusyError(IbdataError):
 
 
 class Interrupted(IbdataError):
-    """A signal asked to stop; the exit code is 128 plus the signal's number."""
+    """A signal stopped the command; the exit code is 128 plus the number of the signal."""
 
     def __init__(self, signal_number: int, left: str = "--resume continues from the complete shards") -> None:
         self.signal_number = signal_number

@@ -1,4 +1,4 @@
-"""A dataset's card and report: `ibdata.report.card`."""
+"""Write a dataset's card and report with `ibdata.report.card`."""
 
 from ibdata.maintenance.card import card
 

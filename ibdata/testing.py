@@ -1,4 +1,4 @@
-"""Checks for policies of your own, in this package or another: call them in a test."""
+"""Checks to be called in the tests of a policy."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from ibdata.policies.base import Floats, History
 from ibdata.policies.checked import CheckedPolicy
 
 ROWS = 256
-REPEATS = 2000  # of one history, to compare the share of a repeated action with its density
+REPEATS = 2000  # draws at one history, to compare the share of each action with its probability
 CERTAIN = 6.0  # standard errors
 
 
 def check_policy(policy: Any, histories: History | None = None, history: int = 1) -> None:
     """Check that a policy returns valid actions and densities and is a pure function.
 
-    The checks:
+    The checks are:
 
     - Actions are finite numbers of shape (n, 3).
     - The same inputs give the same outputs: in a batch, alone, and in a second call.
     - Neither the inputs nor the arrays that earlier calls returned are changed.
     - Log densities are float64 (n,): finite at the policy's own actions, or NaN everywhere; never +inf.
-    - If an action is drawn repeatedly, its share of the draws agrees with its density.
+    - If an action is drawn repeatedly, its share of the draws agrees with its probability.
 
     Args:
         policy: a `Policy`, or anything else that `ibdata.evaluate` takes.
-        histories: observations to check it on, float32 (n, history_length, 6); 256 random ones if not given.
-        history: the number of observations that an object sees if it has no `history_length`.
+        histories: observations to check it on, float32 (n, history_length, 6); by default 256 random ones.
+        history: the number of observations passed to an object without `history_length`.
 
     Raises:
         AssertionError: a check failed; the message says which.
@@ -48,7 +48,7 @@ def check_policy(policy: Any, histories: History | None = None, history: int = 1
 
 
 def _histories(length: int) -> History:
-    """Observations over their whole ranges, some of them at the ends, float32 (256, length, 6)."""
+    """Random observations, float32 (256, length, 6); a quarter of them are at the bounds or in the middle."""
     random = np.random.default_rng(0)
     history = random.uniform(0.0, 100.0, (ROWS, length, len(OBSERVATION)))
     history[::4] = np.round(history[::4] / 50.0) * 50.0
@@ -56,7 +56,7 @@ def _histories(length: int) -> History:
 
 
 def _draws(n: int, count: int) -> Floats:
-    """Uniform numbers (n, count), a part of them the smallest and the largest that there are."""
+    """Uniform numbers (n, count), some replaced by the smallest or the largest possible one."""
     u = np.random.default_rng(0).random((n, count))
     few, many = u[: n // 4], u[n // 4 : n // 2]
     few[few < 0.5], many[many > 0.5] = 2.0**-53, 1.0 - 2.0**-53
@@ -105,7 +105,8 @@ def _check_densities(policy: Policy, history: History, action: npt.NDArray[np.fl
     others = applied(np.random.default_rng(1).uniform(-1.25, 1.25, action.shape))
     elsewhere = _log_prob(policy, history, others)
     wrong = ~np.isnan(elsewhere) if unknown else ~(elsewhere < np.inf)
-    assert not wrong.any(), f"log_prob is {elsewhere[wrong][:1]} at {others[wrong][:1]}"
+    expected = "nan, as at the policy's own actions" if unknown else "a number below inf"
+    assert not wrong.any(), f"log_prob is {elsewhere[wrong][:1]} at {others[wrong][:1]}, expected {expected}"
 
 
 def _check_atoms(policy: Policy, one: History) -> None:
@@ -115,7 +116,7 @@ def _check_atoms(policy: Policy, one: History) -> None:
     actions, shares = actions[counts > REPEATS // 100], counts[counts > REPEATS // 100] / REPEATS
     said = np.exp(_log_prob(policy, np.repeat(one, len(actions), axis=0), actions))
     error = CERTAIN * np.sqrt(shares * (1.0 - shares) / REPEATS) + 1e-6
-    wrong = np.abs(said - shares) > error  # not where it is NaN
+    wrong = np.abs(said - shares) > error  # False where the density is NaN
     assert not wrong.any(), (
         f"log_prob gives {actions[wrong][0]} the probability {said[wrong][0]:.4f}, but its share of "
         f"{REPEATS} draws was {shares[wrong][0]:.4f}"

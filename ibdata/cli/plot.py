@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, say
-from ibdata.plots import FOLDER, FORMS, plot
+from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
+from ibdata.plots import FOLDER, FORMS, plot, plots
 
 
-@click.command("plot")
+@click.command(
+    "plot", cls=Listing, title="Pictures", listed=lambda: summaries("ibdata.plots.dataset", plots())
+)
 @folder_argument
 @click.option(
     "--out",
@@ -26,16 +28,7 @@ from ibdata.plots import FOLDER, FORMS, plot
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @json_option
 def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) -> None:
-    """Draw seven pictures of a dataset and print the names of their files.
-
-    \b
-    actions    distribution of the actions of each policy
-    coverage   visits of each pair of velocity, gain and shift
-    returns    returns of episodes, by setpoint and policy
-    rewards    rewards of steps, by setpoint
-    splits     setpoints and policies of each split, and shared episodes
-    traces     the episode with the median return, step by step
-    tradeoff   fatigue against consumption
+    """Draw all pictures of a dataset and print the names of the files.
 
     \b
     ibdata plot data/random

@@ -1,4 +1,4 @@
-"""Reading Parquet files that may be damaged or missing; every error is a DatasetError of one line."""
+"""Reading Parquet files that may be damaged or missing. Every error is a DatasetError of one line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 def _readable(path: Path, data: bytes | None) -> Iterator[None]:
     try:
         if data is None and not stat.S_ISREG(os.stat(path).st_mode):
-            raise DatasetError(f"{path}: found no regular file, expected one")
+            found = "a folder" if path.is_dir() else "a special file"
+            raise DatasetError(f"{path}: found {found}, expected a regular file; see ibdata validate")
         yield
     except DatasetError:
         raise
@@ -51,7 +52,7 @@ def read(
 
 
 def described(path: Path) -> tuple[pa.Schema, int]:
-    """The schema and the number of rows of a file. Raises as `read`."""
+    """The schema and the number of rows of a file. Raises the errors of `read`."""
     with _opened(path, None, None) as file:
         return file.schema_arrow, file.metadata.num_rows
 
@@ -64,7 +65,7 @@ def batches(
     start: int = 0,
     stop: int | None = None,
 ) -> Iterator[pa.RecordBatch]:
-    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises as `read`."""
+    """Rows start … stop - 1 of a file in order, at most `most` at a time. Raises the errors of `read`."""
     with _opened(path, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
         ends = list(accumulate(sizes))
@@ -72,7 +73,7 @@ def batches(
         groups = [i for i, end in enumerate(ends) if end > start and end - sizes[i] < stop]
         row = ends[groups[0]] - sizes[groups[0]] if groups else 0
         columns = None if names is None else list(names)
-        for group in groups:  # one at a time: pyarrow would keep the bytes of all
+        for group in groups:  # one at a time, because pyarrow keeps the bytes of all that it is asked for
             for batch in file.iter_batches(most, row_groups=[group], columns=columns):
                 low, high = max(0, start - row), min(batch.num_rows, stop - row)
                 if low < high:
@@ -95,10 +96,10 @@ def _opened(
             raise DatasetError(f"{path}: found {found} rows, expected {rows}; see ibdata validate")
         missing = [name for name in names or () if name not in file.schema_arrow.names]
         if missing:
-            raise DatasetError(f"{path}: found no column {missing[0]}, expected one; see ibdata validate")
+            raise DatasetError(f"{path}: {missing[0]}: missing, expected a column; see ibdata validate")
         yield file
 
 
 def _file(path: Path) -> pa.OSFile:
-    """The file itself: given a path, pyarrow would find partitions in the names of its folders."""
+    """Open a file. From a path, pyarrow would take the names of folders for partitions."""
     return pa.OSFile(os.fsencode(path))

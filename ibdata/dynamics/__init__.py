@@ -1,4 +1,4 @@
-"""The Industrial Benchmark: `step` draws nothing, so any noise can be fed to it."""
+"""The equations of the Industrial Benchmark. `step` draws no random numbers: the caller passes them."""
 
 from ibdata.dynamics.state import Noise, State, initial_state
 from ibdata.dynamics.step import step

@@ -1,4 +1,4 @@
-"""Consumption and reward: what the agent gets to see of cost and mis-calibration."""
+"""Consumption (operational cost, mis-calibration and noise) and reward."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fatigue: effective actions, their noise, the hidden μ that run away, and the bifurcation of α."""
+"""Fatigue: effective velocity and gain, their noise, the latent μ, and the amplification α."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import logistic
 
-TOLERANCE = 0.05  # an effective value up to this resets its μ
+TOLERANCE = 0.05  # an effective value of at most this resets its μ
 AMPLIFICATION = 1.1
 AMPLIFICATION_START = 1.2
 AMPLIFICATION_MAX = 5.0
@@ -45,8 +45,8 @@ def effective_velocity(v: float, g: float, p: float, v0: float, g0: float, v1: f
 
         vᵉ = (Tᵛ(v,g,p) - Tᵛ(v₀,g₀,p)) / (Tᵛ(v₁,g₁,p) - Tᵛ(v₀,g₀,p))
 
-    Hein et al. 2017, Eq. (26) with (0, 100) and (100, 0); EffectiveAction.py has them exchanged, so that
-    its vᵉ is 1 minus the paper's.
+    Hein et al. 2017, Eq. (26) with (0, 100) and (100, 0). EffectiveAction.py exchanges the two, so its vᵉ
+    is 1 minus the paper's.
 
     >>> effective_velocity(100.0, 0.0, 50.0, 0.0, 100.0, 100.0, 0.0)
     1.0
@@ -74,7 +74,7 @@ def effective_gain(g: float, p: float) -> float:
 
 @compiled
 def bernoulli(u: float, effective: float, low: float, high: float) -> float:
-    """The draw b ~ Binom(1, effective) as 0 or 1: whether u ~ U(0, 1) is below the probability.
+    """A draw b ~ Binom(1, effective): 1 if u ~ U(0, 1) is below the probability, else 0.
 
     Hein et al. 2017, section "Dynamics of fatigue"; the bounds [low, high] of the probability are a field
     of the variant (IDS.py clips to [0.001, 0.999]).
@@ -87,7 +87,7 @@ def bernoulli(u: float, effective: float, low: float, high: float) -> float:
 
 @compiled
 def squashed_exponential(e: float, mean: float, scale: float, shift: float) -> float:
-    """Exponential noise ηᵉ of a standard draw e ~ Exp(1).
+    """Noise ηᵉ from a standard exponential draw e ~ Exp(1).
 
         ηᵉ = scale · (σ(mean · e) - shift)
 
@@ -116,7 +116,7 @@ def mixed_noise(eta_e: float, u: float, b: float, effective: float) -> float:
 
 @compiled
 def noise_component(e: float, u: float, u_event: float, effective: float, k: Parameters) -> float:
-    """η from its three standard draws: e ~ Exp(1), ηᵘ = u ~ U(0, 1), and u_event ~ U(0, 1) for ηᵇ.
+    """Noise component η from standard draws: e ~ Exp(1) for ηᵉ, u ~ U(0, 1) for ηᵘ, u_event ~ U(0, 1) for ηᵇ.
 
     >>> from ibdata.dynamics import SIEMENS
     >>> noise_component(0.0, 0.5, 0.1, 0.8, SIEMENS.parameters())
@@ -129,13 +129,13 @@ def noise_component(e: float, u: float, u_event: float, effective: float, k: Par
 
 @compiled
 def update_mu(mu: float, effective: float, eta: float) -> float:
-    """Latent μ of one effective value: reset, run away, or follow its noise.
+    """Next latent μ of one effective value with noise η.
 
         μ = effective         if effective <= 0.05
         μ = min(5, 1.1 μ)     if μ >= 1.2
         μ = 0.9 μ + η/3       else
 
-    Hein et al. 2017, Eqs. (30) and (31), each from itself only; both variants.
+    Hein et al. 2017, Eqs. (30) and (31), where neither μ depends on the other; both variants.
 
     >>> update_mu(3.0, 0.05, 0.9), update_mu(4.9, 0.5, 0.9), update_mu(1.0, 0.5, 0.3)
     (0.05, 5.0, 1.0)
@@ -149,12 +149,13 @@ def update_mu(mu: float, effective: float, eta: float) -> float:
 
 @compiled
 def amplification(mu_v: float, mu_g: float, eta_v: float, eta_g: float, z: float, threshold: float) -> float:
-    """Amplification α, which bifurcates where a μ reaches the threshold; z ~ N(0, 1).
+    """Amplification α, which bifurcates when a μ reaches the threshold; z ~ N(0, 1).
 
         α = σ(2.4 + 0.4 z)    if max(μᵛ, μᵍ) >= threshold
         α = max(ηᵛ, ηᵍ)       else
 
-    Hein et al. 2017, Eq. (23), which prints "= 1.2"; IDS.py, updateFatigue, has 5, the cap of μ.
+    Hein et al. 2017, Eq. (23), with the threshold 1.2 (printed "= 1.2"); IDS.py, updateFatigue, with 5, the
+    cap of μ.
 
     >>> amplification(1.0, 1.1, 0.2, 0.3, 0.0, 1.2)
     0.3
@@ -182,7 +183,7 @@ def basic_fatigue(v: float, g: float) -> float:
 
 @compiled
 def fatigue(f_b: float, alpha: float) -> float:
-    """Fatigue f of basic fatigue f_b and amplification α in [0, 1].
+    """Fatigue f from basic fatigue f_b and amplification α in [0, 1].
 
         f = f_b (1 + 2 α) / 3
 

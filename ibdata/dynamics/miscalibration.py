@@ -1,7 +1,7 @@
-"""Mis-calibration: the direction φ that turns with the effective shift, and the penalty m it brings.
+"""Mis-calibration: the direction φ, which the effective shift turns, and the penalty m.
 
-The penalty is a linearly biased Goldstone potential whose radii depend on |φ| alone. |φ| has seven values,
-so the radii are tables, in hex floats: rounded from 60-digit values of the appendix's formulas.
+The penalty is a linearly biased Goldstone potential. Its radii depend on |φ| alone, which has seven values,
+so they are tabulated: the formulas of the paper's appendix, evaluated to 60 digits and rounded to doubles.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ibdata.numerics.exact import pow
 
 PHI_MAX = 6
 HE_MAX = 1.5
-SAFE_ZONE = float.fromhex("0x1.0907dc1930690p-3")  # safe zone, sin(15°)/2 ≈ 0.1294; printed as ≈ 0.1309
+SAFE_ZONE = float.fromhex("0x1.0907dc1930690p-3")  # half-width, sin(15°)/2 ≈ 0.1294; the paper prints 0.1309
 ALPHA = float.fromhex("0x1.2b78e1d2c4a8ep-1")  # Eq. (37), ≈ 0.5849
 BETA = float.fromhex("0x1.2b78e1d2c4a8ep-2")  # Eq. (38), ≈ 0.2925
 KAPPA = float.fromhex("-0x1.460626f4d71b5p-1")  # Eq. (39), ≈ -0.6368
@@ -32,7 +32,7 @@ R_OPT = _table(
     "0x1.0907dc1930690p-2 0x1.0907dc1930690p-2 0x1.0000000000000p-1 0x1.6a09e667f3bcdp-1"
     " 0x1.bb67ae8584caap-1 0x1.ee8dd4748bf15p-1 0x1.0000000000000p+0"
 )
-# |r_min|, Eqs. (44) to (47). At |φ| = 3, q² = 1/27 exactly and both branches of (44) are 2/√3.
+# |r_min|, Eqs. (44) to (47). At |φ| = 3, q² is exactly 1/27 and both branches of Eq. (44) give 2/√3.
 R_MIN = _table(
     "0x1.0000000000000p+0 0x1.106b6988cb7bap+0 0x1.1d87e8f42a8f6p+0 0x1.279a74590331cp+0"
     " 0x1.2ec0acdc0228ep+0 0x1.330769e0f94dfp+0 0x1.3473de0e4b327p+0"
@@ -75,7 +75,7 @@ def sgn(x: float) -> int:
 
 @compiled
 def entered_domain(delta: int, he: float) -> int:
-    """Domain δ̂: the sign of hᵉ outside the safe zone, the old δ within.
+    """Domain δ̂: the sign of hᵉ outside the safe zone, δ inside it.
 
     Hein et al. 2017, Eq. (9); both variants.
 
@@ -87,7 +87,7 @@ def entered_domain(delta: int, he: float) -> int:
 
 @compiled
 def entered_response(psi: int, delta: int, delta_hat: int) -> int:
-    """Response ψ̂: advantageous (1) where the domain has just changed.
+    """Response ψ̂: 1 (advantageous) if the domain has just changed, else ψ.
 
     Hein et al. 2017, Eq. (10); both variants.
 
@@ -99,7 +99,7 @@ def entered_response(psi: int, delta: int, delta_hat: int) -> int:
 
 @compiled
 def direction_step(phi: int, delta_hat: int, psi_hat: int, he: float) -> int:
-    """Change Δφ of the direction: back to 0 in the safe zone, held at -6 δ̂, else turning.
+    """Change Δφ of the direction: towards 0 in the safe zone, none at φ = -6 δ̂, else ψ̂ sgn(hᵉ).
 
     Hein et al. 2017, Eq. (12); both variants.
 
@@ -115,7 +115,7 @@ def direction_step(phi: int, delta_hat: int, psi_hat: int, he: float) -> int:
 
 @compiled
 def turned_response(psi_hat: int, phi_hat: int) -> int:
-    """Response: disadvantageous (-1) once |φ̂| reaches 6.
+    """Response ψ: -1 (disadvantageous) if |φ̂| is at least 6, else ψ̂.
 
     Hein et al. 2017, Eq. (13); both variants.
 
@@ -127,7 +127,7 @@ def turned_response(psi_hat: int, phi_hat: int) -> int:
 
 @compiled
 def reflected_direction(phi_hat: int) -> int:
-    """Direction φ in -6 … 6: from |φ̂| = 6 on it turns towards 0.
+    """Direction φ in -6 … 6, which is φ̂ reflected at -6 and 6.
 
         φ = 12 - ((φ̂ + 24) mod 24)   if |φ̂| >= 6;  else φ̂
 
@@ -141,9 +141,9 @@ def reflected_direction(phi_hat: int) -> int:
 
 @compiled
 def update_direction(delta: int, psi: int, phi: int, he: float) -> tuple[int, int, int]:
-    """Domain δ, response ψ and direction φ of the next step: Eqs. (9) to (16) in their order.
+    """Domain δ, response ψ and direction φ of the next step, by Eqs. (9) to (16).
 
-    A full turn ends, and δ = ψ = 1 again, where φ = 0 in the safe zone: Eqs. (15) and (16).
+    When φ is 0 in the safe zone, δ and ψ are reset to 1, by Eqs. (15) and (16).
 
     >>> update_direction(1, 1, 5, 1.0), update_direction(1, -1, 1, 0.0)
     ((1, -1, 6), (1, 1, 0))
@@ -160,7 +160,7 @@ def update_direction(delta: int, psi: int, phi: int, he: float) -> tuple[int, in
 
 @compiled
 def radius(phi: int, he: float) -> float:
-    """Radius ω at which the potential is taken: |hᵉ| = |r_opt| goes to |r_min|, |hᵉ| = 2 to 2.
+    """Radius ω at which the potential is evaluated; it is ±|r_min| at hᵉ = ±|r_opt|.
 
         ω = hᵉ |r_min| / |r_opt|                                   if |hᵉ| <= |r_opt|
         ω = sgn(hᵉ) (|r_min| + factor · (|hᵉ| - |r_opt|)^exponent)   else

@@ -1,4 +1,4 @@
-"""Operational cost: an exponential of the steerings, seen delayed and blurred."""
+"""Operational cost, and its convolution over past steps, which enters the consumption."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 @compiled
 def operational_cost(p: float, v: float, g: float) -> float:
-    """Operational cost θ of the current steerings.
+    """Operational cost θ of the current setpoint p, velocity v and gain g.
 
         θ = exp((2 p + 4 v + 2.5 g) / 100)
 
@@ -30,8 +30,8 @@ def operational_cost(p: float, v: float, g: float) -> float:
 def remember(theta: Floats, history: Floats) -> None:
     """Shift the costs θ (n,) of n lanes into their history (10, n), newest first, in place.
 
-    The history before the first step is all zeros, which no θ can be: it is filled with the first θ, as
-    the constructor of the authors' `IDS.py` does (the paper is silent).
+    Before the first step the history is all zeros, which no θ can be. The first θ then fills it, as in the
+    constructor of the authors' `IDS`; the paper does not specify this.
 
     >>> history = np.zeros((10, 1))
     >>> remember(np.array([2.0]), history); remember(np.array([3.0]), history); history[:3, 0].tolist()

@@ -1,4 +1,4 @@
-"""The moving setpoint: piecewise linear, with drawn lengths and rates."""
+"""The moving setpoint, which is piecewise linear with segments of random length and rate."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 
-NO_DRIFT = -1  # steps left of a segment, for a setpoint that stays where it is
-ZERO_RATE = 0.1  # weight of the delta distribution at b = 0
+NO_DRIFT = -1  # the `left` of a constant setpoint
+ZERO_RATE = 0.1  # probability of the rate b = 0
 
 
 @compiled
 def segment_length(u: float, longest: float) -> int:
-    """Steps l of a new segment, uniform on 1 … longest: l = 1 + ⌊longest · u⌋, u ~ U(0, 1).
+    """Length l of a new segment in steps, uniform on 1 … longest.
 
-    Hein et al. 2017, section "Setpoint dynamics"; the longest length is a field of the variant.
+        l = 1 + ⌊longest · u⌋
+
+    Hein et al. 2017, section "Setpoint dynamics"; `longest` is a field of the variant. u ~ U(0, 1).
 
     >>> segment_length(0.001, 100.0), segment_length(0.999, 100.0)
     (1, 100)
@@ -26,7 +28,7 @@ def segment_length(u: float, longest: float) -> int:
 
 @compiled
 def segment_rate(u: float, u_zero: float, low: float, high: float) -> float:
-    """Change b of the setpoint per step in a new segment: U(low, high) with weight 0.9, else 0.
+    """Rate b of a new segment, the change per step: from U(low, high) with probability 0.9, else 0.
 
     Hein et al. 2017, section "Setpoint dynamics"; the range is a field of the variant.
 
@@ -40,11 +42,11 @@ def segment_rate(u: float, u_zero: float, low: float, high: float) -> float:
 
 @compiled
 def turned_at_bound(b: float, p: float, u: float, flip: float) -> float:
-    """The rate b, its sign changed with probability `flip` where the setpoint p stands at a bound.
+    """Rate b, with its sign changed with probability `flip` if the setpoint p is at a bound.
 
         b_{t+1} = -b_t  if (p_t = 0 or p_t = 100) and z < ½;  else b_t
 
-    Hein et al. 2017, Eq. (33): before the setpoint moves. u = z ~ U(0, 1).
+    Hein et al. 2017, Eq. (33), applied before the setpoint moves, with flip = ½ and u = z ~ U(0, 1).
 
     >>> turned_at_bound(0.5, 100.0, 0.4, 0.5), turned_at_bound(0.5, 99.0, 0.4, 0.5)
     (-0.5, 0.5)
@@ -54,10 +56,10 @@ def turned_at_bound(b: float, p: float, u: float, flip: float) -> float:
 
 @compiled
 def turned_past_bound(b: float, p: float, u: float, flip: float) -> float:
-    """The rate b, its sign changed with probability `flip` where p + b leaves [0, 100].
+    """Rate b, with its sign changed with probability `flip` if p + b is outside [0, 100].
 
-    IDS.py, updateSetPoint: the step is still made with the old sign and clipped; the new one is for the
-    next step. u ~ U(0, 1).
+    IDS.py, updateSetPoint: the current step uses the old sign and is clipped, the next step uses the new
+    sign. u ~ U(0, 1).
 
     >>> turned_past_bound(0.5, 99.8, 0.4, 0.5), turned_past_bound(0.5, 99.8, 0.6, 0.5)
     (-0.5, 0.5)
@@ -92,7 +94,7 @@ def drift(
 ) -> tuple[float, float, int]:
     """Setpoint p, rate b and steps left of the segment after one step.
 
-    A segment is drawn where none is left, is used in the same step, and may turn in it.
+    If no steps are left, a new segment is drawn. It takes effect in the same step, and may turn in it.
 
     >>> from ibdata.dynamics import PAPER, SIEMENS
     >>> drift(99.5, 1.0, 2, 0.5, 0.5, 0.5, 0.4, SIEMENS.parameters())

@@ -1,6 +1,6 @@
-"""What a step takes and gives: the state of any number of lanes, and its noise in standard form.
+"""The state of any number of lanes, and the noise of one step in standard form.
 
-A lane is one episode among those that are simulated side by side. `variables.py` lists the variables.
+A lane is one of the episodes that are simulated side by side. `variables.py` lists the variables.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ Ints = npt.NDArray[np.int64]
 
 (THETA,) = rows("theta_0")  # the first of the ten rows θ[t], θ[t-1] … θ[t-9]
 COSTS = slice(THETA, THETA + 10)
-# The names by which a state is read; the ten costs are read as one array.
+# The attributes of a state; the ten costs are one array.
 FIELDS = tuple(dict.fromkeys("operational_cost" if name.startswith("theta_") else name for name in VARIABLES))
 FINITE = float(np.finfo(np.float64).max)
-# The next step does not read these, so they need only be finite.
+# The next step does not use these, so they need only be finite.
 UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
 
 
 class State(NamedTuple):
-    """The Markov state of n lanes and the values derived with it.
+    """The Markov state of n lanes and the values derived from it.
 
     `state.velocity`, and so on for every name in `ibdata.dynamics.variables`, is a view (n,) of a row;
-    `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. To write into a view changes the state.
+    `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. Writing to a view changes the state.
     """
 
     floats: Floats  # (float variables, n)
@@ -48,20 +48,20 @@ class State(NamedTuple):
         """A copy in which some variables have other values.
 
         Args:
-            **values: arrays by the name of the variable, each of the shape that reading it gives.
+            **values: new values by the name of the variable, each of the shape of that attribute.
 
         Returns:
             A state that shares no memory with this one.
 
         Raises:
-            ValueError: a shape is another, or a whole number is none.
+            ValueError: an array has the wrong shape, or a variable of whole numbers is given a fraction.
         """
         new = State(self.floats.copy(), self.integers.copy())
         for name, x in values.items():
             view, given = getattr(new, name), np.asarray(x)
             if given.shape != view.shape:
-                raise ValueError(f"state.{name}: found {given}, expected {view.shape} numbers")
-            with np.errstate(invalid="ignore"):  # NaN is no whole number
+                raise ValueError(f"state.{name}: found shape {given.shape}, expected {view.shape}")
+            with np.errstate(invalid="ignore"):  # NaN cannot become a whole number
                 view[...] = given
             if view.dtype == np.int64 and not np.array_equal(view, given):
                 raise ValueError(f"state.{name}: found {given}, expected whole numbers")
@@ -85,7 +85,7 @@ class Noise(NamedTuple):
     uniform_drift_flip: Floats
 
 
-# Uniform doubles are below 1 and -log of the least double below 745.2; no normal draw exceeds 40.
+# A uniform draw is below 1, and -log of the least double is below 745.2; no normal draw exceeds 40.
 NOISE_RANGES = {
     "exp": (0.0, 745.2, "Exp(1)"),
     "bernoulli": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
@@ -101,13 +101,16 @@ def initial_state(
     shift: npt.ArrayLike = 50.0,
     drifting: bool = False,
 ) -> State:
-    """The state before the zero-action step: `step(state, zeros, noise, variant)` gives the first one.
+    """The state before the first step of an episode, whose action is zero.
+
+    `step(state, zeros, noise, variant)` gives the state of the first observation. The four numbers or arrays
+    (n,) are broadcast against each other.
 
     Args:
-        setpoint: a number or an array (n,) in [0, 100], as the three steerings; all are broadcast.
-        velocity: the first steering.
-        gain: the second steering.
-        shift: the third steering.
+        setpoint: in [0, 100].
+        velocity: in [0, 100].
+        gain: in [0, 100].
+        shift: in [0, 100].
         drifting: whether the setpoint moves.
 
     Returns:
@@ -115,7 +118,7 @@ def initial_state(
         costs is empty (zeros).
 
     Raises:
-        ValueError: an argument, which is named, is not finite, out of range, or of another shape.
+        ValueError: an argument is not finite, out of range, or of the wrong shape; the message names it.
     """
     names = ("setpoint", "velocity", "gain", "shift")
     given = [np.asarray(x, dtype=np.float64) for x in (setpoint, velocity, gain, shift)]
@@ -139,7 +142,7 @@ def initial_state(
 
 
 def checked_state(state: State) -> State:
-    """A copy of the state, in which every variable is known to be in its range."""
+    """A copy of the state. Raises ValueError if a variable is out of its range."""
     new = State(
         np.array(state.floats, dtype=np.float64, order="C"),
         np.array(state.integers, dtype=np.int64, order="C"),
@@ -148,7 +151,7 @@ def checked_state(state: State) -> State:
     found, expected = (new.floats.shape, new.integers.shape), ((len(FLOATS), n), (len(INTEGERS), n))
     if found != expected or not np.array_equal(new.integers, state.integers):
         raise ValueError(
-            f"step: state: found arrays {found}, expected {expected}, of floats and of whole numbers"
+            f"step: state: found shapes {found}, expected {expected}, of floats and of whole numbers"
         )
     for part, (low, high) in zip(new, (FLOAT_RANGES, INTEGER_RANGES), strict=True):
         outside = ~((part >= low) & (part <= high)).all(axis=1)
@@ -158,14 +161,13 @@ def checked_state(state: State) -> State:
             field = "operational_cost" if name.startswith("theta_") else name
             x = getattr(new, field)
             raise ValueError(
-                f"step: state.{field}: found {x}, expected {x.shape} numbers in "
-                f"[{low[i, 0]:g}, {high[i, 0]:g}]"
+                f"step: state.{field}: found {x}, expected numbers in [{low[i, 0]:g}, {high[i, 0]:g}]"
             )
     return new
 
 
 def _ranges(names: tuple[str, ...]) -> tuple[Floats, Floats]:
-    """The lowest and the highest values (variables, 1) that `step` takes."""
+    """The lowest and the highest values (variables, 1) that `step` accepts."""
     known = [(None, None) if name in UNREAD else VARIABLES[name][3:5] for name in names]
     low = [-FINITE if low is None else low for low, _ in known]
     high = [FINITE if high is None else high for _, high in known]
@@ -176,7 +178,7 @@ FLOAT_RANGES, INTEGER_RANGES = _ranges(FLOATS), _ranges(INTEGERS)
 
 
 def checked_noise(noise: Noise, n: int) -> Noise:
-    """The noise as contiguous float64, every field of length n and in the range of its law."""
+    """The noise as contiguous float64. Raises ValueError if a field is not n numbers of its law."""
     draws = Noise(*(np.array(x, dtype=np.float64, order="C") for x in noise))
     for name, x in zip(Noise._fields, draws, strict=True):
         low, high, law = NOISE_RANGES[name.split("_")[0]]

@@ -1,4 +1,4 @@
-"""Steering: what an action does to velocity, gain and shift."""
+"""Steering: the effect of an action on velocity, gain and shift."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ibdata.numerics.compiled import compiled
 
 D_V = 1.0
 D_G = 10.0
-D_H = float.fromhex("0x1.7019237851756p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515, as IDS.py rounds it
+D_H = float.fromhex("0x1.7019237851756p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515, rounded as in IDS.py
 
 
 @compiled
@@ -21,7 +21,7 @@ def clip(x: float, low: float, high: float) -> float:
 
 @compiled
 def steer(x: float, d: float, delta: float) -> float:
-    """One of velocity v, gain g, shift h after a proposed change.
+    """Velocity v, gain g or shift h after a proposed change Δx.
 
         x_{t+1} = max(0, min(100, x_t + d Δx_t))
 

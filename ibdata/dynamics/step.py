@@ -1,4 +1,4 @@
-"""One step of the benchmark for any number of lanes: state, action and noise in, state out."""
+"""One step of the benchmark for any number of lanes."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ ALPHA, BASIC_FATIGUE = rows("alpha", "basic_fatigue")
 
 
 def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:
-    """The state one step later; nothing given is changed.
+    """The state one step later. The arguments are not changed.
 
-    The order of the parts is that of the authors' `IDS.step`: setpoint, steering, fatigue, operational cost,
-    mis-calibration, consumption, reward (the paper names none).
+    The parts are computed in the order of the authors' `IDS.step`, because the paper gives none: setpoint,
+    steering, fatigue, operational cost, mis-calibration, consumption, reward.
 
     Args:
         state: n lanes.
         action: (n, 3) = (Δv, Δg, Δh), clipped to [-1, 1].
         noise: the random numbers of the step, in standard form.
-        variant: the dynamics, or the name of shipped ones.
+        variant: the dynamics, as a `Variant` or by the name of a published one.
 
     Returns:
         A state that shares no memory with the one given.
 
     Raises:
-        ValueError: state, action or noise is not finite, of another length, or out of range.
+        ValueError: state, action or noise is not finite, out of range, or of the wrong length.
     """
     new = checked_state(state)
     n = new.floats.shape[1]
@@ -69,11 +69,11 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
 
 @inlined
 def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
-    """One step of every lane, in place: the compiled part of `step`, without its checks.
+    """Advance every lane by one step, in place: the compiled part of `step`, without its checks.
 
-    A loop for each equation: those that do not branch then work on several lanes at a time. The loops name
-    the rows of the state by number, because numba counts references to views of them, which would take as
-    long as the equations of one lane. η and θ need no arrays of their own: η takes the place of its draw.
+    Each equation has a loop of its own, so that the loops without branches are vectorized. They name the
+    rows of the state by number: numba counts references to views of rows, which takes as long as the
+    equations of one lane. The noise is overwritten.
     """
     _steer(state, action, noise, k)
     _update_fatigue(state, noise, k)

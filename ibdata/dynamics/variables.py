@@ -1,7 +1,7 @@
 """The table of variables: every number of a simulated state, listed once.
 
-The rows of `State`, the ranges that `step` checks, and a dataset's columns with their order, units and bounds
-all follow from it. To add a variable, add a line here and compute it in `step.py`.
+The table defines the rows of `State`, the ranges that `step` checks, and the columns of a dataset with their
+order, units and bounds. To add a variable, add a line here and compute it in `step.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 class Variable(NamedTuple):
     """One number of the state of an episode.
 
-    The role says where a dataset holds it: "observation", "reward", "latent" (the hidden part of the Markov
+    The role says where a dataset stores it: "observation", "reward", "latent" (the hidden part of the Markov
     state), "drift" (hidden too, of moving setpoints only), "derived" (computed from others), or "unsaved".
     """
 
@@ -23,7 +23,7 @@ class Variable(NamedTuple):
     high: float | None
     role: str
     meaning: str
-    whole: bool = False  # kept as int64, else as float64
+    whole: bool = False  # stored as int64, else as float64
 
 
 _TABLE = (
@@ -69,7 +69,7 @@ INTEGERS = tuple(variable.name for variable in _TABLE if variable.whole)
 
 
 def rows(*names: str) -> tuple[int, ...]:
-    """Where variables lie: the rows of `State.floats`, or of `State.integers` for whole numbers.
+    """The rows of variables in `State.floats`, or in `State.integers` for whole numbers.
 
     >>> rows("setpoint", "velocity", "domain")
     (0, 1, 0)

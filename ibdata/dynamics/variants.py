@@ -2,7 +2,7 @@
 
 Hein et al. 2017, *A Benchmark Environment Motivated by Industrial Control Problems* (arXiv 1709.09480),
 and the authors' `industrial-benchmark-python` 2.0 (files `IDS.py` and `EffectiveAction.py`) differ in the
-fields below and in nothing else. The dynamics read the fields and never ask which variant they run.
+fields below and in nothing else. The dynamics depend on these fields only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Pair = tuple[float, float]
 
 
 class Parameters(NamedTuple):
-    """The numbers of a `Variant` as the compiled step takes them: floats and tuples of floats only."""
+    """The fields of a `Variant` as floats and tuples of floats, which compiled code accepts."""
 
     eta_mean: float
     eta_scale: float
@@ -40,10 +40,10 @@ class Parameters(NamedTuple):
 
 @dataclass(frozen=True)
 class Variant:
-    """One reading of the Industrial Benchmark: one field for each decision on which the sources differ.
+    """A version of the Industrial Benchmark, with one field for each point on which the sources differ.
 
-    Raises ValueError at construction if a field is invalid: it would let a value leave the range that the
-    paper gives it, or is not finite.
+    The constructor raises ValueError if a field is not finite, or if it would let a variable leave the range
+    that the paper gives.
     """
 
     eta_mean: float
@@ -55,7 +55,7 @@ class Variant:
     bernoulli_bounds: Pair
     """Bounds to which the probability of ηᵛᵇ and ηᵍᵇ is clipped."""
     alpha_threshold: float
-    """α is drawn anew where max(μᵛ, μᵍ) is at least this."""
+    """Value of max(μᵛ, μᵍ) from which α is drawn anew."""
     convolution_weights: tuple[float, float, float, float, float]
     """Weights of θ[t-5] … θ[t-9] in θᶜ; symmetric in both sources."""
     consumption_offset: float
@@ -67,7 +67,7 @@ class Variant:
     drift_length: int
     """Longest segment of a moving setpoint, in steps; lengths are uniform on 1 … drift_length."""
     drift_flip: Pair
-    """Probability that b changes sign (before moving, at a bound; after moving, past a bound); one is 0."""
+    """Probabilities that b changes sign (before moving, at a bound; after moving, past one); one is 0."""
 
     def __post_init__(self) -> None:
         k = self.parameters()
@@ -96,7 +96,7 @@ class Variant:
             "drift_length must be a whole number in [1, 1e6]": (
                 1.0 <= k.drift_length <= 1e6 and k.drift_length == math.floor(k.drift_length)
             ),
-            # Both flips read the same draw.
+            # Both flips use the same draw.
             "drift_flip must be two probabilities, one of them 0": (
                 0.0 <= k.flip_before <= 1.0
                 and 0.0 <= k.flip_after <= 1.0
@@ -108,7 +108,7 @@ class Variant:
             raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
 
     def parameters(self) -> Parameters:
-        """The fields as one NamedTuple of numbers, the form that compiled code takes."""
+        """The fields as numbers. Raises ValueError if a pair or the list of weights has the wrong length."""
         try:
             eta_scale, eta_shift = self.eta_squash
             (v0, g0), (v1, g1) = self.effective_velocity_ends
@@ -117,7 +117,7 @@ class Variant:
             flip_before, flip_after = self.drift_flip
             w5, w6, w7, w8, w9 = (float(w) for w in self.convolution_weights)
         except (TypeError, ValueError):
-            raise ValueError(f"variant: a pair or list of weights has another shape; found {self}") from None
+            raise ValueError(f"variant: found a pair or weights of the wrong length in {self}") from None
         return Parameters(
             eta_mean=float(self.eta_mean),
             eta_scale=float(eta_scale),
@@ -172,7 +172,7 @@ VARIANTS: Mapping[str, Variant] = {"siemens": SIEMENS, "paper": PAPER}
 
 
 def resolve(variant: Variant | str) -> Variant:
-    """A variant given itself or by name. Raises ValueError for a name that is not in `VARIANTS`."""
+    """The variant, given as such or by name. Raises ValueError for a name that is not in `VARIANTS`."""
     if isinstance(variant, Variant):
         return variant
     if variant not in VARIANTS:

@@ -23,7 +23,7 @@ NO_HISTORY, NOTHING = np.empty((1, 0, 6), dtype=np.float32), np.empty(0)
 
 
 class _Episode(Episodes):
-    """Begins with the function that makes the steps too, so that no other machine code is loaded."""
+    """Begins episodes with the compiled function that makes the steps, so that no other is loaded."""
 
     def advance(self, state: State, actions: Float32s, raw: Raw, drift: Raw, *_: Any) -> None:
         integers = np.concatenate([raw.ravel(), drift.ravel()])
@@ -44,7 +44,7 @@ class Lane(Simulation):
         self._form = "".join("q" if VARIABLES[name].whole else "d" for name in wanted)
 
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
-        """A step by three finite numbers: observation, scaled reward, hidden variables by column name."""
+        """Make a step; return observation, scaled reward, and hidden variables by column name."""
         (floats, integers), (dv, dg, dh) = self._state, action
         kernel.simulate_lane(
             floats, integers, dv, dg, dh, raw, self._parameters, self.seen, self._rows, self._out
@@ -55,7 +55,7 @@ class Lane(Simulation):
 
 
 def checked_action(given: Any) -> Action:
-    """The three finite numbers of an action, without NumPy if it is what the action space samples.
+    """Return the three numbers of an action; an array of three finite floats takes a short way.
 
     Raises UsageError if it is no action.
     """

@@ -21,19 +21,24 @@ Observation = npt.NDArray[np.float32]
 
 
 class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
-    """One episode of the Industrial Benchmark at a time; it never terminates, `gymnasium.make` truncates it.
+    """The Industrial Benchmark as a Gymnasium environment.
 
-    setpoint: a number, "drifting" (from 50 on), or {"drifting": a number}.
-    dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
-    start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-    history: the number of observations returned together, newest first; the first one fills it at the start.
-    reward_scale: factor of the reward, which is -consumption - 3 fatigue of the new state.
+    It never terminates; `gymnasium.make` adds a limit of steps, which truncates episodes. Observations are
+    float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption, newest first. Actions are
+    (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov state
+    under the names of a dataset's columns. All random numbers come from `np_random`.
 
-    Observations are float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption; actions
-    are (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov
-    state under the names of a dataset's columns. All draws come from `np_random`.
+    Args:
+        setpoint: a number, "drifting" (starts at 50), or {"drifting": a number}.
+        dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
+        start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
+        history: the number of observations returned together; at the start the first one is repeated.
+        reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
+        render_mode: "rgb_array" or None.
 
-    Raises ConfigError for invalid settings, UsageError for an invalid action or render mode.
+    Raises:
+        ConfigError: a setting is invalid.
+        UsageError: an action or the render mode is invalid.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
@@ -65,7 +70,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode: its first observation and the hidden state."""
+        """Begin an episode. Returns the first observation and the hidden state."""
         super().reset(seed=seed)
         self._began = True
         self._lane.reset(self._lane.everyone, self._draw)
@@ -76,7 +81,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         return self._lane.observations()[0], info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One step: observation, reward, False, False, and the hidden state."""
+        """Advance by one step. Returns the observation, the reward, False, False and the hidden state."""
         if not self._began:
             raise gym.error.ResetNeeded("step: found no episode, expected reset() before")
         lane, proposed = self._lane, checked_action(action)

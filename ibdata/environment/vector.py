@@ -29,14 +29,22 @@ def _mode_of_gymnasium(mode: str) -> Any:
 
 
 class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.NDArray[Any]]):
-    """`num_envs` lanes of the benchmark; lane i of seed s is the environment of seed s + i, bit for bit.
+    """`num_envs` environments, the lanes, which advance together.
 
-    Takes what `IndustrialBenchmarkEnv` takes, and `autoreset_mode`, one of "NextStep" (the step after a
-    truncation ignores the action and returns the new episode's first observation, with reward 0: no
-    transition to learn from), "SameStep" (the truncated step returns it, and the last observation is in
-    `info["final_obs"]`) and "Disabled" (`reset(options={"reset_mask": truncated})` is the caller's).
+    With the seed s, lane i gives the same bits as an `IndustrialBenchmarkEnv` with the seed s + i. The
+    arguments that are not listed are those of `IndustrialBenchmarkEnv`.
 
-    Raises ConfigError or UsageError for invalid arguments.
+    Args:
+        num_envs: the number of lanes.
+        max_episode_steps: the length of episodes; None for no end.
+        autoreset_mode: what follows a truncation. "NextStep": the next step ignores the action and returns
+            the first observation of a new episode with reward 0, which is no transition to learn from.
+            "SameStep": the truncated step itself returns that observation, and `info["final_obs"]` has the
+            last one. "Disabled": the caller must call `reset(options={"reset_mask": truncated})`.
+
+    Raises:
+        ConfigError: a setting is invalid.
+        UsageError: another argument or an action is invalid.
     """
 
     def __init__(
@@ -87,7 +95,9 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     ) -> tuple[Float32s, dict[str, Any]]:
         """Begin episodes in all lanes, or in those of the boolean array `options["reset_mask"]` (n,).
 
-        seed: a number for the first lane, from which the others count on, or a list with one for each.
+        Args:
+            seed: the seed of lane 0, to which lane i adds i, or a list with one seed for each lane.
+            options: see above.
         """
         mask = self._mask((options or {}).get("reset_mask"))
         if isinstance(seed, Sequence) and len(seed) != self.num_envs:
@@ -119,7 +129,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def step(
         self, actions: Float32s
     ) -> tuple[Float32s, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
-        """One step of every lane: observations, rewards, flags (n,) and the hidden states."""
+        """Advance every lane by one step. Returns observations, rewards, flags (n,) and the hidden states."""
         if (self._elapsed < 0).any() or (self._mode == DISABLED and self._done.any()):
             raise gym.error.ResetNeeded(
                 "step: found lanes without a running episode, expected reset() before"

@@ -1,4 +1,4 @@
-"""Evaluating policies: returns of fresh episodes, with standard errors, on common random numbers."""
+"""Evaluation of policies: returns of new episodes, with standard errors, on common random numbers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from ibdata.numerics.confidence import estimate
 from ibdata.system.memory import refuse_too_much
 
 Floats = npt.NDArray[np.float64]
-RETURN_BYTES = 16  # of an episode at least: two sums
+RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
 class Result(NamedTuple):
-    """Returns of a policy at a setpoint, or over all setpoints (None), each counting the same.
+    """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
 
-    mean_return and its standard error, 95 % interval and p10, the 10th percentile of the episodes' returns,
-    are discounted and unscaled; mean_reward is per step and undiscounted. The score is `Evaluation.scale`'s.
+    `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
+    are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
+    `score`.
     """
 
     policy: str
@@ -41,7 +42,7 @@ class Result(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The return of a policy less that of another in the same episodes, at a setpoint or over all (None)."""
+    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
 
     policy: str
     less: str
@@ -53,7 +54,7 @@ class Difference(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """Results per policy and setpoint, paired differences of the policies, and what both are made of."""
+    """Results per policy and setpoint, paired differences of the policies, and the returns behind both."""
 
     results: list[Result]
     differences: list[Difference]
@@ -82,9 +83,9 @@ def evaluate(
     history: int = 1,
     allow_code: bool = False,
 ) -> Evaluation:
-    """Simulate fresh episodes with one or several policies and compare their returns.
+    """Simulate new episodes with one or several policies and compare their returns.
 
-    All policies meet the same random numbers of the environment, so their differences are paired, episode by
+    The environment uses the same random numbers for all policies, so their differences are paired, episode by
     episode. The return of an episode is the sum over t of discountᵗ times the reward.
 
     Args:
@@ -151,7 +152,7 @@ def evaluate(
 
 
 def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
-    """Each setpoint and, where there are several, all (None), with their places."""
+    """Each setpoint and, if there are several, None for all, with its slice."""
     every: list[tuple[float | None, slice]] = [(p, slice(j, j + 1)) for j, p in enumerate(setpoints)]
     return every if len(every) == 1 else [*every, (None, slice(None))]
 
@@ -166,7 +167,7 @@ def _result(
 
 
 def _overall(label: str, rows: list[Result], values: Floats) -> Result:
-    """All setpoints together; a score where each has one: their mean."""
+    """The result over all setpoints. Its score is the mean of their scores, if each has one."""
     scores = [row.score for row in rows if row.score is not None]
     score = sum(scores) / len(rows) if len(scores) == len(rows) else None
     reward = sum(row.mean_reward for row in rows) / len(rows)

@@ -1,4 +1,4 @@
-"""The returns of policies' episodes; all policies meet the same random numbers of the environment."""
+"""The returns of policies, with the same random numbers of the environment for all of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class EvaluationBlock(Block):
-    """Episodes whose environment draws at addresses that do not depend on the policy."""
+    """Episodes in which the environment's random numbers do not depend on the policy."""
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -25,7 +25,7 @@ class EvaluationBlock(Block):
         return form_digest(common), form_digest(form)
 
     def returns(self, discount: float) -> tuple[Floats, Floats]:
-        """Two sums (n,) over the steps t: of discount to the t times the reward, and of the reward."""
+        """The discounted and the undiscounted return of each episode, (n,)."""
         chunk = min(CHUNK, self.experiment.steps)
         rewards = np.empty((1, chunk + 1, self.n))
         actions = np.empty((chunk, self.n, 3), dtype=np.float32)
@@ -41,7 +41,7 @@ class EvaluationBlock(Block):
 def returns(experiment: Experiment, discount: float) -> tuple[Floats, Floats]:
     """Discounted and undiscounted returns (policies, setpoints, episodes) of an experiment's episodes.
 
-    Raises PolicyError if a policy returns something that is not an action.
+    Raises PolicyError if a policy fails or returns no valid action.
     """
     total = len(experiment.cells) * experiment.episodes
     out = np.empty((2, total))

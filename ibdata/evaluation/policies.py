@@ -1,4 +1,4 @@
-"""Policies as a user gives them: a kind, a block, a file, or any object that acts."""
+"""Policies that a user gives as a kind, a block, a file, or any object that acts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ibdata.policies.custom import Adapter
 
 
 class Acting(Adapter):
-    """Any object that acts, under the name of its class, from which its random numbers follow."""
+    """A policy made of any object that acts. Its random numbers depend on the name of the object's class."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
@@ -43,7 +43,7 @@ class Acting(Adapter):
         return int(getattr(self.target, "uniforms_per_step", 0))
 
     def form(self) -> dict[str, Any]:
-        """The name: no more is known."""
+        """The kind and the name, because nothing else is known."""
         return {"kind": self.kind, "name": self.label}
 
 
@@ -54,7 +54,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         given: a `Policy`, a kind such as "safe", a block (mapping, YAML text or file), or an object with
             `act(history, u)` or `predict(observation)`.
         history: the number of observations that an object sees if it has no `history_length`.
-        allow_code: whether a custom policy that a file names may run; one in a block always may.
+        allow_code: whether a custom policy in a file may run; one that is given as a block always may.
 
     Raises:
         UsageError: given is none of these, or a file names a custom policy without allow_code.
@@ -70,7 +70,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         name = "".join(c if c.isascii() and c.isalnum() else "-" for c in type(given).__name__.lower())
         return Acting(target=given, history=history, name=name.strip("-")[:64] or "object")
     raise UsageError(
-        f"policy: found {shown(given)}, expected one with act(history, u) or predict(observation)"
+        f"policy: found {shown(given)}, expected an object with act(history, u) or predict(observation)"
     )
 
 
@@ -103,7 +103,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
 
 
 def _block(block: dict[str, Any], place: str) -> Policy:
-    """The policy of a block; its problems name the place and the option."""
+    """The policy of a block. The lines of a ConfigError begin with the place."""
     try:
         return validated({"name": "x", "setpoints": 0, "policies": [block]}).policies[0]
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Experiments: the YAML models, and `load` with all errors at once as file:line:column."""
+"""Load experiments from YAML files, with all errors at once as file:line:column."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def load(
 
     Args:
         config: the path of the file, or the name of a shipped experiment.
-        overrides: `key.sub=value`, each in place of a value of the file.
-        seed: in place of the seed of the file.
+        overrides: texts `key.sub=value`, each of which replaces a value of the file.
+        seed: replaces the seed of the file.
 
     Raises:
         UsageError: there is no such file, or it cannot be read.
-        ConfigError: the experiment is not valid. `problems` has a line for each problem of the file and of
-            the overrides: `file:line:column: key: what was found, what was expected`.
+        ConfigError: the experiment is invalid. `problems` has a line for each problem of the file and of the
+            overrides: `file:line:column: key: what was found, what was expected`.
     """
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("*.yaml"))[0]
-        raise UsageError(f"{path}: found a folder of experiments, expected one, such as {example}")
+        raise UsageError(f"{path}: found a folder of experiments, expected a file such as {example}")
     try:
-        with path.open("rb") as file:  # which may have no end
+        with path.open("rb") as file:  # bounded, because a device may have no end
             document = Document(file.read(MAX_BYTES + 1))
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
@@ -60,7 +60,7 @@ def load(
 
 
 def validated(data: dict[str, Any]) -> Experiment:
-    """The experiment of plain data; ConfigError with every problem as `key: found, expected`."""
+    """The experiment of plain data. Raises ConfigError with a line `key: found, expected` per problem."""
     try:
         return Experiment.model_validate(data)
     except ValidationError as error:
@@ -71,9 +71,10 @@ def validated(data: dict[str, Any]) -> Experiment:
 def load_all(
     config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
 ) -> list[Experiment]:
-    """The experiments of a folder (or shipped suite) in the order of their files, or the one of a file.
+    """The experiments of a folder or a shipped suite in the order of their files, or that of one file.
 
-    Raises as `load`, with the problems of all files at once; two experiments of one name are a problem.
+    Raises the errors of `load`, with the problems of all files at once, and ConfigError if two experiments
+    have the same name.
     """
     path = find(config)
     files = sorted(path.glob("*.yaml")) if is_suite(path) else [path]
@@ -93,18 +94,18 @@ def load_all(
             found[f"{file}: name: {message}"] = [str(file)]
         experiments[experiment.name] = experiment
     if found:
-        raise ConfigError([line for item in found.items() for line in _where(*item, len(files))])
+        raise ConfigError([line for item in found.items() for line in _with_files(*item, len(files))])
     return list(experiments.values())
 
 
-def _where(problem: str, files: list[str], of: int) -> list[str]:
-    """A problem with its files, where it is not that of all of them and does not name its file."""
-    named = len(files) == of or problem.startswith(files[0])
+def _with_files(problem: str, files: list[str], total: int) -> list[str]:
+    """A problem with the names of its files, unless all files have it or it already names its file."""
+    named = len(files) == total or problem.startswith(files[0])
     return [problem] if named else [f"{file}: {problem}" for file in files]
 
 
 def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
-    """The resolved experiment, from which the dataset can be made again; in ASCII, to be printed anywhere."""
+    """The resolved experiment, from which the dataset can be made again, as UTF-8 or as ASCII."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.allow_unicode = not ascii
@@ -115,7 +116,7 @@ def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
 
 
 def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str]:
-    """Put overrides into the data; where each came from, by path."""
+    """Apply overrides to the data. Returns the override behind each changed path."""
     places: dict[Loc, str] = {}
     for override in overrides:
         key, equals, text = override.partition("=")
@@ -134,7 +135,7 @@ def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str
 
 
 def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
-    """Put a value into the data; the paths of what is new there."""
+    """Put a value into the data. Returns the paths of all new values."""
     new: list[Loc] = []
     path: Loc = ()
     for i, part in enumerate(loc):
@@ -156,7 +157,7 @@ def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
 
 
 def _line(problem: Problem, document: Document, path: str, places: dict[Loc, str]) -> str:
-    """A problem with its place: the override that put it there, or file, line and column."""
+    """A problem with its place: the override that caused it, or file, line and column."""
     loc, key, message = problem.loc, problem.key, problem.message
     for length in range(len(loc), 0, -1):
         if loc[:length] in places:

@@ -1,4 +1,4 @@
-"""A cell: the part of an experiment that an episode's random numbers depend on."""
+"""Cells, the parts of an experiment on which the random numbers of an episode depend."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def form_digest(form: Mapping[str, Any]) -> bytes:
 
 
 def variant_form(base: str, variant: Variant) -> Any:
-    """The name of the variant, with the fields in which it differs from the published one of that name."""
+    """The name `base`, with those fields of the variant that differ from the published one of that name."""
     differing = {
         field.name: getattr(variant, field.name)
         for field in dataclasses.fields(Variant)

@@ -1,4 +1,4 @@
-"""Code that an experiment names: it runs only if the user allows it, and what ran is recorded."""
+"""Consent to the custom code of an experiment, and a record of the code that ran."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ibdata.system.atomic_files import file_sha256
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every custom policy, also those that are the base of another."""
+    """Return every custom policy, including those that are the base of another policy."""
     return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
-    """Yield the policy if it is a custom one, or else its base if that is."""
+    """Yield the policy and its base, as far as they are custom."""
     if isinstance(policy, Custom):
         yield policy
     base = getattr(policy, "base", None)
@@ -36,8 +36,8 @@ def customs_in(policy: Policy) -> Iterator[Custom]:
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> None:
     """Print on stderr which custom code will run.
 
-    Raises UsageError if there is such code and allow_code is false, or if it is in the script that was
-    started: nobody could import that to make the dataset again.
+    Raises UsageError if there is such code and allow_code is false, or if the code is in the script that was
+    started, because it could not be imported to make the dataset again.
     """
     targets = spec.code_targets
     if targets and not allow_code:
@@ -55,7 +55,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
 
 
 def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetSpec:
-    """Return `spec_in` of a dataset whose episodes are made again; raises as that and `require_consent`."""
+    """Return the specification of a dataset, after `require_consent`, to make its episodes again."""
     spec = spec_in(folder, listed)
     require_consent(spec, folder, allow_code)
     return spec
@@ -63,7 +63,7 @@ def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetS
 
 @contextmanager
 def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
-    """Let policies be imported from the current folder, and restore that folder if their code changes it."""
+    """A context that finds policies in the current folder, and restores it if their code changes it."""
     here = os.getcwd() if customs(spec) else None
     before = started_in.set(here)
     try:
@@ -76,12 +76,17 @@ def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
 
 
 def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[Code]:
-    """Describe the custom policies without importing them; folder is that of the experiment's YAML file.
+    """Describe the custom policies without importing them.
 
-    For each: its target, the version of its distribution, the SHA-256 of its module, of each file that is
-    declared and of each module that it imports and is not installed; of installed ones the versions.
+    A description holds the target, the version of its distribution, the SHA-256 of its module, of each
+    declared file and of each imported module that is not installed, and the versions of the installed ones.
 
-    Raises UsageError where a declared file is missing, or a module was changed after it was imported here.
+    Args:
+        spec: the specification of the dataset.
+        folder: the folder of the experiment's YAML file.
+
+    Raises:
+        UsageError: a declared file is missing, or a module was changed after this process imported it.
     """
     policies = {(policy.target, *(policy.files or ())): policy for policy in customs(spec)}
     if not policies:
@@ -107,7 +112,7 @@ def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[s
 
 
 def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str]:
-    """Return the distributions of installed modules, with their versions."""
+    """Return the versions of the distributions of installed modules."""
     found = sorted({owner for name in names for owner in owners.get(name, ())})
     return {owner: importlib.metadata.version(owner) for owner in found}
 
@@ -123,7 +128,8 @@ def _declared(name: str, target: str, folder: Path | None) -> str:
     )
 
 
-_imported: dict[str, tuple[ModuleSpec, str | None]] = {}  # what modules were when they were first seen here
+# The spec and the hash of each module when this process first saw it.
+_imported: dict[str, tuple[ModuleSpec, str | None]] = {}
 
 
 def _sha256(source: Source) -> str | None:
@@ -134,11 +140,11 @@ def _sha256(source: Source) -> str | None:
     if spec is None:
         return found
     known, was = _imported.get(source.module, (None, None))
-    if known is not spec:  # another one since: it was imported, or reloaded
+    if known is not spec:  # imported or reloaded since then
         _imported[source.module] = spec, found
     elif was != found:
         raise UsageError(
-            f"{source.path}: was changed after this process had imported it, so other code would run than is "
+            f"{source.path}: was changed after this process had imported it, so code would run that is not "
             "recorded; start Python again"
         )
     return found

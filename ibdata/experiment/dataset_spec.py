@@ -1,4 +1,4 @@
-"""The specification of a dataset: its experiment, or several if it was merged, and later splits."""
+"""The specification of a dataset: its experiment, or several if it was merged, and splits made later."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ from ibdata.experiment.plan import Shard, plan, segments
 
 
 def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | None:
-    """The part of a split that names only what an experiment has; None where that is nothing.
+    """A split without the setpoints, policies and episodes that an experiment lacks; None if nothing is left.
 
-    known: the setpoints of the experiment.
+    Args:
+        split: the split.
+        experiment: the experiment.
+        known: the setpoints of the experiment.
     """
     setpoints, labels = split.setpoints(), split.policies()
     indices = split.indices(experiment.episodes)
@@ -37,7 +40,7 @@ def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | 
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """Experiments, one after another; `later` are splits that label episodes without files of their own."""
+    """The experiments of a dataset in order; `later` are splits that label episodes and have no files."""
 
     name: str
     experiments: tuple[Experiment, ...]
@@ -58,7 +61,7 @@ class DatasetSpec:
         )
 
     def plain(self) -> dict[str, Any]:
-        """Name, experiments and later splits as JSON holds them."""
+        """Name, experiments and later splits as plain data for JSON."""
         return {
             "name": self.name,
             "experiments": [experiment.plain() for experiment in self.experiments],
@@ -83,17 +86,17 @@ class DatasetSpec:
 
     @property
     def declared(self) -> list[str]:
-        """The names of the splits that are whole files, in order."""
+        """The names of the splits that consist of whole files, in order."""
         return list(dict.fromkeys(name for e in self.experiments for name in e.splits))
 
     @property
     def rows(self) -> int:
-        """Transitions in the dataset."""
+        """The number of transitions in the dataset."""
         return sum(experiment.rows for experiment in self.experiments)
 
     @property
     def episodes(self) -> int:
-        """Episodes in the dataset."""
+        """The number of episodes in the dataset."""
         return sum(len(e.cells) * e.episodes for e in self.experiments)
 
     @property
@@ -103,7 +106,7 @@ class DatasetSpec:
 
     @property
     def code_targets(self) -> list[str]:
-        """The `package.module:name` of every custom policy, also of those inside others."""
+        """The `package.module:name` of every custom policy, including those that are the base of another."""
         found = (policy.code_target for e in self.experiments for policy in e.policies)
         return list(dict.fromkeys(target for target in found if target is not None))
 
@@ -112,7 +115,10 @@ class DatasetSpec:
         return self.experiments[shard.experiment]
 
     def runs(self, shard: Shard) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-        """Runs first … stop - 1 of a shard's episodes, as its experiment counts, with all of their splits."""
+        """Runs (first, stop, splits) of a shard's episodes that are in the same splits.
+
+        Episodes are numbered as in the shard's experiment.
+        """
         if not self.later:
             yield shard.first, shard.stop, shard.splits
             return
@@ -123,7 +129,7 @@ class DatasetSpec:
             yield max(first, shard.first), min(stop, shard.stop), (*shard.splits, *names)
 
     def all_declared(self) -> DatasetSpec:
-        """The same with the later splits declared, so that their episodes get files of their own."""
+        """A copy in which the later splits are declared, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
             known = {cell.setpoint for cell in experiment.cells}

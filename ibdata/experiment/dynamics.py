@@ -13,18 +13,18 @@ from ibdata.policies.base import FrozenModel, NormalDouble
 
 
 class Overrides(FrozenModel):
-    """A published variant with single fields replaced; `CustomDynamics` adds a field of each."""
+    """Base of `CustomDynamics`, which adds an optional field for each field of `Variant`."""
 
     base: Literal["siemens", "paper"]
 
     def variant(self) -> Variant:
-        """The variant; ValueError if the fields do not fit together."""
+        """The variant. Raises ValueError if its fields are invalid."""
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
         return dataclasses.replace(VARIANTS[self.base], **{k: v for k, v in given.items() if v is not None})
 
 
 def _fitting(name: str) -> AfterValidator:
-    """Refuse the values that `Variant` refuses; each of its rules is about one field."""
+    """A validator that refuses what `Variant` refuses; each rule of `Variant` concerns one field."""
 
     def check(value: Any) -> Any:
         try:
@@ -38,7 +38,7 @@ def _fitting(name: str) -> AfterValidator:
 
 
 def _strict(hint: Any) -> Any:
-    """The type with its numbers strict, as everywhere else."""
+    """The type with strict numbers, as in the other models."""
     if get_origin(hint) is tuple:
         return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
     return {float: Annotated[Real, NormalDouble], int: Annotated[int, WHOLE, Field(strict=True)]}[hint]

@@ -19,13 +19,13 @@ def _ordered(pair: list[int]) -> list[int]:
 
 
 class BurnIn(FrozenModel):
-    """A random number of unrecorded steps with uniform random actions before the first recorded one."""
+    """A random number of steps with uniform random actions before the first recorded step."""
 
     burn_in: Annotated[
         list[Annotated[int, Field(strict=True, ge=0, le=100_000), WHOLE]],
         Field(min_length=2, max_length=2),
         AfterValidator(_ordered),
-    ] = Field(description="[fewest, most] steps, each number as likely")
+    ] = Field(description="[fewest, most] steps; all numbers between them are equally likely")
 
 
 Start = Annotated[
@@ -42,28 +42,28 @@ def _no_number(value: Any) -> Any:
 
 
 class Output(FrozenModel):
-    """How the dataset is stored; never what happens in it."""
+    """How the dataset is stored. The simulation does not depend on it."""
 
     dtype: Literal["float32", "float64"] = Field(
-        default="float32", description="of all float columns; actions are float32 values in both"
+        default="float32", description="type of all float columns; actions are float32 values in both"
     )
     latent: Annotated[Literal[False, True, "full", "next"], BeforeValidator(_no_number)] = Field(
-        default=True, description="Markov state at t; full: also derived values; next: also of t + 1"
+        default=True, description="Markov state at t; full: with derived values; next: with that at t + 1"
     )
     shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), WHOLE] = Field(
-        default=1_000_000, description="rows a file; whole episodes, at least one"
+        default=1_000_000, description="most rows of a file, which holds whole episodes and at least one"
     )
 
 
 class EpisodeRange(FrozenModel):
-    """Episodes of each cell by their index, from 0; the stop is included."""
+    """Episodes of each cell by their index, which begins at 0; the stop is included."""
 
     start: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(default=0, description="the first")
     stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
 
 
 class Split(FrozenModel):
-    """The episodes that fulfil all of the conditions."""
+    """The episodes that meet all of these conditions."""
 
     setpoint: SetpointOrList | None = Field(default=None, description="one or a list; default: all")
     policy: (
@@ -80,19 +80,19 @@ class Split(FrozenModel):
             Discriminator(lambda value: "<range>" if isinstance(value, dict | FrozenModel) else "<number>"),
         ]
         | None
-    ) = Field(default=None, description="the first so many of each cell, or {start, stop}; default: all")
+    ) = Field(default=None, description="how many of each cell, or {start, stop}; default: all")
     overlap: bool = Field(default=False, strict=True, description="may share episodes with other splits")
 
     def setpoints(self) -> list[float] | None:
-        """The setpoints asked for, or None for all."""
+        """The selected setpoints, or None for all."""
         return self.setpoint if isinstance(self.setpoint, list | None) else [self.setpoint]
 
     def policies(self) -> list[str] | None:
-        """The labels of the policies asked for, or None for all."""
+        """The labels of the selected policies, or None for all."""
         return self.policy if isinstance(self.policy, list | None) else [self.policy]
 
     def indices(self, episodes: int) -> range:
-        """The episodes asked for of each cell's 0 … episodes - 1."""
+        """The indices of the selected episodes in a cell with that many episodes."""
         if isinstance(self.episodes, EpisodeRange):
             return range(self.episodes.start, self.episodes.stop + 1)
         return range(self.episodes if self.episodes is not None else episodes)

@@ -1,4 +1,4 @@
-"""Find what a module imports by reading source files; none of their code runs."""
+"""Find the imports of a module by reading source files, without running code."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ class Source(NamedTuple):
 
 
 def imported(module: str) -> tuple[dict[str, Source], set[str]]:
-    """Return the sources of a module and of what it imports, and the names of installed packages among these.
+    """Return the sources of a module and of its imports, and the names of the installed packages among them.
 
-    A source's key is its path from where modules are searched, so it is the same on every host. The module
-    itself comes first. Imports inside functions count too. Of an installed module only its own package is
-    followed. A module whose name is made at run time is not seen.
+    The key of a source is its path relative to the folder in which Python finds it, so it is the same on
+    every host. The module itself comes first. Imports inside functions are included, but not modules whose
+    names are made at run time. The imports of an installed package are not followed, unless it contains the
+    module itself.
     """
     sources: dict[str, Source] = {}
     others: set[str] = set()
@@ -57,7 +58,7 @@ def imported(module: str) -> tuple[dict[str, Source], set[str]]:
 
 
 def _is_own(top: str, module: str) -> bool:
-    """Whether a module is neither Python's nor installed, or is in the package of the target's module."""
+    """Whether a module is not in the standard library nor installed, or is in the package of the target."""
     spec = _spec(top)
     if spec is None or top == PACKAGE:
         return False
@@ -72,7 +73,7 @@ def _is_own(top: str, module: str) -> bool:
 
 
 def _spec(name: str) -> ModuleSpec | None:
-    """Find a module's spec without importing its parents, as `importlib.util.find_spec` would."""
+    """Find a module's spec without importing its parents, unlike `importlib.util.find_spec`."""
     parent, _, tail = name.rpartition(".")
     if not parent:
         finders = [finder for finder in sys.meta_path if hasattr(finder, "find_spec")]
@@ -84,7 +85,7 @@ def _spec(name: str) -> ModuleSpec | None:
 
 
 def _named(path: Path, package: str) -> Iterator[str]:
-    """The names that a source file imports; some may be of no modules."""
+    """The names that a source file imports; some may not be modules."""
     try:
         tree = ast.parse(path.read_bytes()) if path.suffix == ".py" else ast.Module([], [])
     except (OSError, SyntaxError, ValueError):  # it cannot be imported either

@@ -1,4 +1,4 @@
-"""Errors of pydantic in the words of a user: what was found, what was expected, what may have been meant."""
+"""Rephrase pydantic's errors for users: what was found, what was expected, and a similar valid word."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ EXPECTED = {
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """', did you mean …' where a known word is near, else nothing."""
+    """'; did you mean …?' if a known word is similar, else an empty text."""
     near = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near and near[0] != word else ""
 
@@ -50,15 +50,15 @@ def shown(value: Any) -> str:
 
 
 class Problem(NamedTuple):
-    """One problem of the data of a model."""
+    """A problem in the data of a model."""
 
     loc: Loc
     message: str
-    at_key: bool  # it is the key that is wrong, not its value
+    at_key: bool  # whether the key is wrong, not its value
 
     @property
     def key(self) -> str:
-        """The path of the value, its parts joined by dots."""
+        """The path of the value, with its parts joined by dots."""
         return ".".join(map(str, self.loc))
 
 
@@ -81,7 +81,7 @@ def _problems(error: Mapping[str, Any], model: type[BaseModel], data: Any) -> li
 
 
 def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
-    """The path without the parts that pydantic adds for the branches of unions."""
+    """The path without the parts that pydantic adds for branches of unions."""
     out: list[str | int] = []
     in_policy = False  # the next part is the kind of a policy, which may be a key as well
     for i, part in enumerate(loc):
@@ -98,7 +98,7 @@ def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
 
 
 def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
-    """One pydantic error as 'found …, expected …'."""
+    """Rephrase one error of pydantic as 'found …, expected …'."""
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "extra_forbidden":
         key = str(error["loc"][-1])
@@ -128,7 +128,7 @@ def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
 
 
 def _keys_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
-    """The option names that the mapping at `loc` may hold."""
+    """The names of the options that the mapping at `loc` may have."""
     if loc and loc[0] == "policies" and len(loc) > 1:
         block = data
         for part in loc:

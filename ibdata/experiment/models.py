@@ -1,4 +1,4 @@
-"""An experiment: everything that decides what is in a dataset."""
+"""The model of an experiment, which determines the contents of a dataset."""
 
 from __future__ import annotations
 
@@ -32,12 +32,17 @@ def _no_bool(value: Any) -> Any:
 
 
 class Experiment(FrozenModel):
-    """One dataset: cells are every combination of policy and setpoint, each with `episodes` episodes."""
+    """The description of a dataset, from which `generate` makes it.
+
+    Each combination of a policy and a setpoint is a cell, which has `episodes` episodes of `steps` steps.
+    `ibdata.load` reads an experiment from a YAML file. The constructor takes the same options and raises
+    pydantic's ValidationError if they are invalid.
+    """
 
     version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
         default=1, description="version of this format"
     )
-    name: FileName = Field(description="of the experiment, its dataset and its folder")
+    name: FileName = Field(description="name of the experiment, its dataset and its folder")
     dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
     setpoints: Setpoints = Field(
         description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
@@ -46,17 +51,17 @@ class Experiment(FrozenModel):
         description="blocks with a kind and its options"
     )
     episodes: Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE] = Field(
-        default=1, description="per setpoint and policy"
+        default=1, description="number of episodes per setpoint and policy"
     )
     steps: Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE] = Field(
-        default=1000, description="rows of an episode"
+        default=1000, description="number of steps, and rows, per episode"
     )
     start: Start = Field(
         default="default",
         description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
     )
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = Field(
-        default=0, description="of all random numbers; another seed is another dataset"
+        default=0, description="seed of all random numbers"
     )
     output: Output = Field(default=Output(), description="how the dataset is stored")
     splits: dict[SplitName, Split] = Field(
@@ -65,7 +70,7 @@ class Experiment(FrozenModel):
 
     @cached_property
     def folder(self) -> Path | None:
-        """The folder of the YAML file that it was loaded from, if any; not part of the experiment."""
+        """The folder of the YAML file, if it was loaded from one; not part of the experiment."""
         return None
 
     @cached_property
@@ -80,7 +85,7 @@ class Experiment(FrozenModel):
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """The policies' labels in the data; where several share one, the later ones get -2, -3, …"""
+        """The labels of the policies in the data. If several have the same, the later ones get -2, -3, …"""
         labels: dict[str, None] = {}
         for policy in self.policies:
             label, count = policy.label, 1
@@ -92,7 +97,7 @@ class Experiment(FrozenModel):
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """Every combination, the policy slowest, in the order of the dataset."""
+        """All cells in the order of the dataset, by policy and then by setpoint."""
         setpoints, drifting = setpoint_values(self.setpoints)
         dynamics = variant_form(
             self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base, self.variant
@@ -106,11 +111,11 @@ class Experiment(FrozenModel):
 
     @property
     def rows(self) -> int:
-        """Transitions in the dataset."""
+        """The number of transitions in the dataset."""
         return len(self.cells) * self.episodes * self.steps
 
     def plain(self) -> dict[str, Any]:
-        """The experiment as YAML would hold it, defaults included."""
+        """The experiment as plain data for YAML, including defaults."""
         return self.model_dump(mode="json", exclude_none=True)
 
     @model_validator(mode="after")
@@ -172,7 +177,7 @@ class Experiment(FrozenModel):
                 )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:
-        """Pairs of splits with a common episode: both conditions are products, so axis by axis."""
+        """Splits that share episodes. A split is a product of axes, so two do if they meet on each axis."""
         names = [name for name, split in self.splits.items() if not split.overlap]
         axes = {name: self._axes(self.splits[name]) for name in names}
         for i, b in enumerate(names):

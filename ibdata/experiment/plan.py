@@ -1,4 +1,4 @@
-"""Which episodes go into which file: a pure function of the experiment."""
+"""The distribution of episodes to files, a pure function of the experiment."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ibdata.experiment.models import Experiment
 
 
 class Shard(NamedTuple):
-    """Episodes first … stop - 1 of an experiment, all in the same of its splits.
+    """Episodes first … stop - 1 of an experiment, all in the same splits.
 
-    A merged dataset holds several experiments, one after another: this one's number, and the dataset's
-    episodes before it.
+    A merged dataset has several experiments: `experiment` is the number of this one, `offset` the number of
+    episodes of the dataset before it.
     """
 
     number: int
@@ -32,9 +32,9 @@ class Shard(NamedTuple):
 
 
 def plan(experiment: Experiment) -> list[Shard]:
-    """The shards in order: whole episodes, at most `output.shard_rows` rows where an episode fits.
+    """The shards in order. A shard has whole episodes, at least one, and at most `output.shard_rows` rows.
 
-    A shard is cut where a declared split begins or ends, so that every split is made of whole files.
+    A new shard begins where a declared split begins or ends, so that every split consists of whole files.
     """
     per_shard = max(1, experiment.output.shard_rows // experiment.steps)
     shards: list[Shard] = []
@@ -45,7 +45,7 @@ def plan(experiment: Experiment) -> list[Shard]:
 
 
 def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[int, int, tuple[str, ...]]]:
-    """The longest runs of episodes that are in the same splits."""
+    """The longest runs (first, stop, splits) of episodes in the same splits."""
     n = experiment.episodes
     cuts = {0, n}
     for split in splits.values():
@@ -54,9 +54,9 @@ def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[
     bounds = sorted(cuts)
     order = list(splits)
     anywhere = {k for k, split in enumerate(splits.values()) if split.setpoint is None}
-    by_setpoint = _wanting(split.setpoints() or () for split in splits.values())
-    by_label = _wanting(split.policies() or experiment.labels for split in splits.values())
-    by_index = _wanting([low for low in bounds if low in split.indices(n)] for split in splits.values())
+    by_setpoint = _selecting(split.setpoints() or () for split in splits.values())
+    by_label = _selecting(split.policies() or experiment.labels for split in splits.values())
+    by_index = _selecting([low for low in bounds if low in split.indices(n)] for split in splits.values())
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
         of_cell = (by_setpoint[cell.setpoint] | anywhere) & by_label[cell.label]
@@ -69,10 +69,10 @@ def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[
     return runs
 
 
-def _wanting(wanted: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
-    """For each value the numbers of the splits that want it."""
+def _selecting(selected: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
+    """For each value, the numbers of the splits that select it."""
     found = defaultdict[Any, set[int]](set)
-    for k, values in enumerate(wanted):
+    for k, values in enumerate(selected):
         for value in values:
             found[value].add(k)
     return found

@@ -1,4 +1,4 @@
-"""Numbers and names as experiments write them."""
+"""Types of the numbers and names in an experiment."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _not_default(name: str) -> str:
 
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-# -0.0 becomes 0.0: one setpoint, one digest.
+# -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), NormalSingle, AfterValidator(lambda value: value + 0.0)]
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]

@@ -15,7 +15,7 @@ from ibdata.policies.base import FrozenModel, NormalSingle
 
 
 class SetpointRange(FrozenModel):
-    """start, start + step, …, stop; the stop is included."""
+    """The setpoints start, start + step, … up to stop, which is included."""
 
     start: Setpoint
     stop: Setpoint
@@ -23,7 +23,7 @@ class SetpointRange(FrozenModel):
 
     def values(self) -> list[float]:
         """The setpoints of the range."""
-        # In the decimals as they are written: 0.3, and no number beyond the stop.
+        # Exact in the decimals as written: 0.1 · 3 is 0.3, and no setpoint is beyond the stop.
         start, stop, step = (Fraction(repr(x)) for x in (self.start, self.stop, self.step))
         return [float(start + i * step) for i in range(math.floor((stop - start) / step) + 1)]
 
@@ -39,7 +39,7 @@ class SetpointRange(FrozenModel):
 
 
 def list_or(other: str) -> Discriminator:
-    """Tells a list from the other form of the same field."""
+    """A discriminator between a list and another form of a field, whose tag is given."""
     return Discriminator(lambda value: "<list>" if isinstance(value, list) else other)
 
 
@@ -49,12 +49,12 @@ SetpointOrList = Annotated[
 
 
 class Drifting(FrozenModel):
-    """Moving setpoints, by where they start."""
+    """Moving setpoints, given by their first values."""
 
     drifting: SetpointOrList
 
     def values(self) -> list[float]:
-        """The setpoints at the start."""
+        """The first setpoints."""
         return self.drifting if isinstance(self.drifting, list) else [self.drifting]
 
 

@@ -1,4 +1,4 @@
-"""The experiments that come with ibdata, and the search for one by name or path."""
+"""The experiments that come with ibdata, and the search for an experiment by path or name."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _root() -> Path:
 
 
 def shipped() -> dict[str, Path]:
-    """The configs that come with ibdata, by name without ending; those of a suite as suite/name."""
+    """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
     root = _root()
     paths = [*sorted(root.glob("*.yaml")), *sorted(root.glob("*/*.yaml"))]
     return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
@@ -29,17 +29,17 @@ def suites() -> dict[str, Path]:
 
 
 def is_suite(path: Path) -> bool:
-    """Whether it is a folder that holds configs."""
+    """Whether a path is a folder that holds configs."""
     return os.path.isdir(path) and any(path.glob("*.yaml"))
 
 
 def find(config: str | os.PathLike[str]) -> Path:
-    """Find a config file, or a folder of them: by path, else by shipped name with or without '.yaml'.
+    """Find a config file or a folder of configs, by path or else by shipped name, with or without '.yaml'.
 
-    A folder without configs is passed over. Raises UsageError where nothing is meant.
+    A folder without configs is ignored. Raises UsageError if there is no match.
     """
     path = Path(config)
-    if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for a refused name
+    if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for an invalid name
         return path
     known = {**shipped(), **suites()}
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")

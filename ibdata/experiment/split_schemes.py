@@ -1,4 +1,4 @@
-"""Ways to split a dataset: by setpoint, for transfer; by episode; by policy. Each gives named conditions."""
+"""Schemes to split a dataset by setpoint, episode or policy. Each returns splits by name."""
 
 from __future__ import annotations
 
@@ -23,11 +23,17 @@ def transfer(
     shots: int | None = None,
     transitions: int | None = None,
 ) -> Splits:
-    """`source`: all episodes at those setpoints; `target`: those at others, or the first few of each cell.
+    """Splits for transfer: `source` and `target`, and with a budget `target-rest`.
 
-    shots is a number of episodes, transitions one of rows, of which whole episodes are taken; what a budget
-    leaves at the target setpoints is `target-rest`. Hein et al. 2017 sketch p = 50 to p = 75; the sizes
-    are our own.
+    The budget is the number of first episodes of each target cell in `target`; the other episodes there are
+    in `target-rest`. Hein et al. 2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
+
+    Args:
+        spec: the dataset.
+        source: the setpoints of `source`.
+        target: the setpoints of `target`, different from those of `source`.
+        shots: the budget in episodes; by default all.
+        transitions: the budget in rows, of which only whole episodes count; instead of shots.
     """
     known = setpoints(spec)
     for p in [*source, *target]:
@@ -52,7 +58,7 @@ def transfer(
 
 
 def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> int | None:
-    """Episodes of a cell that the budget allows."""
+    """The number of episodes of a cell in the budget; None for all."""
     if shots is not None and transitions is not None:
         raise UsageError("split: found shots and transitions, expected one of them")
     if transitions is None:
@@ -64,12 +70,12 @@ def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> in
         raise UsageError("split: found episodes of several lengths, expected shots in place of transitions")
     k = transitions // steps.pop()
     if k < 1:
-        raise UsageError(f"split: found {transitions} transitions, expected at least an episode of them")
+        raise UsageError(f"split: found {transitions} transitions, expected at least those of an episode")
     return k
 
 
 def leave_one_out(spec: DatasetSpec) -> Splits:
-    """For every setpoint p: `test-p`, the episodes there, and `train-p`, all others."""
+    """Splits for every setpoint p: `test-p` with the episodes at p, and `train-p` with all others."""
     known = setpoints(spec)
     if len(known) < 2:
         raise UsageError("split: found one setpoint, expected at least 2 to leave one out")
@@ -82,7 +88,7 @@ def leave_one_out(spec: DatasetSpec) -> Splits:
 
 
 def held_out(spec: DatasetSpec, extrapolate: bool) -> Splits:
-    """`train` and `test` by setpoint: every second inner one held out, or the lowest and the highest."""
+    """`train` and `test` by setpoint: the test has every second inner one, or the lowest and the highest."""
     known = setpoints(spec)
     if len(known) < 3:
         raise UsageError(f"split: found {len(known)} setpoints, expected at least 3 to hold some out")
@@ -94,7 +100,7 @@ def held_out(spec: DatasetSpec, extrapolate: bool) -> Splits:
 
 
 def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Splits:
-    """`source`, and of the other setpoints `near`, at most `within` from the nearest source, and `far`."""
+    """`source`, `near` (other setpoints at most `within` from the nearest of the source) and `far`."""
     known = setpoints(spec)
     for p in source:
         _refuse_unknown(p, known)
@@ -114,10 +120,9 @@ def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Sp
 
 
 def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
-    """`train`, (`validation`,) `test`: the first, (next,) last episodes of every cell.
+    """`train`, perhaps `validation`, and `test`, from the first to the last episodes of every cell.
 
-    Episodes of a cell are independent and alike, so their order is as good as any, and stays the same when
-    the dataset grows.
+    The episodes of a cell are independent and identically distributed, so they need no shuffling.
     """
     names = FRACTION_NAMES.get(len(fractions))
     if names is None or min(fractions) <= 0 or not math.isclose(sum(fractions), 1.0, abs_tol=1e-9):
@@ -125,7 +130,7 @@ def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
         raise UsageError(f"split: found fractions {found}, expected 2 or 3 above 0 that sum to 1")
     counts = {experiment.episodes for experiment in spec.experiments}
     if len(counts) > 1:
-        raise UsageError("split: found cells of several sizes, expected as many episodes in each")
+        raise UsageError("split: found cells of several sizes, expected the same number of episodes in each")
     n = counts.pop()
     bounds = [round(n * sum(fractions[:i])) for i in range(len(names))] + [n]
     if any(low >= high for low, high in pairwise(bounds)):
@@ -137,14 +142,14 @@ def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
 
 
 def by_policy(spec: DatasetSpec) -> Splits:
-    """A split for each policy, of its label."""
+    """A split for each policy, named by its label."""
     if len(spec.labels) < 2:
         raise UsageError("split: found one policy, expected at least 2")
     return {label: Split(policy=label) for label in spec.labels}
 
 
 def setpoints(spec: DatasetSpec) -> list[float]:
-    """The setpoints of a dataset, in order of size."""
+    """The setpoints of a dataset in ascending order."""
     return sorted({cell.setpoint for experiment in spec.experiments for cell in experiment.cells})
 
 

@@ -1,4 +1,4 @@
-"""Where an episode starts, from uniform draws."""
+"""The start of an episode, computed from uniform draws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def steerings(start: Any, u: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def burn_in_steps(start: BurnIn, u: Floats) -> npt.NDArray[np.int64]:
-    """Steps (n,) of the burn-in, uniform on fewest … most, from the first of u (n, 3).
+    """Numbers of steps (n,) of the burn-in, uniform on fewest … most, from the first column of u (n, 3).
 
     >>> burn_in_steps(BurnIn(burn_in=[15, 64]), np.array([[0.0, 0, 0], [0.999, 0, 0]])).tolist()
     [15, 64]

@@ -1,4 +1,4 @@
-"""The experiment that `ibdata init` writes: small, with every option and what it may be."""
+"""The experiment that `ibdata init` writes: a small one, with every option and its values."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ibdata.experiment.scalars import FileName
 from ibdata.numerics.naming import yaml_name
 
 TEXT = """\
-# An experiment of ibdata: everything that decides what is in a dataset.
+# An experiment of ibdata, which determines the contents of a dataset.
 name: {name}
 
-# siemens: what the authors' code computes, and nearly all published results rest on.
-# paper: the equations as printed. Or single fields replaced: {{base: siemens, eta_mean: 0.05}}
+# siemens: the authors' code, with which nearly all published results were made.
+# paper: the equations as printed. A variant with single fields replaced: {{base: siemens, eta_mean: 0.05}}
 dynamics: siemens
 
-# In [0, 100]: one number, a list, a range with its stop, or moving ones: drifting, {{drifting: [10, 50]}}
+# In [0, 100]: a number, a list, a range that includes its stop, or moving: drifting, {{drifting: [10, 50]}}
 setpoints: {{start: 10, stop: 100, step: 10}}
 
 # Each policy is combined with each setpoint; `ibdata policies` lists them with their options.
@@ -28,20 +28,20 @@ policies:
   - kind: epsilon_greedy
     base: {{kind: optimized}}
     epsilon: 0.4
-    name: explored              # its label in the data; without one, its kind
+    name: explored              # label in the data; by default the kind
 
 episodes: 2                     # of each setpoint and policy
 steps: 1000                     # rows of an episode
 
-# default: velocity = gain = shift = 50; uniform: anywhere; {{burn_in: [15, 64]}}: random steps before it
+# default: velocity = gain = shift = 50; uniform: anywhere; {{burn_in: [15, 64]}}: random steps first
 start: default
 seed: 0
 
 output:
   dtype: float32                # or float64
-  latent: true                  # the hidden state at t; false; full: with derived values; next: also at t + 1
+  latent: true                  # the hidden state; or false, full (with derived values), next (also at t + 1)
 
-# Named sets of episodes, each of whole files: by setpoint, policy, and episodes of each combination.
+# Named sets of episodes, stored in files of their own: by setpoint, policy, and episodes of each combination.
 splits:
   source: {{setpoint: 50}}
   target: {{setpoint: 70, episodes: 1}}
@@ -49,12 +49,12 @@ splits:
 
 
 def template(name: str) -> str:
-    """The text of the experiment under a name."""
+    """The text of the experiment with this name."""
     return TEXT.format(name=yaml_name(name))
 
 
 def write_template(file: str | os.PathLike[str]) -> None:
-    """Write it, named as the file. UsageError where the file exists, IbdataError where the system refuses."""
+    """Write the experiment, named after the file. Raises UsageError if the file exists, or IbdataError."""
     path = Path(file)
     try:
         name = TypeAdapter(FileName).validate_python(path.stem)

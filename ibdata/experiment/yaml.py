@@ -1,7 +1,7 @@
 """Strict YAML: plain data only, with the line and column of every key and value.
 
-Anchors, aliases, merge keys, tags, repeated keys, a second document, deep or huge files are errors. A plain
-scalar is `true`, `false`, `null`, a decimal number as in JSON, or else text.
+Anchors, aliases, merge keys, tags, repeated keys, a second document and too deep or too large files are
+errors. A plain scalar is `true`, `false`, `null`, a decimal number as in JSON, or else text.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WORDS = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
 class StrictYamlError(ValueError):
-    """The text is no strict YAML; with line and column, from 1."""
+    """The text is not strict YAML. Its line and column count from 1."""
 
     def __init__(self, line: int, column: int, message: str) -> None:
         self.line, self.column, self.message = line, column, message
@@ -44,7 +44,7 @@ class StrictYamlError(ValueError):
 
 
 class Document:
-    """Plain data with the places of its keys and values, both (line, column) from 1, by path."""
+    """Plain data with the places (line, column) of its keys and values by path; both count from 1."""
 
     def __init__(self, text: str | bytes) -> None:
         self.keys: dict[Loc, tuple[int, int]] = {}
@@ -81,7 +81,7 @@ class Document:
         place = _place(node.start_mark)
         if isinstance(node, ScalarNode):
             if node.style is None and node.value == "":
-                place = self.keys.get(loc, place)  # the parser puts what is left out at what follows
+                place = self.keys.get(loc, place)  # for an omitted value, the parser gives the next place
             self.values[loc] = place
             _encodable(node.value, place)
             return scalar(node.value) if node.style is None else node.value
@@ -159,5 +159,5 @@ def _checked_events(text: str) -> Iterator[None]:
         if nodes > MAX_NODES:
             raise StrictYamlError(*place, f"found more than {MAX_NODES} values, expected at most {MAX_NODES}")
         if documents > 1:
-            raise StrictYamlError(*place, "found a second document, expected one")
+            raise StrictYamlError(*place, "found a second document, expected one; remove what follows ---")
         yield

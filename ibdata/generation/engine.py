@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,7 +16,7 @@ Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
-    """A function that writes shards to a folder and yields each when it is there.
+    """A function that writes shards to a folder and yields each when it is written.
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
@@ -25,26 +24,22 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
     """
     if name not in ENGINES:
         raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
-    worker_count(workers)
+    refuse_workers(workers)
     return ENGINES[name](workers, address)
 
 
-def worker_count(workers: int | None) -> int:
-    """The number of processes to use; by default one a processor."""
-    if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not 1 <= workers <= MAX_WORKERS:
+def refuse_workers(workers: int | None) -> None:
+    """Raise UsageError for a number of workers that is out of range; None chooses it by the work."""
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
         raise UsageError(f"workers: found {workers}, expected a whole number in [1, {MAX_WORKERS}]")
-    return workers
 
 
 def _local(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import local
 
     if address is not None:
-        raise UsageError(f"address: found {address!r}, which goes with the engine ray only")
-    count = worker_count(workers)
-    return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, count)
+        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
+    return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, workers)
 
 
 def _ray(workers: int | None, address: str | None) -> Run:

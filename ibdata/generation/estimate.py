@@ -13,7 +13,8 @@ from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import output_folder
-from ibdata.generation.engine import worker_count
+from ibdata.generation.division import available_processors, divide
+from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation.rollout import rollout
 from ibdata.system.atomic_files import HashingFile
@@ -36,20 +37,21 @@ def estimate(
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: What would be generated.
-        folder: Where it would be generated.
-        workers: How many processes would be used; by default one a processor.
-        resume: As `generate` has it.
-        overwrite: As `generate` has it.
-        allow_code: As `generate` has it.
+        experiment: The experiment that would be generated.
+        folder: The folder in which it would be generated.
+        workers: How many processes would be used; by default chosen by the work.
+        resume: As in `generate`.
+        overwrite: As in `generate`.
+        allow_code: As in `generate`.
 
     Returns:
-        out, episodes, rows, shards, the number of workers that are busy, and estimated bytes and seconds.
+        out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
 
     Raises:
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
-    processes, out = worker_count(workers), Path(folder)
+    refuse_workers(workers)
+    out = Path(folder)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
     refuse_busy(out)
@@ -58,7 +60,8 @@ def estimate(
         warm_up(experiment)
         size, seconds = _sample(experiment)
     shards = plan(experiment)
-    busy = min(processes, len(shards))
+    division = divide(spec, shards, workers)
+    busy = min(division.processes * division.threads, len(shards), available_processors())
     return {
         "out": str(folder),
         "episodes": len(experiment.cells) * experiment.episodes,
@@ -66,7 +69,7 @@ def estimate(
         "shards": len(shards),
         "bytes": round(size * experiment.rows),
         "seconds": seconds * experiment.rows / busy,
-        "workers": busy,
+        "workers": division.processes,
     }
 
 

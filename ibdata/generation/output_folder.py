@@ -1,4 +1,4 @@
-"""The output folder: what it holds, what may be written there, and what is removed again."""
+"""The output folder: checking it before a run, preparing it, and cleaning it up."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
+from ibdata.generation import receipt
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
 from ibdata.validation.validate import check_files
-from ibdata.writing import receipt
 from ibdata.writing.card import is_foreign, refuse_foreign
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
@@ -30,7 +30,7 @@ METADATA = {
 
 
 def identity(experiment: Experiment) -> str:
-    """The hash of all that a run must have in common with the one that it resumes."""
+    """The hash that a run must have in common with the run that it resumes."""
     return _hashed(as_yaml(experiment))
 
 
@@ -39,13 +39,13 @@ def _hashed(experiment: bytes) -> str:
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
-    """The output folder; `..` after a folder that does not exist leads back to where that would be."""
+    """The output folder. If its parent does not exist, each `..` is resolved in the text of the path."""
     folder = Path(out)
     return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
 
 
 def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
-    """The folder to write to: the output folder, or `.next` in it where a dataset is to be replaced.
+    """The folder to write to: the output folder, or `.next` in it if a dataset is to be replaced.
 
     Raises UsageError for a folder that may not be written to.
     """
@@ -59,23 +59,23 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file, not a folder; choose another --out")
     refuse_links(folder)
-    empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
+    empty = all(_is_leftover(path) for path in folder.iterdir())  # first: another range may begin meanwhile
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
-    if empty or os.path.lexists(folder / manifest.NEW):  # what it holds is known when that is settled
+    if empty or os.path.lexists(folder / manifest.NEW):  # an interrupted replacement is finished first
         return folder
     return _finished(folder, experiment, resume, overwrite)
 
 
-def _counts(path: Path) -> bool:
-    """Whether a path is more than a leftover of a run that was killed before it noted its experiment."""
+def _is_leftover(path: Path) -> bool:
+    """Whether a path was left by a run that was killed before it noted its experiment."""
     if path.name == receipt.FOLDER and path.is_dir():
-        return any(path.iterdir())
-    return path.name != lock.NAME and not path.name.startswith((RANGE_LOCK, TEMPORARY))
+        return not any(path.iterdir())
+    return path.name == lock.NAME or path.name.startswith((RANGE_LOCK, TEMPORARY))
 
 
 def refuse_links(folder: Path) -> None:
-    """UsageError where an inner folder is a link: it would lead writing and deleting out of the dataset."""
+    """Raise UsageError if an inner folder is a link: files elsewhere could be written or removed."""
     inner = ("data", "meta", "old-data", "old-meta", receipt.FOLDER)
     parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
     for path in (*parts[1:], *(part / name for part in parts for name in inner)):
@@ -84,7 +84,7 @@ def refuse_links(folder: Path) -> None:
 
 
 def refuse_unsettled(folder: Path) -> None:
-    """UsageError where a replacement was interrupted, so that nobody knows what the folder holds."""
+    """Raise UsageError if a replacement was interrupted, which must be finished first."""
     if os.path.lexists(folder / manifest.NEW):
         raise UsageError(f"{folder}: a replacement was interrupted here; ibdata repair {folder} finishes it")
 
@@ -124,7 +124,7 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         )
     for problem in check_files(folder, listed):
         if problem.path in listed.entries():
-            raise DatasetError(f"{folder / problem.path}: damaged or missing; ibdata repair {folder}")
+            raise DatasetError(f"{folder / problem.path}: damaged or missing; run ibdata repair {folder}")
     return folder
 
 
@@ -155,9 +155,9 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
 
 
 def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
-    """As `begin`, for some shards while others may be written: only temporary files of these are removed.
+    """As `begin`, for some shards, while others may be written. Removes only temporary files of these shards.
 
-    Raises UsageError where another experiment was begun here meanwhile.
+    Raises UsageError if another experiment was begun here meanwhile.
     """
     sweep_shards(root, shards)
     if not create_or_compare(root, EXPERIMENT, as_yaml(experiment)):
@@ -165,7 +165,7 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
 
 
 def refuse_moved(root: Path, run: str) -> None:
-    """IbdataError where the folder is no longer that of the run: a file put there could be in another's."""
+    """Raise IbdataError if the folder is no longer that of the run: files could be put into another run's."""
     try:
         same = _hashed((root / EXPERIMENT).read_bytes()) == run
     except OSError:
@@ -191,7 +191,7 @@ def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def forget(root: Path, shards: Iterable[Shard]) -> None:
-    """Remove all files of shards that are to be written, also whole files that have no receipt."""
+    """Remove all files of shards that are to be written, even complete ones that have no receipt."""
     shards = list(shards)
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
@@ -201,14 +201,14 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def end(root: Path) -> None:
-    """Remove the receipts: the manifest has what they say."""
+    """Remove the receipts, which the manifest replaces."""
     _empty(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
         left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:
-    """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
+    """Clean up after a failure. If shards have receipts, keep them for --resume; otherwise keep nothing."""
     if _is_lost(root):
         return
     remove_temporaries(root)
@@ -217,9 +217,9 @@ def abandon(root: Path) -> None:
 
 
 def discard(root: Path, keep: str = "") -> None:
-    """Remove an unfinished run, or the files of a dataset that `.next` holds except `keep`; nothing else.
+    """Remove the files of an unfinished run, or all of a dataset in `.next` except `keep`; nothing else.
 
-    Raises UsageError where `.next` holds something that ibdata did not write.
+    Raises UsageError if `.next` holds something that ibdata did not write.
     """
     if not root.is_dir() or root.is_symlink():
         return
@@ -253,7 +253,7 @@ def is_ours(path: Path) -> bool:
 
 def _empty(folder: Path) -> None:
     if folder.is_dir() and not folder.is_symlink():
-        said = folder / Path(EXPERIMENT).name  # last: it says whose run this is while anything is left of it
-        for inner in (*(inner for inner in folder.iterdir() if inner != said), said):
+        note = folder / Path(EXPERIMENT).name  # removed last, because it tells whose files these are
+        for inner in (*(inner for inner in folder.iterdir() if inner != note), note):
             inner.unlink(missing_ok=True)
         folder.rmdir()

@@ -1,11 +1,14 @@
-"""Replacing a dataset, or parts of it, so that every reader meets the old one or the new one, and no mixture.
+"""Replacing a dataset, or parts of it. Every reader finds the old one or the new one, never a mixture.
 
-What is new is written to `.next`, whole folders of it. Renaming that to `.new` makes it count. Then `data`,
-and after it `meta`, change places with those in `.new`, each in one system call, and what was replaced is
-removed. Shards have names of their own, so whoever listed the old folder finds no new file under an old name.
-pyarrow drops listed names that are gone when it looks at them, and would read nothing: so for a moment the
-new folder holds a file of text under an old name, on which readers fail; the old folder keeps one for good.
-A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
+The new folders are written to `.next`. Renaming `.next` to `.new` commits them: from then on, a replacement
+that is interrupted is finished, not undone. Then `data`, and after it `meta`, change places with those in
+`.new`, each in one system call, and the old folders are removed.
+
+Every shard has a name that no other shard had, so a reader that has listed the old folder finds no new file
+under an old name. But pyarrow skips listed files that are gone, and would then read an empty dataset. So for
+a moment the new folder holds `BAR` under an old name, a text on which such readers fail, and the old folder
+keeps such a file for good. Each new folder holds an empty file, `FRESH`, until all is in place, which shows
+how far a killed writer came.
 """
 
 from __future__ import annotations
@@ -28,13 +31,13 @@ from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
 
 PARTS = ("data", "meta")
-PAUSE = 0.25  # seconds in which readers that have listed the old folder look at the files by name
+PAUSE = 0.25  # seconds for readers that have listed the old folder to look at its files
 AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """An empty `.next`; what the block puts there replaces what the dataset has, or nothing changes."""
+    """Yield an empty `.next`, and commit the files in it at the end of the block, unless the block raises."""
     root = folder / NEXT
     discard(root)
     root.mkdir()
@@ -48,9 +51,9 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def commit(folder: Path) -> None:
-    """Let what is in `.next` replace what the dataset has: `data` and `meta` as a whole, card and report."""
+    """Replace the parts of the dataset that `.next` holds: whole folders `data` and `meta`, card, report."""
     root = folder / NEXT
-    if not (root / manifest.PATH).is_file():  # nothing is to be replaced
+    if not (root / manifest.PATH).is_file():  # there is nothing to replace
         discard(root)
         return
     try:
@@ -62,7 +65,7 @@ def commit(folder: Path) -> None:
         _bar(folder, root)
     for part in PARTS:
         if (root / part).is_dir():
-            (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
+            (folder / part / FRESH).unlink(missing_ok=True)  # from a copy of an interrupted replacement
             (root / part / FRESH).touch()
             sync_folder(root / part)
     sync_folder(root)
@@ -78,14 +81,14 @@ def commit(folder: Path) -> None:
 
 
 def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
-    """DatasetError where a folder is in the place of one of these files."""
+    """Raise DatasetError if a folder is in the place of one of these files."""
     for path in paths:
         if (folder / path).is_dir():
             raise DatasetError(f"{folder / path}: found a folder in the place of a file; move it away")
 
 
 def _take_back(folder: Path) -> bool:
-    """Let `.new` count for nothing again, if nothing of it has its place; whether that was so."""
+    """Rename `.new` to `.next` unless a part of it is in place already. Return whether it was renamed."""
     parts = [folder / NEW / part for part in PARTS if (folder / NEW / part).is_dir()]
     if not parts or not all((part / FRESH).is_file() for part in parts):
         return False
@@ -95,7 +98,7 @@ def _take_back(folder: Path) -> bool:
 
 
 def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
-    """Have files of the dataset in `.next` as they are."""
+    """Put unchanged files of the dataset into `.next`."""
     for path in paths:
         (root / path).parent.mkdir(exist_ok=True)
         try:
@@ -105,12 +108,12 @@ def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
 
 
 def finish_interrupted(folder: Path) -> None:
-    """Finish what a writer began to replace that was killed; remove a `.new` that does not count."""
+    """Finish the replacement of a killed writer; remove a `.new` that is not a complete replacement."""
     new = folder / NEW
     if not os.path.lexists(new):
         return
     with held():
-        if _counts(folder):
+        if _is_complete(folder):
             for part in PARTS:
                 if (new / part / FRESH).is_file():
                     _swap(new, folder, part)
@@ -126,7 +129,7 @@ def finish_interrupted(folder: Path) -> None:
 
 
 def _dismiss(folder: Path) -> None:
-    """Let `.new` be `.next` again, which counts for nothing, and remove it."""
+    """Rename `.new` to `.next`, which readers ignore, and remove it."""
     discard(folder / NEXT)
     (folder / NEW).rename(folder / NEXT)
     sync_folder(folder)
@@ -138,19 +141,19 @@ def _dismiss(folder: Path) -> None:
 
 
 def _bar(folder: Path, root: Path) -> None:
-    """Have a file in the new folder on which a reader fails that has listed the old one."""
+    """Put `BAR` into the new folder under an old name, so that readers that have listed the old one fail."""
     for path in _paths(folder)[:1]:
         if is_ours(folder / path) and path.startswith("data/"):
             _put_bar(root / path)
 
 
 def _put_bar(path: Path) -> None:
-    with path.open("xb") as file:  # which follows no link
+    with path.open("xb") as file:  # "x" follows no link
         file.write(BAR)
 
 
 def _unbar(folder: Path) -> None:
-    """Take away what `_bar` made."""
+    """Remove the file that `_bar` made."""
     listed = _paths(folder)
     found = [path for path in (folder / "data").glob("part-*") if f"data/{path.name}" not in listed]
     barred = [path for path in found if is_ours(path) and path.lstat().st_size == len(BAR)]
@@ -161,25 +164,25 @@ def _unbar(folder: Path) -> None:
 
 
 def begun(folder: Path) -> list[str]:
-    """What a killed writer left of a new dataset that has no place yet: the names in the folder."""
+    """The names of the files and folders that a killed writer left where no dataset was before."""
     if os.path.lexists(folder / manifest.PATH):
         return []
     return [NEW, *(["data"] if (folder / "data" / FRESH).is_file() else [])]
 
 
 def withdraw(folder: Path) -> None:
-    """Remove what `begun` names."""
+    """Remove the files and folders that `begun` names."""
     new = folder / NEW
     if not os.path.lexists(new):
         return
-    (new / "meta" / FRESH).unlink(missing_ok=True)  # from here on it counts for nothing
+    (new / "meta" / FRESH).unlink(missing_ok=True)  # from here on it is not a complete replacement
     if (folder / "data" / FRESH).is_file():
         (folder / "data").rename(new / "data")
     _dismiss(folder)
 
 
 def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:
-    """The paths of the files that the manifest in a folder lists; none where there is no whole manifest."""
+    """The paths of the files that the manifest in a folder lists; none without a valid manifest."""
     try:
         return [file.path for file in _manifest(folder, path).files]
     except (OSError, DatasetError):
@@ -190,27 +193,27 @@ def _manifest(folder: Path, path: str = manifest.PATH) -> Manifest:
     return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
 
 
-def _counts(folder: Path) -> bool:
-    """Whether `.new` is a replacement that was made to count: all that its manifest lists is there."""
+def _is_complete(folder: Path) -> bool:
+    """Whether `.new` is a complete replacement: all files that its manifest lists are there."""
     new = folder / NEW
     if not (new / "meta" / FRESH).is_file():
-        return (folder / "meta" / FRESH).is_file()  # then `meta` has its place already
+        return (folder / "meta" / FRESH).is_file()  # `meta` may be in its place already
     paths = _paths(new)
     return bool(paths) and all((new / path).is_file() or (folder / path).is_file() for path in paths)
 
 
 def _is_half(folder: Path) -> bool:
-    """Whether `data` has changed places and the rest is lost, as in a copy of a part of the folder."""
+    """Whether `data` is in its place but the new `meta` is lost, as in a copy of a part of the folder."""
     shards = [path for path in _paths(folder) if path.startswith("data/")]
     here = (folder / "data" / FRESH).is_file() and bool(shards)
     return here and all((folder / NEW / path).is_file() for path in shards)
 
 
 def _swap(new: Path, folder: Path, part: str) -> None:
-    """Let a new folder take its place; the old one is in `.new` afterwards."""
+    """Move a new folder to its place, and the old one to `.new`."""
     source, target = new / part, folder / part
     if os.path.lexists(target) and not _exchanged(source, target):
-        target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
+        target.rename(new / f"old-{part}")  # for a moment, other readers find no folder
     if not os.path.lexists(target):
         source.rename(target)
     sync_folder(new)
@@ -218,7 +221,7 @@ def _swap(new: Path, folder: Path, part: str) -> None:
 
 
 def _exchanged(a: Path, b: Path) -> bool:
-    """Let two folders change places in one system call; False where there is none that can."""
+    """Exchange two folders in one system call. Return False if the system has none for that."""
     call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if call is None:
         return False
@@ -231,7 +234,7 @@ def _exchanged(a: Path, b: Path) -> bool:
 
 
 def _place_single_files(new: Path, folder: Path) -> None:
-    """Card and report go to their places, if they are what the manifest lists; a report of old goes."""
+    """Move card and report to their places if the manifest lists them; remove the old report if not."""
     listed = _manifest(folder).entries()
     for path in (manifest.CARD, manifest.REPORT):
         if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
@@ -242,7 +245,7 @@ def _place_single_files(new: Path, folder: Path) -> None:
 
 
 def _give_back(new: Path, folder: Path) -> None:
-    """What a user has put into a folder that was replaced moves on to the new one."""
+    """Move files that a user has put into an old folder to the new one."""
     for part in PARTS:
         for old in (new / part, new / f"old-{part}"):
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():

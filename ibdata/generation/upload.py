@@ -1,4 +1,4 @@
-"""Datasets at URLs: made in a folder of this machine, then uploaded, the manifest last."""
+"""Writing datasets to URLs: they are made in a folder on this machine, then uploaded, the manifest last."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ibdata.system.cache_folders import cache_base
 from ibdata.system.object_store import Remote, first_line, readable
 from ibdata.system.signals import check, stoppable
 
-PENDING = "meta/pending.json"  # there from the first file to the last: what is being uploaded
+PENDING = "meta/pending.json"  # the manifest of an upload that has not finished
 
 
 def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool) -> bool:
-    """Whether the experiment's dataset is at the URL already; UsageError where something else is."""
+    """Whether the experiment's dataset is at the URL already. Raises UsageError if something else is."""
     if overwrite:
         raise UsageError(
             f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
@@ -42,16 +42,16 @@ def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool
 
 
 def work_folder(remote: Remote, experiment: Experiment) -> Path:
-    """The folder in which the dataset is made before it is uploaded; the same run gets the same one."""
+    """The folder in which a dataset is made before it is uploaded; the same for a run that is resumed."""
     name = hashlib.sha256(f"{remote.url} {output_folder.identity(experiment)}".encode()).hexdigest()[:24]
     return Path(cache_base(), "uploads", name)
 
 
 def upload(remote: Remote, work: Path) -> Dataset:
-    """Upload the finished dataset in a folder, and remove the folder; IbdataError where that fails.
+    """Upload the finished dataset in a folder, and remove the folder. Raises IbdataError if that fails.
 
-    What an upload of the same files has left is kept, if it is whole. Until the last file, the manifest, is
-    there, there is no dataset at the URL.
+    Complete files from an earlier upload of the same dataset are kept. The URL holds no dataset until the
+    manifest, the last file, is there.
     """
     listed = work / manifest.PATH
     with _refusals(remote), stoppable():

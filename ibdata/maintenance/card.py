@@ -1,4 +1,4 @@
-"""A dataset's card, README.md, and its report, report.html; needs the extra `plot` (matplotlib)."""
+"""Writing a dataset's card, README.md, and its report, report.html; needs the extra `plot` (matplotlib)."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from ibdata.writing.metadata import unread_shards
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
-    """Write README.md and report.html of a dataset, anew where they exist, and open it.
+    """Write the card README.md and the report report.html of a dataset, replacing old ones, and open it.
 
-    The report is one file that needs no network: pictures, experiment, statistics, provenance. Both files
-    are listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
+    The report shows pictures, experiment, statistics and provenance in one file that needs no network. The
+    manifest lists both files; no row and no other file changes. The same dataset gives the same bytes.
 
     Args:
         folder: The folder of the dataset.
 
     Raises:
-        UsageError: README.md or report.html is not ibdata's.
+        UsageError: ibdata did not write the README.md or report.html that is there.
         DatasetError: There is no finished dataset.
         BusyError: Another process writes to the dataset.
         MissingError: matplotlib is not installed.
-        IbdataError: The system refuses; then nothing is changed.
+        IbdataError: The system refuses to write; nothing is changed.
     """
     path = Path(folder)
     dataset = Dataset(path)

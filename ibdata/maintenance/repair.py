@@ -1,4 +1,4 @@
-"""Repairing a dataset: what is damaged or missing is made again, and the manifest's digests prove it."""
+"""Repairing a dataset: damaged and missing files are made again and compared with the manifest's digests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ibdata.experiment.custom_code import provenance, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
-from ibdata.generation.engine import worker_count
+from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import warm_up
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
@@ -33,25 +33,26 @@ NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again, and only them.
 
-    They are replaced only if the rows that were made again, or from which metadata are made again, have the
-    content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if the
-    shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the dataset,
-    the manifest gets the new hashes. A damaged report.html is removed: `ibdata card` draws it again. A
+    A file is replaced only if its rows, or the rows that its metadata describe, have the content that the
+    manifest lists. A damaged manifest is made again from meta/experiment.yaml, if at least one shard has the
+    content of that experiment. If pyarrow writes other bytes than the version that made the dataset, the
+    manifest gets the new hashes. A damaged report.html is removed; `ibdata card` draws it again. A
     replacement that was interrupted is finished.
 
     Args:
         folder: The folder of the dataset.
-        workers: How many processes to use; by default one a processor.
-        allow_code: Allow custom policies, which run arbitrary Python code, where shards are to be made
-            again. They promise the same bits in the same environment only.
+        workers: How many processes to use; by default chosen by the work.
+        allow_code: Allow custom policies, which run arbitrary Python code, to make shards again. They give
+            the same bits only in the same environment.
 
     Returns:
         The paths of the files that were made again or removed.
 
     Raises:
-        DatasetError: There is no dataset, or what was made again is not what was there.
+        DatasetError: There is no dataset, or a file that was made again has another content.
     """
-    path, processes = Path(folder), worker_count(workers)
+    path = Path(folder)
+    refuse_workers(workers)
     if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
         raise DatasetError(f"{path}: no dataset here: meta is missing")
     refuse_busy(path)
@@ -63,11 +64,11 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         except manifest.NewerError:
             raise
         except DatasetError:
-            return _rebuild(path, processes, allow_code)
-        return _mend(path, listed, processes, allow_code)
+            return _rebuild(path, workers, allow_code)
+        return _mend(path, listed, workers, allow_code)
 
 
-def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> list[str]:
+def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool) -> list[str]:
     """Make again the listed files that are damaged."""
     entries = listed.entries()
     problems = list(check_files(folder, listed))
@@ -75,7 +76,7 @@ def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> lis
     if not damaged:
         return []
     replacement.refuse_folders(folder, damaged)
-    for problem in problems:  # before more files come beside them
+    for problem in problems:  # before any file is written
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     spec = spec_in(folder, listed)
@@ -84,7 +85,7 @@ def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> lis
     wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
     lost = [path for path in damaged if path not in paths]
     if lost and listed.versions["ibdata"] != __version__:
-        lost = list(metadata_files(spec, [], ""))  # so that all of them are of one version
+        lost = list(metadata_files(spec, [], ""))  # so that one version writes all of them
     if wrong:
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
@@ -98,7 +99,7 @@ def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> lis
             if w is None and NEEDS_CONTENT & set(lost):
                 content = stored_content(spec, shard, folder / one.path)
             if content is not UNREAD and content_of(content.digests) != one.content:
-                found = "found other content when made again, expected what the manifest lists"
+                found = "found other content when made again, expected the content that the manifest lists"
                 raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
             if w:
                 entries[one.path] = w.entry._replace(path=one.path)
@@ -108,14 +109,14 @@ def _mend(folder: Path, listed: Manifest, workers: int, allow_code: bool) -> lis
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:
-            del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
+            del entries[manifest.REPORT]  # only `ibdata card` can draw it
         _stage_manifest(folder, staged, listed, entries)
         _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
     return damaged
 
 
 def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
-    """Stage the manifest if files of `meta` or hashes change, and with it the files that stay."""
+    """Stage the manifest if files in `meta` or hashes change, together with the files that stay the same."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
     if staged_files or data != manifest.content(folder, manifest.PATH):
@@ -125,7 +126,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
 
 
 def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
-    """Move shards that were made again, and whose content is proven, to the places of damaged ones."""
+    """Move shards that were made again, and whose content was compared, to the places of damaged ones."""
     for source, path in files.items():
         (folder / "data").mkdir(exist_ok=True)
         (staged / source).replace(folder / path)
@@ -134,9 +135,9 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
         (staged / "data").rmdir()
 
 
-def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
+def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that do not have the experiment's content."""
-    spec = _told(folder)
+    spec = _spec_from_experiments(folder)
     require_consent(spec, folder, allow_code)
     reproducible = all([warm_up(experiment) for experiment in spec.experiments])
     whole: list[WrittenShard] = []
@@ -166,17 +167,17 @@ def _rebuild(folder: Path, workers: int, allow_code: bool) -> list[str]:
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
-def _told(folder: Path) -> DatasetSpec:
-    """The spec of a dataset without a manifest, from meta/experiment*.yaml; later splits are lost."""
+def _spec_from_experiments(folder: Path) -> DatasetSpec:
+    """The spec of a dataset without a manifest, from meta/experiment*.yaml. Splits made later are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
 
 
 def _made_again(
-    spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int
+    spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int | None
 ) -> dict[int, WrittenShard]:
-    """Write the shards under `.next`; return them by number."""
+    """Write the shards to `.next`; return them by number."""
     first = spec.experiments[0]
     write(staged, output_folder.EXPERIMENT, as_yaml(first))
     identity = output_folder.identity(first)
@@ -186,7 +187,7 @@ def _made_again(
 
 
 def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
-    """The file that holds a shard's episodes; None where no readable file does."""
+    """The file that holds a shard's episodes; None if no readable file does."""
     for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
         try:
             if stored_content(spec, shard, path).digests == content.digests:

@@ -28,13 +28,13 @@ def reproduce(
 ) -> tuple[int, list[Problem]]:
     """Make episodes again in memory and compare them with the digests that the dataset lists.
 
-    The content root is compared too: it must be that of the experiment's cells and of the listed digests.
+    The content root must also be that of the experiment's cells and the listed digests.
 
     Args:
         folder: The folder of the dataset; nothing is written to it.
         episodes: A number of episodes, which are spread evenly, or a range such as "500-600"; None means all.
-        allow_code: Allow custom policies, which run arbitrary Python code. They promise the same bits in the
-            same environment only.
+        allow_code: Allow custom policies, which run arbitrary Python code. They give the same bits only in
+            the same environment.
 
     Returns:
         How many episodes were made again, and a problem for each that differs.

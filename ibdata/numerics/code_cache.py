@@ -1,18 +1,20 @@
-"""numba's cache of machine code with files that are verified before they are loaded.
+"""A version of numba's cache of machine code that verifies each file before it loads it.
 
-numba's own cache trusts every file that it finds, and fails at one that it cannot read. Here a function is
-compiled again if its file is missing, damaged or owned by another user. Three things of numba are relied on:
-the key, the serial form of machine code, and that its compiler calls `load_overload` before it compiles and
-`save_overload` afterwards.
+numba's own cache trusts every file that it finds, and fails on a file that it cannot read. This cache
+compiles a function again if its file is missing, damaged or owned by another user. It relies on three details
+of numba: the key, the serialized form of machine code, and that the compiler calls `load_overload` before it
+compiles and `save_overload` afterwards.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ from ibdata.system.private_files import verified
 
 
 class _Locator(_CacheLocator):
-    """Identifies a function, but not a folder. numba itself names `_py_file` in a warning."""
+    """Identifies a function by its file and line. numba reads `_py_file` for a warning."""
 
     def __init__(self, function: Any, file: str) -> None:
         self._py_file, self._line = file, function.__code__.co_firstlineno
@@ -43,17 +45,17 @@ class _Locator(_CacheLocator):
         return str(self._line)
 
     def ensure_cache_path(self) -> None:
-        """Nothing: `Places` has made its folders."""
+        """Do nothing, because `Places` creates the folders."""
 
 
 class _Impl(CompileResultCacheImpl):
-    """The serial form of machine code."""
+    """Serializes machine code."""
 
-    _locator_classes = [_Locator]  # noqa: RUF012  # numba's base class has it so
+    _locator_classes = [_Locator]  # noqa: RUF012  # declared like this in numba's base class
 
 
 class _CodeFiles(IndexDataCacheFile):
-    """A file for each key, in place of numba's index and numbered files."""
+    """One file per key, instead of numba's index and numbered files."""
 
     def __init__(self, impl: _Impl, places: Places) -> None:
         super().__init__(impl.locator.get_cache_path(), impl.filename_base, impl.locator.get_source_stamp())
@@ -71,7 +73,7 @@ class _CodeFiles(IndexDataCacheFile):
         return None
 
     def _data_path(self, name: int) -> int:
-        """What numba opens: a descriptor of the verified file, which nobody can exchange for another file."""
+        """What numba opens: a descriptor of the verified file, so that no other file can take its place."""
         return os.dup(name)
 
     def _name(self, key: Any) -> str:
@@ -80,7 +82,7 @@ class _CodeFiles(IndexDataCacheFile):
 
 
 class CodeCache(FunctionCache):
-    """The cache of one compiled function in these places."""
+    """The cache of one compiled function."""
 
     _impl_class = _Impl
 
@@ -90,14 +92,35 @@ class CodeCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
+        _leave_scipy_out()
         try:
             return super().load_overload(sig, target_context)
-        except IbdataError:  # a signal that asks to stop
+        except IbdataError:  # raised by a signal handler
             raise
-        except Exception:  # for any other reason, compile again
+        except Exception:  # compile again, whatever the reason
             return None
 
 
 @cache
 def _sha256_of(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+@cache
+def _leave_scipy_out() -> None:
+    """Keep numba from importing SciPy, which takes 0.2 s, only to learn that it is installed.
+
+    Where linear algebra is compiled, numba imports SciPy as it always does.
+    """
+    if "numba.np.arraymath" in sys.modules or find_spec("scipy") is None:
+        return
+    from numba.np import linalg
+
+    ensure_blas = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath
+
+        vars(arraymath)["ensure_blas"] = ensure_blas
+    finally:
+        linalg.ensure_blas = ensure_blas

@@ -1,8 +1,8 @@
-"""Compiled functions, and where their machine code is kept.
+"""The decorator of compiled functions, and the folder of their machine code.
 
-numba's own cache only checks whether a function's own file has changed, so it misses changes in the functions
-that it calls. The cache here lies in a folder named by the digest of all compiled sources, so outdated code
-never runs.
+numba's own cache only checks whether the file of a function has changed, so it misses changes in the
+functions that this one calls. Here the folder of the cache is named after a digest of all compiled sources,
+so outdated code never runs.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ SOURCES = (
 
 
 def compiled(function: F) -> F:
-    """`numba.njit` with fastmath off and its code in `PLACES`; plain Python under NUMBA_DISABLE_JIT=1.
+    """Compile a function with `numba.njit`, without fastmath, and keep its machine code in `PLACES`.
 
-    Compiled code releases Python's global lock, so that other threads can encode and hash meanwhile. No
-    equation divides by zero; numba's test for it is off, because it would keep loops from being vectorized.
+    With NUMBA_DISABLE_JIT=1 it stays plain Python. Compiled code releases Python's global lock, so that other
+    threads can encode and hash meanwhile. numba's check for division by zero is off, because it prevents
+    loops from being vectorized; no equation divides by zero.
     """
     return _compiled(function)
 
@@ -55,18 +56,18 @@ def inlined(function: F) -> F:
 def _compiled(function: F, inline: bool = False) -> F:
     made: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     if made is not function:
-        made._cache = CodeCache(function, PLACES)  # as cache=True does, with numba's own cache
+        made._cache = CodeCache(function, PLACES)  # what cache=True does with numba's own cache
     return cast(F, made)
 
 
 def is_compiled() -> bool:
-    """Whether machine code has been kept by an earlier run, or none is needed."""
+    """Whether machine code of an earlier run exists, or compilation is disabled."""
     config: Any = numba.config
     return bool(config.DISABLE_JIT) or any(any(Path(folder).glob("*.nbc")) for folder in PLACES.folders)
 
 
 def is_kept() -> bool:
-    """Whether machine code is probably kept for later processes; only writing it would tell for certain."""
+    """Whether later processes will probably find the machine code; only writing it would tell for certain."""
     return PLACES.lasting
 
 

@@ -1,4 +1,4 @@
-"""Means with their standard errors and intervals, with sums that do not depend on the order."""
+"""Means with standard errors and confidence intervals, independent of the order of the values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 LEVEL = 0.95
-REACH = 12.0  # standard deviations; the probability beyond is less than a double resolves
+REACH = 12.0  # in standard deviations; the probability beyond it is below the precision of a double
 
 
 class Estimate(NamedTuple):
@@ -23,12 +23,12 @@ class Estimate(NamedTuple):
 
 
 def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
-    """The mean of the means of independent groups of values, with Student's t interval.
+    """The mean of the means of independent groups of values, with a Student's t interval.
 
     The degrees of freedom are those of Welch and Satterthwaite.
 
     Args:
-        groups: arrays of values, such as the returns of one setpoint's episodes each.
+        groups: one array of values per group, such as the returns of the episodes at one setpoint.
 
     Returns:
         The mean, its standard error and its 95 % interval.
@@ -55,7 +55,7 @@ def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
 
 
 def _freedom(variances: Sequence[float], freedom: Sequence[int]) -> float:
-    """Degrees of freedom of a sum of estimates, from the variances of their means and their own."""
+    """Degrees of freedom of a sum of means, from the variance and the degrees of freedom of each mean."""
     if len(freedom) == 1:
         return freedom[0]
     return math.fsum(variances) ** 2 / math.fsum(v**2 / n for v, n in zip(variances, freedom, strict=True))
@@ -65,8 +65,8 @@ def _freedom(variances: Sequence[float], freedom: Sequence[int]) -> float:
 def t_quantile(freedom: float) -> float:
     """The t for which P(|T| < t) = 0.95, where T has Student's distribution.
 
-    With t = √ν tan θ the density of θ is proportional to cos(θ) to the ν - 1; its area, by the trapezoidal
-    rule, gives it to 1e-6.
+    With t = √ν tan θ, the density of θ is proportional to cos(θ) to the ν - 1. The trapezoidal rule
+    integrates it, which gives t to 1e-6.
 
     >>> [round(t_quantile(n), 4) for n in (1, 2, 9, 99)]
     [12.7062, 4.3027, 2.2622, 1.9842]

@@ -1,9 +1,10 @@
 """Transcendental functions with the same bits on every machine.
 
 The exp, log and pow of a C library or of numpy differ in the last bit between processors, C libraries and
-versions. These use only operations that IEEE 754 rounds exactly (`+ - * /`, square root, rounding to a
-whole number) and integer shifts of the exponent, in a fixed order, so every machine computes the same.
-Measured errors in units in the last place: exp 1, log 2, normal 5, logistic 2.3, pow 1.6 · max(1, |y log x|).
+versions. The functions here use only operations that IEEE 754 rounds exactly (`+ - * /`, square root,
+rounding to a whole number) and integer shifts of the exponent, in a fixed order, so every machine computes
+the same. Measured errors in units in the last place: exp 1, log 2, normal 5, logistic 2.3, pow 1.6 · max(1,
+|y log x|).
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ LOG2_E = float.fromhex("0x1.71547652b82fep+0")
 SQRT2 = float.fromhex("0x1.6a09e667f3bcdp+0")
 MANTISSA = 0x000FFFFFFFFFFFFF
 EXPONENT_OF_ONE = 0x3FF0000000000000
-MIDDLE = 0.425  # |u - ½| up to which AS 241 needs no logarithm
+MIDDLE = 0.425  # largest |u - ½| for which AS 241 needs no logarithm
 
 
 @compiled
 def exp(x: float) -> float:
-    """The exponential of x, which is clipped to [-708, 709]: beyond, 2ᵏ is no normal double.
+    """Exponential of x, which is clipped to [-708, 709], because beyond them 2ᵏ is not a normal double.
 
-    x = k ln 2 + r with |r| <= ln 2 / 2 (Cody and Waite), then the Taylor sum to r¹³ (truncation 5e-18).
+    The argument is reduced to x = k ln 2 + r with |r| <= ln 2 / 2 (Cody and Waite); the Taylor series of eʳ
+    is summed to r¹³ (truncation error 5e-18).
 
     >>> float(exp(1.0))
     2.7182818284590455
@@ -59,7 +61,7 @@ def exp(x: float) -> float:
 def log(x: float) -> float:
     """Natural logarithm of a positive normal double.
 
-    x = m · 2ᵏ with m in (√2/2, √2]; log m = 2 artanh f, f = (m - 1)/(m + 1), as the odd series to f²³.
+    With x = m · 2ᵏ, m in (√2/2, √2] and f = (m - 1)/(m + 1), log m = 2 artanh f is summed as a series to f²³.
 
     >>> float(log(2.0))
     0.6931471805599453
@@ -69,7 +71,7 @@ def log(x: float) -> float:
     bits = np.float64(x).view(np.int64)
     k = (bits >> 52) - 1023
     m = np.int64((bits & MANTISSA) | EXPONENT_OF_ONE).view(np.float64)
-    halved = m > SQRT2  # chosen without a branch, so that a loop over lanes takes several at a time
+    halved = m > SQRT2  # without a branch, so that loops over lanes are vectorized
     m = 0.5 * m if halved else m
     k = k + 1 if halved else k
     f = (m - 1.0) / (m + 1.0)
@@ -135,7 +137,10 @@ def normal(u: float) -> float:
 
 @compiled
 def normals(u: npt.NDArray[np.float64]) -> None:
-    """`normal` of every uniform (n,), in place: first as if all were in the middle, then the tails."""
+    """Apply `normal` to uniforms (n,), in place.
+
+    A vectorized loop applies the formula of the middle to all of them; then the tails are computed again.
+    """
     if u.shape[0] == 1:
         u[0] = normal(u[0])
         return

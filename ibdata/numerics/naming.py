@@ -1,8 +1,8 @@
-"""Numbers and names as text for people and for other programs."""
+"""Numbers and names as text."""
 
 from __future__ import annotations
 
-# Possible names that some YAML parsers read as true, false or null.
+# Names that some YAML parsers read as true, false or null.
 YAML_WORDS = frozenset({"y", "n", "yes", "no", "on", "off", "true", "false", "null"})
 
 
@@ -16,10 +16,10 @@ def exact(number: float) -> str:
 
 
 def yaml_name(name: str) -> str:
-    """A name of a-z, 0-9, _ and - as YAML that every parser reads as that text; quoted only if necessary.
+    """A name of a-z, 0-9, _ and - as YAML, quoted if some parser would not read it as text.
 
-    YAML 1.1 and 1.2 disagree about numbers, dates and words. Among these names, all that could be read as a
-    number or a date begin with a digit.
+    YAML 1.1 and 1.2 disagree about numbers, dates and words. Of these names, only those that begin with a
+    digit can be read as a number or a date.
 
     >>> yaml_name("train"), yaml_name("0x10"), yaml_name("no")
     ('train', '"0x10"', '"no"')

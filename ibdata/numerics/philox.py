@@ -1,7 +1,7 @@
 """Philox4x64-10, a random function of a 128-bit key and a 256-bit counter, for many lanes at a time.
 
 Salmon, Moraes, Dror and Shaw 2011, Parallel random numbers: as easy as 1, 2, 3. The integers are those of
-`numpy.random.Philox`, which adds 1 to its counter before it makes a block of four.
+`numpy.random.Philox`, which adds 1 to its counter before each block of four.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ibdata.numerics.compiled import compiled
 Raw = npt.NDArray[np.uint64]
 Word = np.uint64
 
-BLOCK = 4  # integers made at one counter
+BLOCK = 4  # integers per value of the counter
 ROUNDS = 10
 MULTIPLIER_0, MULTIPLIER_1 = Word(0xD2E7470EE14C6C93), Word(0xCA5A826395121157)
 WEYL_0, WEYL_1 = Word(0x9E3779B97F4A7C15), Word(0xBB67AE8584CAA73B)
@@ -36,7 +36,7 @@ def mulhi(a: np.uint64, b: np.uint64) -> np.uint64:
 
 @compiled
 def philox(keys: Raw, c0: np.uint64, c1: np.uint64, c2: Raw, c3: np.uint64, out: Raw) -> None:
-    """The blocks (4, n) at keys (2, n) and counters (c0, c1, c2, c3), of which c2 is (n,)."""
+    """Write the blocks for keys (2, n) and counters (c0, c1, c2, c3), where c2 is (n,), into out (4, n)."""
     for i in range(c2.shape[0]):
         k0, k1 = keys[0, i], keys[1, i]
         w, x, y, z = c0, c1, c2[i], c3
@@ -50,9 +50,14 @@ def philox(keys: Raw, c0: np.uint64, c1: np.uint64, c2: Raw, c3: np.uint64, out:
 
 @compiled
 def philox_blocks(keys: Raw, words: Raw, first: int, purpose: int, out: Raw) -> None:
-    """The integers out (steps, slots, n) of lanes with keys (2, n) and counters that end in words (n,).
+    """Write the integers of n lanes into out (steps, slots, n).
 
-    Word 0 of the counter is the number of the block, of which the first is `first`, word 1 the purpose.
+    Args:
+        keys: the keys (2, n).
+        words: word 2 of each lane's counter, (n,); word 3 is 0.
+        first: the number of the first block; word 0 counts the blocks.
+        purpose: word 1.
+        out: (steps, slots, n).
     """
     per_step = out.shape[1] // BLOCK
     for t in range(out.shape[0]):

@@ -1,8 +1,8 @@
 """Random numbers with an address: (seed, cell, index, purpose, step, slot) → 64 bits → a variate.
 
-Philox4x64-10 is a function of a 128-bit key and a 256-bit counter. The key comes from the seed and the
-cell's digest, the counter holds the rest of the address, so no number depends on what was drawn before it.
-Every step owns a fixed number of slots, used or not.
+Philox4x64-10 is a function of a 128-bit key and a 256-bit counter. The key is computed from the seed and the
+cell's digest, and the counter holds the rest of the address, so no number depends on earlier draws. Every
+step has a fixed number of slots, whether it uses them or not.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Purpose(IntEnum):
-    """What a stream is for; part of the address, so the values are fixed."""
+    """The purpose of a stream of random numbers. It is part of the address, so its values must not change."""
 
     DYNAMICS = 0
     DRIFT = 1
@@ -33,13 +33,13 @@ class Purpose(IntEnum):
 
 
 def stream_key(seed: int, cell_digest: bytes) -> Raw:
-    """The Philox key (2,) of a cell under a seed in [0, 2⁶⁴)."""
+    """The Philox key (2,) of a cell for a seed in [0, 2⁶⁴)."""
     digest = hashlib.sha256(b"ibdata noise 1\0" + seed.to_bytes(8, "little") + cell_digest).digest()
     return np.frombuffer(digest[:16], dtype="<u8").astype(np.uint64)
 
 
 def slots(draws: int) -> int:
-    """Slots of a step for that many draws: the next whole number of Philox blocks.
+    """The number of slots of a step for that many draws, rounded up to whole Philox blocks.
 
     >>> slots(3), slots(5), slots(0)
     (4, 8, 0)
@@ -54,7 +54,7 @@ def integers(
 
     Args:
         keys: the Philox keys (n, 2), see `stream_key`.
-        indices: the numbers (n,) of the episodes within their cells.
+        indices: the indices (n,) of the episodes within their cells.
         purpose: what the integers are for.
         step: the first step.
         steps: the number of steps.
@@ -64,7 +64,7 @@ def integers(
         Integers (steps, slots, n).
     """
     out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
-    with np.errstate(over="ignore"):  # without compilation, numpy warns of products beyond 64 bits
+    with np.errstate(over="ignore"):  # where nothing is compiled, numpy warns of products beyond 64 bits
         philox_blocks(
             np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
         )
@@ -93,7 +93,7 @@ def standard_normal(u: float) -> float:
 
 @compiled
 def uniforms(raw: Raw, out: Floats) -> None:
-    """U(0, 1) (steps, n, draws) from integers (steps, slots, n)."""
+    """Convert integers (steps, slots, n) to U(0, 1), written into out (steps, n, draws)."""
     for t in range(out.shape[0]):
         for j in range(out.shape[2]):
             for i in range(out.shape[1]):

@@ -20,12 +20,12 @@ FORMS = ("png", "svg")
 
 
 def names() -> list[str]:
-    """The figures, one a module of `ibdata.plots.paper`."""
+    """The names of the paper's figures, the modules of `ibdata.plots.paper`."""
     return _modules("paper")
 
 
 def plots() -> list[str]:
-    """The pictures of a dataset, one a module of `ibdata.plots.dataset`."""
+    """The names of the pictures of a dataset, the modules of `ibdata.plots.dataset`."""
     return _modules("dataset")
 
 
@@ -36,24 +36,33 @@ def figure(
     seed: int | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Draw a figure of the paper into a file, PNG or SVG by its name; the same file twice for the same seed.
+    """Draw a figure of the paper into a PNG or SVG file. Equal arguments give equal bytes.
 
-    name: landscape, policies, dynamics or setpoints. out: by default figures/<name>.png. dynamics: siemens or
-    paper. seed: of the episodes drawn, by default one that shows what the paper's figure shows.
+    Args:
+        name: "landscape", "policies", "dynamics" or "setpoints".
+        out: the file, which ends in .png or .svg; by default figures/<name>.png.
+        dynamics: "siemens" or "paper".
+        seed: the seed of the episodes drawn; by default one that shows the same as the paper's figure.
+        overwrite: whether to replace the file if it exists.
 
-    Returns the file. Raises UsageError for a name, form, variant or seed that is none, and for a file that is
-    there unless told to overwrite it; MissingError without matplotlib; IbdataError where the system refuses.
+    Returns:
+        The file.
+
+    Raises:
+        UsageError: an argument is invalid, or the file exists and is not to be replaced.
+        MissingError: matplotlib is not installed.
+        IbdataError: the file cannot be written.
     """
     path = Path(FOLDER, f"{name}.png") if out is None else Path(out)
     form = path.suffix[1:].lower()
     _one_of("figure", name, names())
     _one_of("dynamics", dynamics, DYNAMICS)
     if form not in FORMS:
-        raise UsageError(f"{path}: found no name that ends in .png or .svg, expected one")
+        raise UsageError(f"{path}: found the ending {path.suffix!r}, expected .png or .svg")
     if seed is not None and not 0 <= seed < 2**64:
         raise UsageError(f"seed: found {seed}, expected a whole number from 0 to 2⁶⁴ - 1")
     _refuse_existing(path, overwrite)
-    from ibdata.plots.style import image  # first, as it says what to install
+    from ibdata.plots.style import image  # first, because its error says what to install
 
     module = import_module(f"ibdata.plots.paper.{name}")
     chosen = module.SEED if seed is None else seed
@@ -68,14 +77,25 @@ def plot(
     form: str = "png",
     overwrite: bool = False,
 ) -> list[Path]:
-    """Draw all pictures of a dataset into a folder; the same files again for the same dataset.
+    """Draw all pictures of a dataset into a folder. Equal datasets give equal bytes.
 
-    Every row counts, in constant memory: actions, coverage, returns, rewards, splits, traces (of the episode
-    with the median return) and tradeoff, each in a file of that name. form: png or svg.
+    The pictures are actions, coverage, returns, rewards, splits, traces (of the episode with the median
+    return) and tradeoff, each in a file of that name. They show all rows, in constant memory.
 
-    Returns the files. Raises UsageError for a form that is none, and for files that are there unless told
-    to overwrite them; DatasetError for what is no dataset; MissingError without matplotlib; IbdataError
-    where the system refuses.
+    Args:
+        dataset: a dataset or its folder.
+        out: the folder for the pictures.
+        form: "png" or "svg".
+        overwrite: whether to replace existing files.
+
+    Returns:
+        The files.
+
+    Raises:
+        UsageError: the form is invalid, or a file exists and is not to be replaced.
+        DatasetError: there is no dataset, or it is damaged.
+        MissingError: matplotlib is not installed.
+        IbdataError: a file cannot be written.
     """
     _one_of("form", form, FORMS)
     paths = {name: Path(out, f"{name}.{form}") for name in plots()}
@@ -88,7 +108,7 @@ def plot(
 
 
 def drawn(dataset: Dataset | str | os.PathLike[str], form: str = "png") -> dict[str, bytes]:
-    """The pictures of a dataset by name. Raises as `plot`."""
+    """The pictures of a dataset by name. Raises the errors of `plot`."""
     from ibdata.dataset.reader import Dataset
     from ibdata.plots.style import image
     from ibdata.plots.summary import Summary

@@ -17,12 +17,12 @@ PAIRS = tuple(combinations(range(len(STEERINGS)), 2))
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
 COSTS = ("next_obs_consumption", "next_obs_fatigue")
 STEERING_EDGES = np.linspace(0.0, 100.0, 51)
-ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins: 0 is in the middle of one
+ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins, so that 0 is in the middle of one
 COST_BINS = 60
 
 
 class Counts(NamedTuple):
-    """Histograms over all rows; a bin has its lower edge, the last also its upper one."""
+    """Histograms over all rows. A bin includes its lower edge, and the last bin its upper edge too."""
 
     reward_edges: Floats
     rewards: Numbers  # (setpoints, bins)
@@ -34,7 +34,7 @@ class Counts(NamedTuple):
 
 
 def count(dataset: Dataset, episodes: Episodes) -> Counts:
-    """Count the rows of a dataset; DatasetError if rows or statistics are damaged."""
+    """Count the rows of a dataset. Raises DatasetError if rows or statistics are damaged."""
     edges = {name: _edges(dataset, name) for name in ("reward", *COSTS)}
     cells = len(episodes.setpoints) * len(episodes.policies)
     cost_edges = (edges[COSTS[0]], edges[COSTS[1]])
@@ -61,7 +61,7 @@ def count(dataset: Dataset, episodes: Episodes) -> Counts:
         first = stop
     if first != stops[-1]:
         raise DatasetError(
-            f"{dataset.path}: found other rows than meta/episodes.parquet lists, expected its {stops[-1]}; "
+            f"{dataset.path}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "
             f"see ibdata validate {dataset.path}"
         )
     sums = np.where(rows[:, None] > 0, made.mean_costs, np.nan) / np.maximum(rows, 1)[:, None]
@@ -71,7 +71,7 @@ def count(dataset: Dataset, episodes: Episodes) -> Counts:
 def _add(
     made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers, cell: Numbers
 ) -> None:
-    """Count some more rows; mean_costs is a sum until the last of them."""
+    """Add rows to the counts; mean_costs holds sums until all rows are counted."""
     _into(made.rewards, setpoint, bins(x["reward"], made.reward_edges))
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
     for into, (a, b) in zip(made.coverage, PAIRS, strict=True):
@@ -84,7 +84,7 @@ def _add(
 
 
 def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:
-    """The bin of each value (n,); values outside go to the bins at the ends.
+    """The bin of each value (n,); values outside are in the first or the last bin.
 
     >>> bins(np.array([0.0, 0.5, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     array([0, 0, 1, 1])
@@ -98,12 +98,12 @@ def _into(counts: Numbers, row: Numbers, column: Numbers) -> None:
 
 
 def _edges(dataset: Dataset, name: str) -> Floats:
-    """Edges of equal bins from a column's least to its greatest value, as meta/stats.json has them."""
+    """Edges of equal bins from the minimum to the maximum of a column in meta/stats.json."""
     stat = dataset.statistics().get(name, {})
     low, high = stat.get("min"), stat.get("max")
     if low is None or high is None or low > high:
         raise DatasetError(
-            f"{dataset.path}: meta/stats.json: {name}: found no range, expected one; "
-            f"see ibdata validate {dataset.path}"
+            f"{dataset.path}: meta/stats.json: {name}: found min {low} and max {high}, expected numbers with "
+            f"min <= max; see ibdata validate {dataset.path}"
         )
     return np.linspace(*((low, high) if low < high else (low - 0.5, high + 0.5)), COST_BINS + 1)

@@ -1,4 +1,4 @@
-"""Episodes to draw: those that a dataset of the same seed holds, in double precision."""
+"""Episodes for figures, the same as in a dataset with that seed, in double precision."""
 
 from __future__ import annotations
 

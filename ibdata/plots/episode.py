@@ -1,4 +1,4 @@
-"""One episode: what is observed above, what is hidden below."""
+"""The picture of one episode, with observed variables above and hidden ones below."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, legend_beside, pixels
 
 SIZE = (9.0, 6.0)
-SHORTEST = 50  # steps on the axis, so that a young episode does not jump
+SHORTEST = 50  # least length of the axis in steps, so that it does not change at every step
 PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
     (
         "observed:\nsteerings",
@@ -30,11 +30,12 @@ PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
     ("hidden:\nfatigue's μ", (("mu_v", "μᵛ", BLUE, "-"), ("mu_g", "μᵍ", ORANGE, "--"))),
     ("hidden:\ndirection φ", (("direction", "φ", GREEN, "-"),)),
 )
-LIMITS = {"velocity": (-5.0, 105.0), "mu_v": (-0.25, 5.25), "direction": (-6.5, 6.5)}  # of a panel's first
+# By the first variable of a panel.
+LIMITS = {"velocity": (-5.0, 105.0), "mu_v": (-0.25, 5.25), "direction": (-6.5, 6.5)}
 
 
 def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
-    """Variables of the state by name, a value a step; a panel for each kind of which there are any."""
+    """Draw variables of the state, by name and with a value per step, in those panels that have data."""
     panels = [panel for panel in PANELS if panel[1][0][0] in steps]
     axes = figure.subplots(len(panels), 1, sharex=True)
     for axis, (title, lines) in zip(axes, panels, strict=True):
@@ -50,5 +51,5 @@ def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
 
 
 def frame(steps: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
-    """The episode so far as (600, 900, 3) bytes."""
+    """Draw the episode so far as bytes (600, 900, 3)."""
     return pixels(lambda figure: draw(figure, steps), SIZE)

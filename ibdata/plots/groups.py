@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Episodes(NamedTuple):
-    """Names of groups of setpoints, in order, and of policies; and for each episode (n,) what it is in."""
+    """The names of the groups of setpoints and of policies, and the groups, length … of each episode (n,)."""
 
     setpoints: list[str]
     policies: list[str]
@@ -28,20 +28,21 @@ class Episodes(NamedTuple):
     splits: list[tuple[str, ...]]
 
     def cell(self) -> Numbers:
-        """The number of each episode's (setpoints, policy), of len(setpoints) · len(policies)."""
+        """The number of each episode's combination of group of setpoints and policy."""
         return self.setpoint * len(self.policies) + self.policy
 
 
 def episodes_of(dataset: Dataset) -> Episodes:
-    """The episodes of a dataset; DatasetError where a setpoint or return is no number.
+    """Group the episodes of a dataset. Raises DatasetError if a setpoint or return is not a finite number.
 
-    Beyond 12 setpoints, neighbours share a group; beyond 7 policies, the last group has the others.
+    With more than 12 setpoints, neighbours share a group. With more than 7 policies, the last group has all
+    others.
     """
     frame = dataset.episodes
     setpoint, returns = frame["setpoint"].to_numpy(), frame["return"].to_numpy()
     if not (np.isfinite(setpoint).all() and np.isfinite(returns).all()):
         raise DatasetError(
-            f"{dataset.path}: some episodes have a setpoint or return that is not a number; "
+            f"{dataset.path}: found a setpoint or return that is infinite or nan, expected finite numbers; "
             f"see ibdata validate {dataset.path}"
         )
     values, number = np.unique(setpoint, return_inverse=True)

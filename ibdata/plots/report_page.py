@@ -1,4 +1,4 @@
-"""The report's page: one HTML file without network addresses, so that it always opens."""
+"""The page of a report, one HTML file that loads nothing from a network."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.writing.card import ABOUT, facts
 
-MOST = 100  # rows of a table, experiments
+MOST = 100  # rows of a table, and experiments
 SHOWN = ("mean", "std", "min", "max")
 CAPTIONS = {
-    "rewards": "What a step earns. Rewards are -consumption - 3 · fatigue of the next observation.",
-    "returns": "What an episode earns, by the policy that made it.",
-    "actions": "What each policy did; spikes are actions that it takes exactly.",
-    "coverage": "How often velocity, gain and shift were where, two at a time.",
-    "tradeoff": "Every step by what it cost; the nearer to the lower left, the better.",
-    "splits": "Which splits hold which episodes, and which episodes are in two of them.",
-    "traces": "What is observed and, where the dataset has it, what is hidden.",
+    "rewards": "The reward of a step is -consumption - 3 · fatigue of the next observation.",
+    "returns": "The return of an episode is the sum of its rewards.",
+    "actions": "Spikes are actions that the policy takes again and again.",
+    "coverage": "How often each pair of velocity, gain and shift was visited.",
+    "tradeoff": "The two costs of every step; steps at the lower left have the highest reward.",
+    "splits": "Which episodes each split holds, and how many two splits share.",
+    "traces": "Observed variables and, if the dataset has them, hidden ones.",
 }
-# Nothing may be loaded, whatever a dataset's texts say.
+# The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 STYLE = """
 :root { color-scheme: light dark; }
@@ -53,7 +53,7 @@ ds.episodes, ds.statistics(), ds.arrays(history=30)["observations"]"""
 
 
 def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> bytes:
-    """The report on a dataset with its pictures, PNG by name."""
+    """The report on a dataset; `pictures` are PNG by name."""
     name = escape(spec.name)
     parts = [
         f"<h1>{name}</h1>",
@@ -81,7 +81,7 @@ def _section(title: str, *parts: str) -> list[str]:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Cells of text, or numbers to the right; None is a dash. The first 100 rows."""
+    """A table of the first 100 rows. Texts are on the left, numbers on the right; None is a dash."""
     everything = list(rows)
     lines = ['<div class="wide"><table>']
     if head:
@@ -146,7 +146,10 @@ def _provenance(dataset: Dataset) -> Iterable[str]:
     listed = dataset.manifest_model
     entries = listed.entries()
     yield f'<p>content root <code class="root">{escape(dataset.content_root)}</code></p>'
-    reproducible: dict[bool | str, str] = {True: "yes, on any machine", False: "no: made where bits differ"}
+    reproducible: dict[bool | str, str] = {
+        True: "yes, on any machine",
+        False: "no, the machine computed other bits than all others",
+    }
     rows: list[tuple[str, Any]] = [
         ("reproducible", reproducible.get(listed.reproducible, "in the same environment only")),
         ("data version", listed.data_version),

@@ -1,4 +1,4 @@
-"""The style of pictures and their rendering: without a window or global state, always the same bytes."""
+"""The style and the rendering of pictures, which use no window or global state and give the same bytes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ try:
 except ModuleNotFoundError:
     raise MissingError("ibdata.plots", "matplotlib", "plot") from None
 
-# Okabe and Ito's colours, which are told apart by colour-blind readers too; lines also differ in style.
+# Okabe and Ito's colours, which colour-blind readers can distinguish; lines also differ in style.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, RED, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 SERIES = (  # colour, marker, line
@@ -40,8 +40,8 @@ SETTINGS: Any = {
     "axes.titlesize": 9.0,
     "lines.linewidth": 1.2,
     "legend.frameon": False,
-    "text.parse_math": False,  # names and units are a dataset's own
-    "svg.hashsalt": "ibdata",  # else the names inside are random
+    "text.parse_math": False,  # a $ in the names of a dataset stays a $
+    "svg.hashsalt": "ibdata",  # without it, the ids in the file are random
 }
 DPI = 150
 FRAME_DPI = 100
@@ -57,7 +57,7 @@ def _plain() -> Iterator[None]:
 
 
 def image(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
-    """The bytes of a picture of size (width, height) in inches; form is png or svg."""
+    """Render a picture of size (width, height) in inches as the bytes of a file; form is png or svg."""
     with _plain():
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
@@ -68,7 +68,7 @@ def image(draw: Callable[[Figure], None], size: tuple[float, float], form: str) 
 
 
 def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDArray[np.uint8]:
-    """A picture as (height, width, 3) bytes."""
+    """Render a picture as an array (height, width, 3)."""
     with _plain():
         figure = Figure(figsize=size, dpi=FRAME_DPI, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
@@ -78,21 +78,21 @@ def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDA
 
 
 def legend_beside(axes: Axes) -> None:
-    """The legend to the right of the axes, where it hides nothing."""
+    """Put the legend to the right of the axes, where it hides nothing."""
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 def counted(
     axes: Axes, counts: Any, extent: tuple[float, float, float, float], norm: Any, colors: str = "cividis"
 ) -> Any:
-    """Counts (along x, along y) as an image over low x, high x, low y, high y; white where there are none."""
+    """Draw counts (along x, along y) as an image; 0 is white. extent: low x, high x, low y, high y."""
     shown = np.ma.masked_equal(counts.T, 0)
     return axes.imshow(shown, origin="lower", extent=extent, norm=norm, cmap=colors, aspect="auto",
                        interpolation="nearest")  # fmt: skip
 
 
 def count_bar(figure: Figure, shown: Any, axes: Any, **options: Any) -> None:
-    """The scale of an image of counts."""
+    """Draw the colour bar of an image of counts."""
     bar = figure.colorbar(shown, ax=axes, label="steps", format="{x:g}", **options)
     bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,4 +1,4 @@
-"""The data that the pictures of a dataset show, read when first used."""
+"""The data of the pictures of a dataset, read on first use."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Summary:
 
     @cached_property
     def typical(self) -> int:
-        """The number of the episode with the median return: the first, where several have it."""
+        """The number of the episode with the median return, or of the first of several."""
         returns = self.episodes.returns
         return int(np.flatnonzero(returns == np.quantile(returns, 0.5, method="inverted_cdf"))[0])
 
     @cached_property
     def traces(self) -> Mapping[str, npt.NDArray[Any]]:
-        """The first 1000 steps of the typical episode: variables by name, as `episode.draw` takes them."""
+        """The first 1000 steps of the typical episode: variables by name, for `episode.draw`."""
         names = {
             variable: column
             for _, lines in PANELS
@@ -61,7 +61,7 @@ class Summary:
         return dict(zip(names, np.concatenate(parts, axis=1), strict=True))
 
     def label(self, column: str) -> str:
-        """A column as an axis names it: its meaning and its unit, from meta/info.json."""
+        """The label of a column on an axis: its meaning and its unit, from meta/info.json."""
         described = self.columns[column]
         unit = "" if described.unit == "1" else f" ({described.unit})"
         return f"{described.description}{unit}"

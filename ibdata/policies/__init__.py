@@ -1,4 +1,4 @@
-"""Behaviour policies, one a file. Every module of this folder is imported; nothing else lists them.
+"""Behaviour policies, one per module. All modules of this folder are imported, so there is no list to extend.
 
 `Policy`, `Deterministic` and `Wrapper` are the base classes, also for policies of other packages, which an
 experiment names with `kind: custom`. `ibdata.testing.check_policy` checks a policy.
@@ -25,7 +25,7 @@ def _subclasses(cls: Any) -> Iterator[type[Policy]]:
         yield from _subclasses(subclass)
 
 
-# By kind, in the order of the files. A base class requires a kind; a policy has it as a default.
+# By kind, in the order of the modules. Only base classes have no default for `kind`.
 POLICIES: dict[str, type[Policy]] = {
     policy.model_fields["kind"].default: policy
     for policy in sorted(_subclasses(Policy), key=lambda policy: policy.__module__)
@@ -34,7 +34,7 @@ POLICIES: dict[str, type[Policy]] = {
 
 
 def _one_of(kinds: Iterable[type[Policy]]) -> Any:
-    """The type of a block of any of these kinds."""
+    """The type of a block of one of these kinds."""
     return Annotated[Union[tuple(kinds)], Field(discriminator="kind")]  # noqa: UP007
 
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     AnyBase = Policy
     DeterministicBase = Deterministic
 else:
-    # What a wrapper's base may be is known when all are; a wrapper around another has no use yet.
+    # The types of a wrapper's base, known once all policies are. Wrappers cannot be nested.
     AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
     DeterministicBase = _one_of(p for p in POLICIES.values() if issubclass(p, Deterministic))
     for _policy in POLICIES.values():
@@ -52,7 +52,7 @@ else:
 
 
 def described() -> list[dict[str, Any]]:
-    """Every policy: kind, summary, and its options with default and description."""
+    """Describe every policy: its kind, its summary, and its options with default and description."""
     return [
         {
             "kind": kind,

@@ -1,4 +1,4 @@
-"""Clip and round actions, as they are applied and stored."""
+"""Clip and round actions to the values that are applied and stored."""
 
 from __future__ import annotations
 

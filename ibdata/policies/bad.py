@@ -1,4 +1,4 @@
-"""The bad baseline of the Siemens offline data: everything up to 100."""
+"""The bad baseline of the Siemens offline data."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Bad(Deterministic):
 
         (Δv, Δg, Δh) = clip((100 - v, 100 - g, 100 - h), -1, 1)
 
-    Raw units, current observation. `siemens-research/lion`, generate_data.py, which also normalises the
-    observation: that would make the action (1, 1, 1) everywhere, and equal to the mediocre baseline's.
+    The observation is the current one, in raw units. Source: `siemens-research/lion`, generate_data.py, which
+    also normalises it; this baseline and the mediocre one would then always take the same action, (1, 1, 1).
     """
 
     kind: Literal["bad"] = "bad"

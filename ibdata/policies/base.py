@@ -1,4 +1,4 @@
-"""The base classes of policies: a policy is a frozen block of options with two pure functions."""
+"""The base classes of policies. A policy is an immutable block of options with two pure functions."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ SETPOINT, VELOCITY, GAIN, SHIFT, FATIGUE, CONSUMPTION = range(6)
 
 
 def _no_denormal(least: float) -> AfterValidator:
-    """Refuses what is nearer to 0 than the least normal number; a library may make processors take it for 0.
+    """A validator that refuses denormal numbers, which processors may treat as 0 if a library tells them to.
 
-    It stands last in an annotation: the JSON schema shows no bounds that stand behind it.
+    It must be last in an annotation, because the JSON schema leaves out all bounds after it.
     """
 
     def check(value: float) -> float:
@@ -37,20 +37,20 @@ def _no_denormal(least: float) -> AfterValidator:
     return AfterValidator(check)
 
 
-NormalSingle = _no_denormal(float(np.finfo(np.float32).tiny))  # for what becomes float32
+NormalSingle = _no_denormal(float(np.finfo(np.float32).tiny))  # for values that become float32
 NormalDouble = _no_denormal(float(np.finfo(np.float64).tiny))
 
 
 class FrozenModel(BaseModel):
-    """A YAML block that is the thing itself: unknown keys are errors, values never change."""
+    """An immutable model of a YAML block, in which unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Policy(FrozenModel, ABC):
-    """A behaviour policy: the base class of all. To add one, add a file with a subclass to this folder.
+    """Base class of behaviour policies. To add a policy, add a module with a subclass to this folder.
 
-    A subclass has a default for `kind: Literal["…"]`, its options as further fields, and:
+    A subclass defines a default for `kind: Literal["…"]`, its options as further fields, and:
 
     - `history_length`: the number of observations it sees, 0 for none;
     - `uniforms_per_step`: the number of uniform random numbers it uses per step;
@@ -77,7 +77,7 @@ class Policy(FrozenModel, ABC):
         return None
 
     def form(self) -> dict[str, Any]:
-        """The kind and the options that differ from their defaults, from which digests are made."""
+        """The kind and the options that differ from their defaults, from which digests are computed."""
         return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
 
     @abstractmethod
@@ -97,8 +97,8 @@ class Policy(FrozenModel, ABC):
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density of actions given histories. A pure function.
 
-        The measure is Lebesgue's on (-1, 1) plus unit masses at ±1 and at a base policy's own float32
-        action, in each dimension (or at its whole action, where it is replaced as a whole).
+        The density is with respect to Lebesgue measure on (-1, 1) plus unit masses at ±1 and at the float32
+        action of a base policy: in each dimension, or at the whole action if it is replaced as a whole.
 
         Args:
             history: as in `act`.
@@ -111,7 +111,7 @@ class Policy(FrozenModel, ABC):
 
 
 class Deterministic(Policy):
-    """A policy whose action follows from the history alone; all probability mass lies on that action."""
+    """A policy whose action depends on the history alone and so has the probability 1."""
 
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded."""
@@ -123,7 +123,7 @@ class Deterministic(Policy):
 
 def _without_name(base: Policy) -> Policy:
     if base.name is not None:
-        raise ValueError("found a base with a name, expected the name beside the outer kind")
+        raise ValueError("found a name in the base, expected the name beside the outer kind")
     return base
 
 
@@ -133,8 +133,8 @@ Unnamed = AfterValidator(_without_name)
 class Wrapper(Policy):
     """A policy that changes the actions of another one, its `base`.
 
-    It sees what the base sees. Of its random numbers the first are the base's, the others its own
-    (`own_uniforms_per_step`); `split` separates them.
+    It sees the same observations as the base. The base uses the first of its random numbers, the policy
+    itself the other `own_uniforms_per_step`; `split` separates them.
     """
 
     own_uniforms_per_step: ClassVar[int]
@@ -148,16 +148,16 @@ class Wrapper(Policy):
 
     @property
     def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of uniform random numbers per step, the base's and its own."""
+        """The number of uniform random numbers per step, of the base and of the policy itself."""
         return self.base.uniforms_per_step + self.own_uniforms_per_step
 
     @property
     def code_target(self) -> str | None:
-        """That of the base."""
+        """The code target of the base."""
         return self.base.code_target
 
     def form(self) -> dict[str, Any]:
-        """The form of every policy, with the form of the base in it."""
+        """The form of the policy, which contains the form of the base."""
         return {**super().form(), "base": self.base.form()}
 
     def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:

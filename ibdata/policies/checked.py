@@ -18,7 +18,7 @@ class PolicyError(IbdataError):
 
 
 class CheckedPolicy(NamedTuple):
-    """A policy whose answers are checked; a lane is one of the episodes simulated at once."""
+    """A policy whose results are checked. A lane is one of the episodes that are simulated side by side."""
 
     policy: Policy
     label: str
@@ -37,7 +37,7 @@ class CheckedPolicy(NamedTuple):
             The number of actions that were clipped.
 
         Raises:
-            PolicyError: an action is not finite or has the wrong shape, in which policy, episode and step.
+            PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
         action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
         clipped = int(clip_and_round(action, out))
@@ -50,7 +50,7 @@ class CheckedPolicy(NamedTuple):
     def log_prob(
         self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
     ) -> npt.NDArray[np.float64]:
-        """Return the log density (n,) of the actions taken; PolicyError if it has the wrong shape."""
+        """Return the log density (n,) of the actions. Raises PolicyError if it has the wrong shape."""
         taken = action.view()
         taken.flags.writeable = False
         return self._answer(lambda: self.policy.log_prob(seen, taken), (len(taken),), "log densities", t)
@@ -61,11 +61,11 @@ class CheckedPolicy(NamedTuple):
     def _answer(
         self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
     ) -> npt.NDArray[np.float64]:
-        """Return the policy's answer as an array of that shape."""
+        """Return the result of calling `ask`, as an array of that shape."""
         place = self._place(t, self.first)
         try:
             given = ask()
-        except IbdataError:  # a signal, say
+        except IbdataError:  # raised by a signal handler, for example
             raise
         except (Exception, SystemExit) as error:  # a policy must not end the run
             raise PolicyError(

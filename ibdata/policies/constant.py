@@ -16,7 +16,7 @@ Component = Annotated[
 
 
 class Constant(Deterministic):
-    """The same action (Δv, Δg, Δh) at every step; zero unless said otherwise."""
+    """Takes the same action (Δv, Δg, Δh) at every step, by default zero."""
 
     history_length: ClassVar[int] = 0
 

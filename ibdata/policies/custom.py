@@ -1,4 +1,4 @@
-"""Policies that are foreign code: objects that act, and `kind: custom`, which an experiment names."""
+"""Policies whose code is not part of ibdata: objects that act, and `kind: custom` of an experiment."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ibdata.policies.parameters import Parameters
 
 TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
 
-
-started_in: ContextVar[str | None] = ContextVar("started_in", default=None)  # where a run began
+# The current folder at the start of a run.
+started_in: ContextVar[str | None] = ContextVar("started_in", default=None)
 
 
 class CustomError(IbdataError):
@@ -30,14 +30,14 @@ class CustomError(IbdataError):
 
 
 def find_modules_here() -> None:
-    """Make modules of the current folder importable, as `python -m` does; that in which the run began."""
+    """Make modules of the folder in which the run began importable, as `python -m` does."""
     here = started_in.get() or os.getcwd()
     if here not in sys.path:
         sys.path.insert(0, here)
 
 
 class Adapter(Policy):
-    """A policy made of an object with `act(history, u)`, or `predict(observations)` as in SB3 and d3rlpy."""
+    """A policy made of an object with `act(history, u)` or, as in SB3 and d3rlpy, `predict(observations)`."""
 
     @property
     @abstractmethod
@@ -49,7 +49,7 @@ class Adapter(Policy):
             actions: npt.ArrayLike = self.adapted.act(history, u)
             return actions
         answer = self.adapted.predict(history.reshape(len(history), -1).copy())
-        predicted: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer  # SB3: and a state
+        predicted: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer  # SB3 adds a state
         return predicted
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
@@ -60,27 +60,27 @@ class Adapter(Policy):
 
 
 class Custom(Adapter):
-    """The object that `target` names, or that it makes of `params` if it is a class or a function.
+    """Acts by the object that `target` names or, as a class or a function, makes from `params`.
 
-    It has `act(history, u)` as the policies here do, or `predict(observations)` as those of SB3 and d3rlpy:
-    there observations (n, 6 · history) are float32, newest frame first, and what comes back are actions
-    (n, 3), or a tuple that begins with them. `log_prob` is used where there is one. Modules of the current
-    folder are found. Nothing is imported before a run begins. What it prints goes to stderr.
+    The object has a method `act(history, u)` like the policies here, or `predict(observations)` like those of
+    SB3 and d3rlpy. `predict` takes float32 observations (n, 6 · history), newest first, and returns actions
+    (n, 3), or a tuple that begins with them. A method `log_prob` is used if there is one. The module may be
+    in the current folder. It is not imported before a run begins. What its code prints goes to stderr.
     """
 
     kind: Literal["custom"] = "custom"
     target: Annotated[str, Field(pattern=TARGET)] = Field(description="package.module:name")
-    params: Parameters = Field(default={}, description="keywords for a class or function")
+    params: Parameters = Field(default={}, description="keyword arguments for a class or a function")
     history: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
-        default=1, description="frames of history it sees"
+        default=1, description="number of observations that it sees"
     )
     uniforms: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="uniform draws per step that act gets"
+        default=0, description="number of uniform random numbers per step for act"
     )
     files: list[str] | None = Field(
         default=None,
-        description="paths of what else it reads, such as weights.pt, beside the YAML file or in the current "
-        "folder; they are hashed as its code is",
+        description="paths of other files that it reads, such as weights.pt, beside the YAML file or in the "
+        "current folder; they are hashed like its code",
     )
 
     @property
@@ -90,25 +90,25 @@ class Custom(Adapter):
 
     @property
     def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """Observations of history that it wants."""
+        """The number of observations that the object sees."""
         return self.history
 
     @property
     def uniforms_per_step(self) -> int:  # type: ignore[override]
-        """Uniform draws per step."""
+        """The number of uniform random numbers per step."""
         return self.uniforms
 
     def form(self) -> dict[str, Any]:
-        """As every policy's: the files are recorded with the run, as the code is."""
+        """The kind and the options, without the files, which are recorded with the run like the code."""
         return {key: value for key, value in super().form().items() if key != "files"}
 
     def load(self) -> None:
-        """Import or make the object, unless that was done before. Raises CustomError if that fails."""
+        """Import or create the object, unless this was done before. Raises CustomError if it fails."""
         _ = self.adapted
 
     @cached_property
     def adapted(self) -> Any:
-        """The object; imported, or made, when first used."""
+        """The object, which is imported or created on first use."""
         module, _, name = self.target.partition(":")
         find_modules_here()
         try:
@@ -119,7 +119,7 @@ class Custom(Adapter):
             raise CustomError(f"{self.target}: cannot be loaded: {type(error).__name__}: {error}") from error
         if not (hasattr(own, "act") or hasattr(own, "predict")):
             raise CustomError(
-                f"{self.target}: found {type(own).__name__}, expected it to have act or predict"
+                f"{self.target}: found {type(own).__name__}, expected an object with act or predict"
             )
         return own
 

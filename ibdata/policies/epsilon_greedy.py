@@ -27,23 +27,23 @@ Probability = Annotated[
 
 
 class EpsilonGreedy(Wrapper):
-    """At each step, with probability ε, U(-1, 1)³ instead of the base's action.
+    """Replaces the base's action with probability ε at each step by one drawn from U(-1, 1)³.
 
-    The whole action is replaced, or, with `per_dimension`, each of the three numbers on its own.
-    `siemens-research/lion`, generate_data.py, does the first in its toy environment; that the published
-    Industrial Benchmark data were made so is inferred.
+    The whole action is replaced or, with `per_dimension`, each of its three numbers independently. In
+    `siemens-research/lion`, generate_data.py replaces the whole action in its toy environment; we infer that
+    the published Industrial Benchmark data were made in the same way.
     """
 
     kind: Literal["epsilon_greedy"] = "epsilon_greedy"
-    base: Annotated[AnyBase, Unnamed] = Field(description="the policy that acts otherwise")
+    base: Annotated[AnyBase, Unnamed] = Field(description="the policy whose actions are replaced")
     epsilon: Probability = Field(description="probability of a random action, in [0, 1]")
     per_dimension: bool = Field(
-        default=False, strict=True, description="replace velocity, gain and shift each on its own"
+        default=False, strict=True, description="replace each of the three numbers independently"
     )
 
     @property
     def own_uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """Draws that decide, then those of the random action."""
+        """One or three draws that decide, and three for the random action."""
         return 6 if self.per_dimension else 4
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
@@ -53,10 +53,11 @@ class EpsilonGreedy(Wrapper):
         return action
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Log density (n,): log(1 - ε) at the action of a deterministic base, log(ε/8) elsewhere.
+        """Return the log density (n,) of actions given histories.
 
-        Around a base that is random itself, the log of the mixture of both densities. Per dimension: the
-        sum of log(1 - ε) where that number is the base's, and log(ε/2) where it is not.
+        If the base is deterministic, it is log(1 - ε) at the base's action and log(ε/8) elsewhere; with
+        `per_dimension`, the sum over the three numbers of log(1 - ε) where they equal the base's and log(ε/2)
+        elsewhere. If the base is random, it is the log density of the mixture.
         """
         out = np.empty(len(action))
         if isinstance(self.base, Deterministic):
@@ -90,7 +91,7 @@ def _log(x: float) -> float:
 
 @compiled
 def _log_uniform(action: npt.NDArray[np.float32], i: int) -> float:
-    """Log density of U(-1, 1)³, with the mass that float32 rounds to ±1."""
+    """Log density of U(-1, 1)³, with masses at ±1 because float32 rounds to them."""
     total = LOG_DENSITY
     for j in range(3):
         if abs(action[i, j]) == 1.0:
@@ -111,7 +112,7 @@ def _log_prob(
         same = 0
         total = 0.0
         for j in range(3):
-            # A base that never acts has no mass of its own.
+            # With ε = 1 the base's action has no mass of its own.
             if action[i, j] == own[i, j] and epsilon < 1.0:
                 same += 1
                 total += log_kept

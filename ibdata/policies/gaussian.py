@@ -16,22 +16,22 @@ from ibdata.policies.base import Floats, History, Unnamed, Wrapper
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
 
-EDGE = 1.0 - 2.0**-25  # what float32 rounds to 1 begins here
+EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
-FAR = 3.0
-TERMS = 60
+FAR = 3.0  # |z| from which a continued fraction replaces the series
+TERMS = 60  # of either
 
 
 class Gaussian(Wrapper):
-    """The base's action plus N(0, scale²) on each of its numbers, clipped to [-1, 1].
+    """Adds N(0, scale²) to each number of the base's action, and clips the sum to [-1, 1].
 
-    The base must be deterministic; around one that is random itself there is no simple density.
+    The base must be deterministic, because a random base would give no simple density.
     """
 
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed] = Field(description="a policy that draws nothing itself")
+    base: Annotated[DeterministicBase, Unnamed] = Field(description="a deterministic policy")
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )
@@ -43,7 +43,7 @@ class Gaussian(Wrapper):
         return action
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Log density (n,): the normal's inside (-1, 1), at ±1 the mass that clipping puts there."""
+        """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
         out = np.empty(len(action))
         _log_prob(self.base.mean_action(history), action, self.scale, out)
         return out
@@ -76,7 +76,7 @@ def _log_prob(
 
 @compiled
 def log_cdf(z: float) -> float:
-    """log Φ(z), the logarithm of the normal distribution function, to 1e-12 of its value or 1e-16.
+    """Logarithm of the normal distribution function Φ(z), to 1e-12 relative or 1e-16 absolute.
 
     >>> float(log_cdf(0.0)) == float(log(0.5)), float(log_cdf(100.0))
     (True, 0.0)

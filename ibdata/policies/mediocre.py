@@ -1,4 +1,4 @@
-"""The mediocre baseline of the Siemens offline data: everything to 25."""
+"""The mediocre baseline of the Siemens offline data."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Mediocre(Deterministic):
 
         (Δv, Δg, Δh) = clip((25 - v, 25 - g, 25 - h), -1, 1)
 
-    Raw units, current observation, so gain and shift step over the target and back for ever.
-    `siemens-research/lion`, generate_data.py; see `Bad` for the units.
+    The observation is the current one, in raw units, so gain and shift oscillate around the target. Source:
+    `siemens-research/lion`, generate_data.py; see `bad` for the units.
     """
 
     kind: Literal["mediocre"] = "mediocre"

@@ -10,20 +10,20 @@ import numpy.typing as npt
 from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import FATIGUE, SETPOINT, SHIFT, VELOCITY, Deterministic, Floats, History
 
-# Of setpoint, velocity, gain, shift, fatigue, consumption; part of the policy, whatever data it meets.
+# Of setpoint, velocity, gain, shift, fatigue, consumption; constants of the policy, not of a dataset.
 MEAN = (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
 STD = (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
 
 
 class Optimized(Deterministic):
-    """A short formula of delayed observations, far better than random actions.
+    """A short formula of past observations, far better than random actions.
 
         Δv = clip(-z_v(5) - 0.91, -1, 1)
         Δg = clip(2 z_f(3) - z_p + 1.43, -1, 1)
         Δh = clip(-3.48 z_h(3) - z_h(4) + 2 z_p + 0.81, -1, 1)
 
-    z_x(k) is column x of the observation k steps ago, less `MEAN` and divided by `STD`.
-    `siemens-research/lion`, generate_data.py.
+    z_x(k) is column x of the observation k steps ago, standardised by the means and standard deviations in
+    the source: `siemens-research/lion`, generate_data.py.
     """
 
     history_length: ClassVar[int] = 6
@@ -38,7 +38,7 @@ class Optimized(Deterministic):
 
 @compiled
 def _z(x: float, column: int) -> float:
-    """The column's value less its mean, in standard deviations."""
+    """Standardise a value of a column."""
     return (x - MEAN[column]) / STD[column]
 
 

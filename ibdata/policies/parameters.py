@@ -1,4 +1,4 @@
-"""Parameters of somebody's own code: what JSON and YAML hold, so that they are the same wherever it runs."""
+"""Parameters of custom code, limited to values that JSON and YAML store unchanged."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from pydantic import AfterValidator
 
 from ibdata.errors import Loc, Problems
 
-MAX_DEPTH = 16  # levels; a file of YAML has 20, of which the experiment takes some
+MAX_DEPTH = 16  # levels; a YAML file may have 20, of which the experiment itself uses some
 MAX_DIGITS = 400  # of a whole number, as in YAML
-# YAML's own words for what is no finite number; an experiment reads them as text.
+# YAML's words for infinity and NaN, which an experiment reads as text.
 NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 
 
 def _plain(params: dict[str, Any]) -> dict[str, Any]:
-    """A copy as it comes back from JSON."""
+    """A copy with only the types of JSON."""
     found = list(_problems(params, ()))
     if found:
         raise Problems(found)
@@ -58,7 +58,7 @@ def _problems(value: Any, loc: Loc) -> Iterator[tuple[Loc, str]]:
 
 
 def _is_lost(text: str) -> bool:
-    """Whether a text does not come back from UTF-8 YAML: half a character, or the line break U+0085."""
+    """Whether YAML in UTF-8 would not keep a text: half of a surrogate pair, or the line break U+0085."""
     return "\x85" in text or any("\ud800" <= c <= "\udfff" for c in text)
 
 

@@ -13,13 +13,13 @@ from ibdata.policies.base import Floats, History, Policy
 LOG_DENSITY = float.fromhex("-0x1.0a2b23f3bab73p+1")  # log(1/8)
 LOG_EDGE = float.fromhex(
     "-0x1.1542457337d43p+4"
-)  # log of 2⁻²⁶ / ½: float32 rounds 2⁻²⁶ of U(-1, 1) to 1, and to -1
+)  # log(2⁻²⁶ / ½): float32 rounds a share of 2⁻²⁶ of U(-1, 1) to 1, and as much to -1
 
 
 class Random(Policy):
-    """Each of the three actions uniform on [-1, 1]: the paper's random exploration.
+    """Draws each number of the action uniformly from [-1, 1], the paper's random exploration.
 
-    Hein et al. 2017, section "Experimental Prototypes", random exploration.
+    Source: Hein et al. 2017, section "Experimental Prototypes".
     """
 
     history_length: ClassVar[int] = 0

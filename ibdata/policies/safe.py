@@ -20,7 +20,7 @@ LOG_MASS_AWAY = float.fromhex("-0x1.57396f7dee539p+2")  # log P(z <= -1)
 LOG_UNIFORM = float.fromhex("-0x1.62e42fefa39efp-1")  # log ½
 LOG_EDGE = float.fromhex(
     "-0x1.205966f2b4f12p+4"
-)  # log 2⁻²⁶: what float32 rounds to 1, and to -1, of U(-1, 1)
+)  # log 2⁻²⁶, the share of U(-1, 1) that float32 rounds to 1, and to -1
 
 
 class Safe(Policy):
@@ -29,8 +29,8 @@ class Safe(Policy):
         Δx =  z  if x < 40;   -z  if x > 60;   u  otherwise     for x = v and x = g
         Δh =  u
 
-    z ~ N(½, 1/√3), clipped to [-1, 1], and u ~ U(-1, 1). Depeweg et al. 2018 (arXiv 1710.07283),
-    appendix C.3.1, as restated by `angelolovatto/raylab`; 1/√3 is read as a standard deviation.
+    z ~ N(½, 1/√3), clipped to [-1, 1], and u ~ U(-1, 1). Source: Depeweg et al. 2018 (arXiv 1710.07283),
+    appendix C.3.1, as restated by `angelolovatto/raylab`; we take 1/√3 as the standard deviation.
     """
 
     uniforms_per_step: ClassVar[int] = 5
@@ -50,7 +50,7 @@ class Safe(Policy):
 
 @compiled
 def _region(x: float) -> float:
-    """Sign with which z enters: 1 below the medium range, -1 above it, 0 where the action is uniform."""
+    """The sign of z: 1 below [40, 60], -1 above it, 0 inside, where the action is uniform."""
     return 1.0 if x < LOW else -1.0 if x > HIGH else 0.0
 
 

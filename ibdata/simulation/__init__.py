@@ -1,1 +1,1 @@
-"""Episodes of an experiment, simulated into columns."""
+"""Simulation of the episodes of an experiment into columns."""

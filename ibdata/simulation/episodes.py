@@ -1,4 +1,4 @@
-"""The one driver of episodes: how they start and how they advance, whoever draws their random integers."""
+"""Start and advance episodes with random integers from any source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 
 Floats = npt.NDArray[np.float64]
 Float32s = npt.NDArray[np.float32]
-Lanes = npt.NDArray[np.int64]  # numbers of lanes, the episodes that are simulated side by side
+Lanes = npt.NDArray[np.int64]  # numbers of lanes; a lane is one of the episodes simulated side by side
 # (lanes, purpose, step, steps, slots) -> the integers (steps, slots, lanes) of `steps` steps from `step` on.
 Draw = Callable[[Lanes, Purpose, int, int, int], Raw]
 
@@ -29,10 +29,10 @@ NO_ROWS = np.empty(0, dtype=np.int64)
 
 
 class Episodes(NamedTuple):
-    """What episodes that are simulated together have in common.
+    """The settings of episodes that are simulated together.
 
-    Random integers are drawn in a fixed order and only where they are used, so `Draw` may be a function of
-    their address or a generator of its own for each lane.
+    Random integers are drawn in a fixed order and only if they are used. So a `Draw` may compute them from
+    their addresses, or take them from one generator per lane.
     """
 
     start: Any  # "default", "uniform" or a BurnIn
@@ -41,11 +41,11 @@ class Episodes(NamedTuple):
 
     @classmethod
     def of(cls, start: Any, drifting: bool, variant: Variant) -> Episodes:
-        """Episodes with this start, of moving or constant setpoints, under these dynamics."""
+        """Settings from a start, whether the setpoints move, and the dynamics."""
         return cls(start, drifting, kernel.packed(variant.parameters()))
 
     def begin(self, draw: Draw, lanes: Lanes, setpoints: Floats) -> State:
-        """The first state of some lanes: after the start, the zero-action step and the burn-in."""
+        """The first recorded state of some lanes, after the start, the zero-action step and the burn-in."""
         n = len(lanes)
         u = np.empty((n, 3))
         if self.start != "default":
@@ -79,9 +79,9 @@ class Episodes(NamedTuple):
         dynamics: Purpose = Purpose.DYNAMICS,
         drift: Purpose = Purpose.DRIFT,
     ) -> tuple[Raw, Raw]:
-        """Integers (steps, 8, lanes) for the dynamics, and (steps, 4, lanes) for moving setpoints.
+        """Draw integers (steps, 8, lanes) for the dynamics, and (steps, 4, lanes) for moving setpoints.
 
-        There are none of the second for constant setpoints.
+        For constant setpoints the second array is empty.
         """
         raw = draw(lanes, dynamics, step, steps, DYNAMICS_SLOTS)
         if not self.drifting:
@@ -99,21 +99,21 @@ class Episodes(NamedTuple):
         rows: npt.NDArray[np.int64] = NO_ROWS,
         first: int = 0,
     ) -> None:
-        """Advance every lane by actions (steps, n, 3), in place; the arguments are those of the kernel."""
+        """Advance every lane by actions (steps, n, 3), in place; see `kernel.simulate` for the arguments."""
         if history is None:
             history = np.empty((actions.shape[1], 0, 6), dtype=np.float32)
         kernel.simulate(*state, actions, raw, drift, self.parameters, history, record, rows, first)
 
 
 def draw_uniforms(draw: Draw, lanes: Lanes, purpose: Purpose, step: int, steps: int, draws: int) -> Floats:
-    """Draws (steps, lanes, draws) from U(0, 1)."""
+    """Draw numbers (steps, lanes, draws) from U(0, 1)."""
     u = np.empty((steps, len(lanes), draws))
     uniforms(draw(lanes, purpose, step, steps, slots(draws)), u)
     return u
 
 
 def first_history(state: State, length: int) -> Float32s:
-    """The history (n, length, 6) at the start of an episode: the first observation, repeated."""
+    """The history (n, length, 6) at the start of an episode, which repeats the first observation."""
     seen = (state.floats[:6].T + 0.0).astype(np.float32)
     return np.repeat(seen[:, None], length, axis=1)
 
@@ -124,6 +124,6 @@ def take(state: State, lanes: Lanes) -> State:
 
 
 def put(state: State, lanes: Lanes, part: State) -> None:
-    """Put some lanes back, in place."""
+    """Write some lanes back into a state."""
     state.floats[:, lanes] = part.floats
     state.integers[:, lanes] = part.integers

@@ -1,4 +1,4 @@
-"""Compiled loops over lanes: the steps of a block of episodes, and its columns afterwards."""
+"""Compiled loops over lanes, which simulate a block of episodes and write its columns."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ FLOAT_ROWS = len(FLOATS)
 
 
 def packed(k: Parameters) -> Floats:
-    """The numbers of a variant in a row, the form that `simulate` takes: a tuple costs 2 µs a call."""
+    """Put the parameters of the dynamics into an array for `simulate`: a tuple takes 2 µs a call."""
     return np.hstack(k)
 
 
 @compiled
 def unpacked(x: Floats) -> Parameters:
-    """The numbers of a variant from the row that `packed` made."""
+    """Return the parameters of the dynamics from the array that `packed` made."""
     return Parameters(
         x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], (x[10], x[11], x[12], x[13], x[14]),
         x[15], x[16], x[17], x[18], x[19], x[20], x[21],
@@ -50,18 +50,18 @@ def simulate(
     rows: Ints,
     first: int,
 ) -> None:
-    """Steps of every lane, in place.
+    """Advance every lane by several steps, in place.
 
     Args:
-        floats: of a `State` of n lanes.
-        integers: of the same.
+        floats: the floats of a `State` of n lanes.
+        integers: the integers of that state.
         actions: (steps, n, 3).
         raw: random integers (steps, 8, n).
         drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
-        parameters: of the variant, see `packed`.
-        history: the last observations (n, length, 6), newest first; each step adds its own.
-        record: (variables, times, n), which holds the state after step t at `first + t`.
-        rows: the variables recorded, as rows of a state's floats with its integers below them.
+        parameters: the parameters of the dynamics, see `packed`.
+        history: the latest observations (n, length, 6), newest first; each step adds one.
+        record: (variables, times, n), into which the state after step t is written at `first + t`.
+        rows: the variables to record, as rows of a state's floats followed by its integers.
         first: see `record`.
     """
     noise = np.zeros((NOISE_ROWS, actions.shape[1]))
@@ -89,19 +89,19 @@ def simulate_lane(
     rows: Ints,
     out: Floats,
 ) -> None:
-    """A step of a single lane, in place, called with little: for it, a call takes longer than the equations.
+    """Advance a single lane by one step, in place, with few arguments: a call takes as long as the equations.
 
     Args:
-        floats: of a `State` of one lane.
-        integers: of the same.
-        dv: the change of velocity, any finite number.
-        dg: of gain.
-        dh: of shift.
+        floats: the floats of a `State` of one lane.
+        integers: the integers of that state.
+        dv: the action on velocity, a finite number.
+        dg: the action on gain.
+        dh: the action on shift.
         raw: 8 random integers, and 4 more for a moving setpoint.
-        parameters: of the variant, see `packed`.
-        history: the last observations (1, length, 6), newest first, to which this step adds its own.
-        rows: the variables wanted afterwards, see `simulate`.
-        out: their values; those of whole numbers are the bits of an int64.
+        parameters: the parameters of the dynamics, see `packed`.
+        history: the latest observations (1, length, 6), newest first; the step adds one.
+        rows: the variables to read after the step, see `simulate`.
+        out: their values; a whole number is written as the bits of an int64.
     """
     action, noise = np.empty((1, 3), dtype=np.float32), np.zeros((NOISE_ROWS, 1))
     action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
@@ -136,7 +136,7 @@ def _observe(x: Floats, history: Float32s) -> None:
 
 @compiled
 def _record(state: State, row: int, out: AnyFloats) -> None:
-    """A variable of every lane into out (n,); -0.0 becomes 0.0."""
+    """Write a variable of every lane into out (n,); -0.0 becomes 0.0."""
     if row < FLOAT_ROWS:
         for i in range(out.shape[0]):
             out[i] = state.floats[row, i] + 0.0
@@ -158,19 +158,19 @@ def scatter_columns(
     count: int,
     steps: int,
 ) -> None:
-    """Some steps of every lane into the columns of a table (columns, rows).
+    """Write some steps of every lane into the columns of a table.
 
     Args:
         record: (variables, count + 1, n).
         actions: (count, n, 3).
         log_prob: (count, n).
-        sources: triples (variable of the record, column, 0 to take it at t or 1 at t + 1).
+        sources: triples (variable of the record, column, 0 for its value at t or 1 for t + 1).
         action_column: the first of three columns.
         log_prob_column: the column of the log density.
         table: (columns, rows), in which lane i starts at row + i · steps.
         row: see `table`.
-        count: steps to take.
-        steps: steps of an episode.
+        count: the number of steps to write.
+        steps: the number of steps of an episode.
     """
     for j in range(sources.shape[0]):
         k, c, later = sources[j, 0], sources[j, 1], sources[j, 2]

@@ -1,4 +1,4 @@
-"""The noise of a step of the dynamics, from random integers."""
+"""Convert random integers to the noise of one step of the dynamics."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The pure function (experiment, episodes) → columns.
+"""Simulate episodes of an experiment into columns, as a pure function.
 
-Episodes run side by side as the lanes of a block, so that the compiled step has work to do; what a lane
-holds does not depend on its block. A block advances in chunks of steps: draw the integers, simulate into a
-record, then turn the record (variable, step, lane) into columns (episode, step).
+Episodes are simulated side by side as the lanes of a block, which is faster than one by one; the values of a
+lane do not depend on its block. A block advances in chunks of steps: it draws the integers, simulates into a
+record (variable, step, lane), and copies that into columns (episode, step).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ibdata.simulation.variables import Layout, Table, layout
 LANES = 256  # episodes of a block, whose state and record stay in the processor's cache
 CHUNK = 32  # steps drawn and recorded at a time, for the same reason
 LEAST_LANES = 64
-# Rows of a table, which is encoded while the next is filled; another number changes statistics' last bits.
+# Rows of a table, which is encoded while the next is filled. The last bits of the statistics depend on it.
 PART_ROWS = 2**18
 
 
@@ -34,7 +34,7 @@ class Columns(NamedTuple):
 
     names: tuple[str, ...]
     table: Table  # (columns, rows)
-    clipped: int  # actions with a component outside [-1, 1], which was clipped
+    clipped: int  # number of actions that were clipped
 
 
 def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
@@ -49,7 +49,7 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
         The float columns, whose rows are ordered by (episode, step).
 
     Raises:
-        PolicyError: an action is not finite or has the wrong shape; names the policy, episode and step.
+        PolicyError: a policy returned no valid action; the message names policy, episode and step.
     """
     places = layout(experiment)
     table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
@@ -62,8 +62,8 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Split episodes first … stop - 1 into parts, each of which is simulated into one table.
 
-    A part has about PART_ROWS rows in whole blocks. If episodes are so long that a block would be larger, it
-    has at least LEAST_LANES episodes, since simulating fewer side by side is slow.
+    A part has at most PART_ROWS rows, in whole blocks. If a block would have more, a part has as many
+    episodes as fit but at least LEAST_LANES, because fewer lanes are simulated slowly.
     """
     most = PART_ROWS // experiment.steps
     most = most // LANES * LANES or max(most, LEAST_LANES)
@@ -102,7 +102,7 @@ class Block:
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
-        """What the addresses of the environment's random numbers and of the policy's begin with."""
+        """The digests in the addresses of the environment's and of the policy's random numbers."""
         return cell.digest, cell.digest
 
     def draw(self, lanes: Lanes, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
@@ -111,7 +111,7 @@ class Block:
         return integers(keys[lanes], self.indices[lanes], purpose, step, steps, slots)
 
     def fill(self, table: Table, row: int, layout: Layout) -> int:
-        """Simulate the episodes into the columns from `row` on; the number of clipped actions."""
+        """Simulate the episodes into the columns from `row` on. Returns the number of clipped actions."""
         chunk = min(CHUNK, self.experiment.steps)
         record = np.empty((len(layout.rows), chunk + 1, self.n), dtype=table.dtype)
         actions = np.empty((chunk, self.n, 3), dtype=np.float32)
@@ -132,16 +132,16 @@ class Block:
         actions: npt.NDArray[np.float32],
         log_prob: npt.NDArray[np.float64] | None = None,
     ) -> Iterator[tuple[int, int, int]]:
-        """Play the episodes, a chunk of steps at a time, into arrays that each chunk fills anew.
+        """Play the episodes in chunks of steps, each of which overwrites the given arrays.
 
         Args:
             record: (variables, chunk + 1, n), from the state before a chunk to the state after it.
             rows: the variables to record, see `kernel.simulate`.
             actions: (chunk, n, 3).
-            log_prob: (chunk, n), or None where no densities are wanted.
+            log_prob: (chunk, n), or None if no densities are wanted.
 
         Yields:
-            The first step of a chunk, how many steps it has, and how many of its actions were clipped.
+            For each chunk its first step, its number of steps and its number of clipped actions.
         """
         chunk, steps = len(actions), self.experiment.steps
         record[:, 0] = np.concatenate(self.state)[rows] + 0.0
@@ -159,10 +159,10 @@ class Block:
         actions: npt.NDArray[np.float32],
         log_prob: npt.NDArray[np.float64] | None,
     ) -> int:
-        """Play `count` steps from t on; the dynamics' address t + 1 leads from t to t + 1.
+        """Play `count` steps from t on. Returns the number of clipped actions.
 
-        One step at a time, because the policy looks at each, or all at once for a policy that ignores
-        observations.
+        The dynamics use the random numbers of address t + 1 for the step from t to t + 1. A policy that sees
+        no observations acts for all steps in one call, any other policy for one step at a time.
         """
         blind = self.policy.history_length == 0
         span = count if blind else 1

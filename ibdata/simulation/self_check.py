@@ -1,6 +1,6 @@
-"""Small runs whose bits are known, to check that this machine computes the same as all others.
+"""Small runs with known results, to check that this machine computes the same bits as all others.
 
-Their columns are float64: a difference in the last bit would be rounded away in float32.
+Their columns are float64, because float32 would hide a difference in the last bit.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def digest(experiment: Mapping[str, Any] = EXPERIMENT) -> str:
 
 
 def keeps_denormals(least: float = sys.float_info.min) -> bool:
-    """Whether the processor keeps numbers below the least normal one, which some libraries set to 0."""
+    """Whether the processor keeps denormal numbers, which it treats as 0 if a library tells it to."""
     return least / 2.0 * 2.0 == least
 
 

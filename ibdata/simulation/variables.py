@@ -1,4 +1,4 @@
-"""The columns of a dataset, made of the table of variables: names, order, meaning, units and bounds."""
+"""The columns of a dataset, derived from the table of variables: names, order, meaning, units and bounds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Column(NamedTuple):
     low: float | None
     high: float | None
     description: str
-    variable: str | None = None  # of the state whose value it holds
+    variable: str | None = None  # the variable of the state that it holds
     later: bool = False  # the value at t + 1, not at t
 
     def form(self) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def latent_variables(experiment: Experiment) -> tuple[tuple[str, ...], tuple[str
 
 
 def hidden(drifting: bool) -> tuple[str, ...]:
-    """The variables of the Markov state that no observation holds."""
+    """The variables of the Markov state that are not observed."""
     return of_role("latent", "drift") if drifting else of_role("latent")
 
 
@@ -89,7 +89,7 @@ def columns(experiment: Experiment) -> list[Column]:
 
 
 class Layout(NamedTuple):
-    """How a rollout's record becomes float columns."""
+    """The mapping of a rollout's record to float columns."""
 
     names: tuple[str, ...]  # of the float columns
     rows: npt.NDArray[np.int64]  # the variables of the record, see `kernel.simulate`
@@ -113,6 +113,6 @@ def layout(experiment: Experiment) -> Layout:
 
 
 def record_rows(names: Sequence[str]) -> npt.NDArray[np.int64]:
-    """The rows of variables in a state's floats with its integers below them."""
+    """The rows of variables in a state's floats followed by its integers."""
     below = (*FLOATS, *INTEGERS)
     return np.array([below.index(name) for name in names])

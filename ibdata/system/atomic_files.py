@@ -1,4 +1,4 @@
-"""Files that are whole or not there: temporary file, fsync, rename, fsync of the folder."""
+"""Writing files that are complete or absent: temporary file, fsync, rename, fsync of the folder."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-TEMPORARY = ".tmp-"
-TOKEN = "{token}"
+TEMPORARY = ".tmp-"  # the prefix of temporary files
+TOKEN = "{token}"  # stands for random digits in a path
 BLOCK = 2**20
 
 
@@ -36,7 +36,7 @@ class HashingFile(io.RawIOBase):
         self.size = 0
 
     def write(self, data: Any) -> int:
-        """Write and hash."""
+        """Write data and hash them."""
         self._hasher.update(data)
         written = self._raw.write(data)
         self.size += written
@@ -60,10 +60,10 @@ class HashingFile(io.RawIOBase):
         return self.size
 
     def close(self) -> None:
-        """Nothing: whoever opened the raw file closes it."""
+        """Do nothing; whoever opened the raw file closes it."""
 
     def writable(self) -> bool:
-        """Always."""
+        """True."""
         return True
 
 
@@ -71,7 +71,7 @@ class HashingFile(io.RawIOBase):
 def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
     """Write a new file, folder/path, that appears under its name only if the block ends without an error.
 
-    `TOKEN` in the path stands for random digits: nobody who listed other files opens this one by their names.
+    `TOKEN` in the path stands for random digits, so that a reader never takes this file for an older one.
     """
     temporary = _temporary(folder, path)
     try:
@@ -87,14 +87,14 @@ def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
-    """Write a small file, whole or not at all."""
+    """Write a small file completely or not at all."""
     with atomic_write(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
 
 
 def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
-    """Write a small file unless it exists; whether it then holds these bytes."""
+    """Write a small file unless it exists. Return whether the file holds these bytes."""
     target, temporary = folder / path, _temporary(folder, path)
     if not target.is_file():
         try:
@@ -114,9 +114,9 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
 
 
 def _temporary(folder: Path, path: str) -> Path:
-    """The path of a new file until it is whole: not beside the data, and under a name that no data file has.
+    """The path of a new file until it is complete. It is not in a folder of data, nor named like a data file.
 
-    The folder of the file is made if it is missing.
+    The folder of the complete file is made if it is missing.
     """
     (folder / path).parent.mkdir(exist_ok=True)
     name = Path(path.partition(f"-{TOKEN}")[0]).name
@@ -124,7 +124,7 @@ def _temporary(folder: Path, path: str) -> Path:
 
 
 def file_sha256(path: Path) -> str | None:
-    """The hex hash of a regular file, or of one that a link leads to; None where it cannot be read."""
+    """The hex hash of a regular file, also through a link; None if it cannot be read."""
     hasher = hashlib.sha256()
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -139,7 +139,7 @@ def file_sha256(path: Path) -> str | None:
 
 
 def plain_bytes(path: Path, most: int) -> bytes:
-    """Read a regular file; OSError where it is larger, or something else, such as a pipe without end."""
+    """Read a regular file. Raises OSError if it is larger than `most` bytes, or not a regular file."""
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -152,7 +152,7 @@ def plain_bytes(path: Path, most: int) -> bytes:
 def remove_temporaries(folder: Path, names: Container[str] | None = None) -> None:
     """Remove the temporary files of writers that were killed: all, or those of files with these names.
 
-    The name of a shard's file is given without its token. Call it only where nobody writes the files.
+    The name of a shard's file is given without its token. No process may be writing these files.
     """
     for temporary in folder.glob(f"{TEMPORARY}*"):
         name = temporary.name.removeprefix(TEMPORARY).partition("-")[2].removesuffix(".part")
@@ -161,7 +161,7 @@ def remove_temporaries(folder: Path, names: Container[str] | None = None) -> Non
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
+    """Wait until the list of files in a folder is on the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Check the rows of a shard against every rule, part by part, and summarize them on the way."""
+"""Check the rows of a shard against every rule, part by part, and summarize them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
@@ -31,13 +30,13 @@ def check_shard(
     """Check the rows of a shard.
 
     Args:
-        spec: What the dataset is made of.
+        spec: The experiments and splits of the dataset.
         shard: The shard.
         path: Its file.
         listed: The path under which the manifest lists it.
 
     Returns:
-        The summary of the rows, or None where they break a rule or cannot be read; and the problems.
+        The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     try:
@@ -49,7 +48,7 @@ def check_shard(
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
         batches = parquet.batches(path, None, BATCH_ROWS)
-        with ThreadPoolExecutor(1) as describing:  # it releases the interpreter's lock
+        with ThreadPoolExecutor(1) as describing:  # summarizing releases the interpreter's lock
             for row, own in _described(spec, shard, batches, account, describing, found):
                 for name, rule in RULES.items():
                     found.add(name, row, rule(own))
@@ -60,14 +59,14 @@ def check_shard(
 
 
 class _Found:
-    """The broken rules of a shard. Parts that break the same rule in the same column are one problem."""
+    """The broken rules of a shard. Parts that break the same rule in the same column make one problem."""
 
     def __init__(self, path: str) -> None:
         self._path = path
         self._broken: dict[tuple[str, str], Broken] = {}
 
     def add(self, rule: str, row: int, broken: Iterable[Broken]) -> None:
-        """Add the rules that a part breaks whose first row is `row` of the shard."""
+        """Add what breaks a rule in the part that begins at row `row` of the shard."""
         for each in broken:
             key = (rule, each.message.partition(":")[0])
             first = self._broken.get(key, Broken(row + each.row, each.message, 0))
@@ -89,7 +88,7 @@ def _described(
     describing: ThreadPoolExecutor,
     found: _Found,
 ) -> Iterator[tuple[int, Rows]]:
-    """The parts of a shard, each with its first row; the next is read while one is summarized in a thread."""
+    """Yield the parts of a shard, each with its first row. A thread summarizes one while the next is read."""
     experiment, before = spec.of_shard(shard), None
     for part, table in stored_parts(spec, shard, batches):
         row = (part.first - shard.first) * experiment.steps
@@ -123,7 +122,9 @@ def _rows(
 
 
 def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
-    """The labels' numbers; -1 for a text that is not a label."""
+    """The number of the label in each row; -1 for a text that is not a label."""
+    import pyarrow.compute as pc  # takes 0.04 s, and generating does not need it
+
     texts = pa.array(labels, pa.string())
     parts = []
     for chunk in column.chunks:
@@ -134,7 +135,7 @@ def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """The first column that differs from the expected one."""
+    """Describe the first column that differs from the expected one; None if none does."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )

@@ -1,7 +1,8 @@
-"""The rules that the rows of a dataset keep; each yields the columns that break it."""
+"""The rules for the rows of a dataset; each yields the columns that break it."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -33,10 +34,9 @@ class Problem(NamedTuple):
 
     @classmethod
     def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
-        """The problem that an error tells of, without the name of the file, which `path` is."""
-        return cls(
-            path, None, rule, str(error).removeprefix(f"{file}: ").replace(", see ibdata validate", "")
-        )
+        """The problem that an error describes, without the name of the file in its message."""
+        message = re.sub("[,;] see ibdata validate", "", str(error).removeprefix(f"{file}: "))
+        return cls(path, None, rule, message)
 
     def __str__(self) -> str:
         place = self.path if self.row is None else f"{self.path}: row {self.row}"
@@ -60,8 +60,8 @@ class Rows(NamedTuple):
     experiment: Experiment
     part: Shard
     described: list[Column]
-    columns: dict[str, Array]  # (rows,) each; of the policy, numbers of the experiment's labels
-    ranges: dict[str, tuple[float, float]]  # of the columns of floats that are finite
+    columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
+    ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
 
     def group(self, role: str) -> list[str]:
         """The names of the columns with a role."""
@@ -73,18 +73,18 @@ class Rows(NamedTuple):
 
     @property
     def inner(self) -> Array:
-        """Whether each row but the last has its successor in the next one (rows - 1,)."""
+        """Whether the next row is of the same episode, for each row but the last (rows - 1,)."""
         steps = np.arange(len(self.columns["step"]) - 1) % self.experiment.steps
         return steps < self.experiment.steps - 1
 
     @property
     def tolerance(self) -> float:
-        """The greatest difference that rounding to the stored type makes between values in [0, 100]."""
+        """The largest difference that rounding to the stored type can make to values in [0, 100]."""
         return 2.0**-16 if self.experiment.output.dtype == "float32" else 2.0**-44
 
 
 def finite(rows: Rows) -> Found:
-    """Every float is finite; action_log_prob may be NaN, where a custom policy knows no density."""
+    """Every float is finite, except action_log_prob of a custom policy that does not know its density."""
     for column in rows.described:
         name = column.name
         if column.dtype.startswith("float") and column.role != "log_prob" and name not in rows.ranges:
@@ -105,7 +105,7 @@ def bounds(rows: Rows) -> Found:
 
 
 def indices(rows: Rows) -> Found:
-    """Episodes follow each other whole, and steps count from 0 within each."""
+    """Whole episodes follow one another, and steps count from 0 within each."""
     expected = index_columns(rows.experiment, rows.part)
     for name, text in (
         ("episode", "the episode of episodes.parquet"),
@@ -115,7 +115,7 @@ def indices(rows: Rows) -> Found:
 
 
 def flags(rows: Rows) -> Found:
-    """terminated is never set; truncated is set on the last row of an episode, and there only."""
+    """terminated is never set; truncated is set exactly on the last row of each episode."""
     expected = index_columns(rows.experiment, rows.part)
     for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
         yield from _where(rows.columns[name] != expected[name], name, rows, text)
@@ -142,7 +142,7 @@ def continuity(rows: Rows) -> Found:
 
 
 def reward(rows: Rows) -> Found:
-    """reward = -c - 3 f of the next observation, but for the rounding of float32."""
+    """reward = -c - 3 f of the next observation, up to rounding in float32."""
     c, f, r = (
         rows.columns[name].astype(np.float64)
         for name in ("next_obs_consumption", "next_obs_fatigue", "reward")
@@ -174,11 +174,11 @@ def steering(rows: Rows) -> Found:
             for column in (f"obs_{name}", f"act_{name}", f"next_obs_{name}")
         )
         wrong = np.abs(np.clip(x + size * action, 0.0, 100.0) - after) > rows.tolerance
-        yield from _where(wrong, f"next_obs_{name}", rows, f"what follows from act_{name}")
+        yield from _where(wrong, f"next_obs_{name}", rows, f"the value that follows from act_{name}")
 
 
 def shift_register(rows: Rows) -> Found:
-    """The operational cost of k steps ago is, a step later, that of k + 1 steps ago."""
+    """The operational cost of k steps ago is that of k + 1 steps ago in the next row."""
     if "latent_theta_1" not in rows.columns:
         return
     for lag in range(2, 10):
@@ -189,7 +189,7 @@ def shift_register(rows: Rows) -> Found:
 
 
 def density(rows: Rows) -> Found:
-    """The log density of the action is the policy's, which is not checked for custom policies."""
+    """action_log_prob is the log density of the action under the policy; custom policies are not checked."""
     experiment, steps = rows.experiment, rows.experiment.steps
     policies = policy_numbers(experiment, rows.part)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
@@ -232,7 +232,7 @@ def nulls(table: pa.Table) -> Found:
     for name in table.column_names:
         if table[name].null_count:
             row = int(np.argmax(table[name].is_null().to_numpy()))
-            yield Broken(row, f"{name}: found no value, expected one", table[name].null_count)
+            yield Broken(row, f"{name}: found null, expected a value", table[name].null_count)
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:

@@ -1,4 +1,4 @@
-"""Read stored rows in the parts in which they were simulated, which bounds memory."""
+"""Read stored rows in the parts in which they were simulated, so that memory is bounded."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def stored_parts(
     """Cut the rows of a shard into the parts in which they were simulated.
 
     Args:
-        spec: What the dataset is made of.
+        spec: The experiments and splits of the dataset.
         shard: The shard.
         batches: All its rows, in order.
 
@@ -60,7 +60,7 @@ def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
 
 
 def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
-    """The summary of a shard that is in a file. Raises DatasetError where it cannot be read as that shard."""
+    """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)

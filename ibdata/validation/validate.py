@@ -24,27 +24,27 @@ from ibdata.writing.summary import content_of
 
 THREADS = os.cpu_count() or 1
 TRIES = 5  # while the dataset is being replaced
-LATE = (manifest.CARD, manifest.REPORT)  # in a replacement they take their places after the manifest
+LATE = (manifest.CARD, manifest.REPORT)  # a replacement moves them to their places after the manifest
 PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
 def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
     """Find every problem of a dataset, without running any code of the dataset.
 
-    The SHA-256 of every file is compared; then every rule of the rows is checked (schema, no nulls, finite,
-    bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational costs,
-    densities), the episode digests, the content root, and whether all other files follow from the experiment
-    and the rows. Files that are not listed are problems too, except at a URL.
+    First, the SHA-256 of every file is compared. Then every rule of the rows is checked (schema, no nulls,
+    finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
+    costs, densities), and the episode digests and the content root are compared. All other files must follow
+    from the experiment and the rows. Files that are not listed are problems too, except at a URL.
 
     Args:
         folder: A folder or a URL.
         quick: Compare only the SHA-256 of the files.
 
     Returns:
-        The problems; none where the dataset is whole.
+        The problems; empty if there are none.
 
     Raises:
-        BusyError: The dataset was being replaced each time that it was read.
+        BusyError: The dataset was being replaced each time it was read.
     """
     path = object_store.local_copy(folder)
     for _ in range(TRIES):
@@ -86,7 +86,7 @@ def _interrupted(folder: Path) -> Iterator[Problem]:
 
 def _problems(folder: Path, listed: Manifest, quick: bool) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
-        message = "found the content in other bytes, expected those that ibdata writes"
+        message = "found other bytes than ibdata writes for this content"
         yield Problem(manifest.PATH, None, "manifest", message)
         return
     problems = list(check_files(folder, listed))
@@ -101,7 +101,7 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
     late = LATE if _replacement_begun(folder) else ()
     entries = [entry for entry in listed.files if entry.path not in late]
     paths = [manifest.locate(folder, entry.path) for entry in entries]
-    with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
+    with ThreadPoolExecutor(THREADS) as threads:  # hashing releases the interpreter's lock
         hashes = list(threads.map(file_sha256, paths))
     for entry, found in zip(entries, hashes, strict=True):
         if found is None:
@@ -110,7 +110,7 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
             message = f"found {found[:12]}…, expected {entry.sha256[:12]}… as the manifest lists"
             yield Problem(entry.path, None, "hash", message)
     if _replacement_begun(folder):
-        return  # files in data/ may be those of the new dataset
+        return  # unlisted files in data/ may belong to the new dataset
     known = listed.entries()
     for path in sorted((folder / "data").glob("*")):
         name = f"data/{path.name}"
@@ -150,7 +150,7 @@ def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Pro
 
 
 def _read(folder: Path, path: str, check: Iterator[Problem]) -> Iterator[Problem]:
-    """The problems that a check finds; one where it cannot read its file."""
+    """Yield the problems that a check finds, or one problem if it cannot read its file."""
     try:
         yield from check
     except manifest.ReplacedError:

@@ -16,6 +16,7 @@ from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import Column, columns
 
 ROW_GROUP_ROWS = 100_000
+STATISTICS = ("episode", "step", "obs_setpoint")  # the columns by which rows are selected
 
 ARROW_TYPES: dict[str, pa.DataType] = {
     "int64": pa.int64(),
@@ -33,15 +34,17 @@ def arrow_schema(described: list[Column]) -> pa.Schema:
 
 
 def writer_options(described: list[Column]) -> Mapping[str, Any]:
-    """The encoding of the columns: zstd over byte-stream-split floats, deltas for the indices.
+    """The encoding of the columns: LZ4 over byte-stream-split floats, deltas for the indices.
 
-    Measured on IB data against zstd alone: a third fewer bytes, and faster to write.
+    Measured on IB data against zstd at its default level: 3 % more bytes, encoded in 0.55 and read in 0.55 of
+    the time. Statistics are kept where they let a reader skip row groups.
     """
     return {
-        "compression": "zstd",
+        "compression": "lz4",
         "use_dictionary": [c.name for c in described if c.dtype == "string"],
         "use_byte_stream_split": [c.name for c in described if c.dtype.startswith("float")],
         "column_encoding": {c.name: "DELTA_BINARY_PACKED" for c in described if c.dtype.startswith("int")},
+        "write_statistics": [c.name for c in described if c.name in STATISTICS],
         "write_page_checksum": True,
     }
 
@@ -70,7 +73,7 @@ def arrow_table(experiment: Experiment, shard: Shard, floats: Columns) -> pa.Tab
 
 
 def arrow_texts(numbers: npt.NDArray[np.int32], texts: Sequence[str]) -> pa.DictionaryArray:
-    """A column of texts, given their numbers."""
+    """A dictionary column that holds, in each row, the text with this number."""
     return pa.DictionaryArray.from_arrays(arrow_array(numbers), arrow_strings(texts))
 
 
@@ -82,7 +85,7 @@ def arrow_strings(texts: Sequence[str]) -> pa.StringArray:
 
 
 def digest_runs(experiment: Experiment, shard: Shard, floats: Columns) -> list[Run]:
-    """A shard's columns but `episode` as `digest.episode_digests` takes them."""
+    """A shard's columns except `episode`, in the form that `digest.episode_digests` takes."""
     texts = [text(label) for label in experiment.labels]
     others: dict[str, Run] = {name: x.reshape(1, -1) for name, x in index_columns(experiment, shard).items()}
     others["policy"] = [texts[i] for i in policy_numbers(experiment, shard).tolist()]

@@ -1,4 +1,4 @@
-"""Statistics of columns that merge: moments of each part, and quantiles of an even sample of rows."""
+"""Statistics of columns that can be merged: moments, and quantiles of an evenly spaced sample of rows."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ class Moments(NamedTuple):
 
 
 def moments(table: Table) -> Moments:
-    """The moments of the rows of a table (columns, rows), summed in a fixed order; NaN where it has none."""
+    """The moments of a table (columns, rows), summed in a fixed order; NaN if it has no rows."""
     mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
     if table.shape[1]:
         _moments(table, mean, squares, low, high)
-        odd = np.isnan(squares)  # whether a NaN reaches the extremes depends on its place
+        odd = np.isnan(squares)  # min and max miss a NaN in some places
         low[odd] = high[odd] = np.nan
     return Moments(table.shape[1], mean, squares, low, high)
 
 
 def joined(parts: list[Moments]) -> Moments:
-    """The moments of the columns of all parts, which have the same rows."""
+    """Join the moments of different columns of the same rows."""
     return Moments(parts[0].rows, *(np.concatenate(of) for of in list(zip(*parts, strict=True))[1:]))
 
 
 def merged(a: Moments, b: Moments) -> Moments:
-    """The moments of the rows of both (Chan, Golub and LeVeque 1983)."""
+    """Merge the moments of two sets of rows (Chan, Golub and LeVeque 1983)."""
     rows = a.rows + b.rows
     delta = b.mean - a.mean
     return Moments(
@@ -57,9 +57,9 @@ def merged(a: Moments, b: Moments) -> Moments:
 
 
 def sample_stride(rows: int, total: int) -> int:
-    """The distance of sampled rows in a shard of so many rows, of a dataset with so many in total.
+    """The distance between sampled rows in a shard of `rows` rows, in a dataset of `total` rows.
 
-    1 where the dataset has at most SAMPLE_ROWS rows, beyond that an odd number.
+    It is 1 if the dataset has at most SAMPLE_ROWS rows, and otherwise an odd number.
 
     >>> sample_stride(10_000, 10_000), sample_stride(1_000_000, 1_000_000), sample_stride(1000, 10**9)
     (1, 11, 5)
@@ -72,9 +72,9 @@ def sample_stride(rows: int, total: int) -> int:
 def described(
     names: tuple[str, ...], parts: Moments, samples: list[Table], rows: list[int]
 ) -> dict[str, Statistic]:
-    """count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
+    """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
-    A sample stands for the rows of its shard. None takes the place of what is not a number.
+    A sample stands for all rows of its shard. A value that is not finite becomes None.
     """
     sample = np.concatenate(samples, axis=1)
     weights = np.concatenate(
@@ -95,14 +95,14 @@ def described(
 
 
 def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
-    """QUANTILES (quantiles, columns) of a sample, each a value that is in it."""
+    """The QUANTILES (quantiles, columns) of a sample; each is a value of the sample."""
     if weights is not None:
         found: npt.NDArray[Any] = np.quantile(
             sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
         )
         return found
     ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf")
-    ordered = np.sort(sample, axis=1)  # a fraction of the time of np.quantile, which selects
+    ordered = np.sort(sample, axis=1)  # much faster than np.quantile on the sample
     return np.where(np.isnan(ordered[:, -1]), np.nan, ordered[:, ranks.astype(np.int64)].T)
 
 
@@ -111,7 +111,7 @@ def _number(x: float) -> float | None:
 
 
 def sums(rows: Table, lengths: int) -> Floats:
-    """The sum of every `lengths` values of a column (rows,), in a fixed order."""
+    """The sum of each run of `lengths` values of a column (rows,), in a fixed order."""
     out = np.empty(len(rows) // lengths)
     _sums(rows, lengths, out)
     return out
@@ -124,7 +124,7 @@ def _moments(table: Table, mean: Floats, squares: Floats, low: Floats, high: Flo
         x = table[c]
         s0 = s1 = s2 = s3 = 0.0
         least = greatest = x[0]
-        o = np.float64(x[0])  # taken away first, so that a constant has no spread
+        o = np.float64(x[0])  # subtracted first, so that a constant column has no spread
         whole = n - n % 4
         for i in range(0, whole, 4):
             s0, s1, s2, s3 = s0 + (x[i] - o), s1 + (x[i + 1] - o), s2 + (x[i + 2] - o), s3 + (x[i + 3] - o)

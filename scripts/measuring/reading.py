@@ -1,4 +1,4 @@
-"""How long it takes to read, check and export a dataset."""
+"""Measure the time to read, validate and export a dataset."""
 
 import subprocess
 from functools import partial
@@ -11,7 +11,7 @@ from measuring.timing import COMMAND, MILLION, Row, Scratch, described, paired, 
 
 
 def reading(scratch: Scratch) -> list[Row]:
-    """validate, stats and arrays against reading the Parquet with the same threads."""
+    """`validate`, `statistics` and `arrays` compared with reading the Parquet files with pyarrow."""
     dataset = scratch.generate(described(MILLION))
     opened = ibdata.open(dataset.path)
     read, validate, stats, command, one, thirty = paired(
@@ -38,7 +38,7 @@ def reading(scratch: Scratch) -> list[Row]:
 
 
 def exports(scratch: Scratch) -> list[Row]:
-    """Each format whose library is here, reading back included."""
+    """The time of an export to each format whose library is installed."""
     dataset = scratch.generate(described(100_000, setpoints=70, episodes=100))
     out = scratch.folder / "exported"
     rows: list[Row] = []

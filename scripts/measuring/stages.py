@@ -1,4 +1,4 @@
-"""How long each stage of a run takes alone."""
+"""Measure the time of each stage of a run alone."""
 
 import io
 import os
@@ -21,12 +21,12 @@ from measuring.timing import MILLION, Row, described, paired
 
 
 def stages() -> list[Row]:
-    """(c): ns a transition, each stage alone."""
+    """The time of each stage, in ns per transition."""
     return simulating() + writing()
 
 
 def simulating() -> list[Row]:
-    """The stages from random integers to columns, of one chunk of one block."""
+    """The stages from random integers to columns, for one chunk of one block."""
     experiment = described(MILLION)
     block = Block(experiment, 0, LANES)
     n, count = LANES, CHUNK
@@ -76,7 +76,7 @@ def simulating() -> list[Row]:
 
 
 def writing() -> list[Row]:
-    """The stages from columns to a file on the disk, of a million rows."""
+    """The stages from columns to a file on the disk, for a million rows."""
     experiment = described(MILLION)
     (shard,) = plan(experiment)
     floats = rollout(experiment, 0, shard.stop)

@@ -1,4 +1,4 @@
-"""Experiments to measure with, clocks, and a folder for datasets that are measured and thrown away."""
+"""Experiments for measurements, timers, and a temporary folder for datasets."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import ibdata
 from ibdata import Experiment
@@ -16,58 +16,71 @@ from ibdata import Experiment
 COMMAND = Path(sys.executable).with_name("ibdata")
 TIMES = 5
 MILLION = 1_000_000
+CHILD = """
+import json, os, sys, time
+experiment, small, processors = json.loads(sys.argv[1])
+if processors:
+    os.sched_setaffinity(0, set(list(os.sched_getaffinity(0))[:processors]))
+import pyarrow
+pyarrow.set_cpu_count(processors or pyarrow.cpu_count())
+import ibdata
+ibdata.generate(ibdata.Experiment.model_validate(small), "small")
+start, before = time.perf_counter(), time.process_time()
+ibdata.generate(ibdata.Experiment.model_validate(experiment), "child")
+took = time.perf_counter() - start, time.process_time() - before
+peak = [line for line in open("/proc/self/status") if line.startswith("VmHWM")][0].split()[1]
+print(json.dumps([*took, int(peak) / 1024]))
+"""
 Row = tuple[str, str, str, str]  # what, measured, target, remark
 
 
-def described(rows: int, policy: dict[str, Any] | None = None, **changes: Any) -> Experiment:
-    """Ten setpoints, episodes of 1000 steps, so many rows."""
+def described(rows: int, **changes: Any) -> Experiment:
+    """An experiment with ten setpoints, episodes of 1000 steps and this number of rows."""
     plain = {
         "name": "benchmark",
         "setpoints": {"start": 10, "stop": 100, "step": 10},
-        "policies": [policy or {"kind": "random"}],
+        "policies": [{"kind": "random"}],
         "episodes": rows // 10_000,
     }
     return Experiment.model_validate({**plain, **changes})
 
 
 def timed(call: Callable[[], Any]) -> float:
-    """Seconds that a call takes."""
+    """The duration of a call in seconds."""
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
 
 
 def paired(*calls: Callable[[], Any], times: int = TIMES) -> list[float]:
-    """Median seconds of each call; they take turns, after one round that does not count."""
+    """The median duration of each call in seconds. The calls take turns; a first round does not count."""
     for call in calls:
         call()
     rounds = [[timed(call) for call in calls] for _ in range(times)]
     return [statistics.median(column) for column in zip(*rounds, strict=True)]
 
 
-def processor_time(call: Callable[[], Any]) -> float:
-    """Median seconds of all threads."""
-    found = []
-    for _ in range(TIMES):
-        start = time.process_time()
-        call()
-        found.append(time.process_time() - start)
-    return statistics.median(found)
+class Child(NamedTuple):
+    """What a run in a process of its own took: seconds, seconds of processor time, and peak memory in MB."""
+
+    seconds: float
+    processor: float
+    peak: float
 
 
 class Scratch:
-    """A folder for what is measured."""
+    """Runs in a temporary folder."""
 
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
 
-    def generate(self, experiment: Experiment, workers: int = 1, name: str = "x") -> ibdata.Dataset:
-        """The dataset, made anew."""
+    def generate(self, experiment: Experiment, workers: int | None = 1, name: str = "x") -> ibdata.Dataset:
+        """Generate a dataset, replacing an older one."""
         shutil.rmtree(self.folder / name, ignore_errors=True)
         return ibdata.generate(experiment, self.folder / name, workers=workers)
 
     def script(self, text: str, *arguments: str) -> float:
-        """The number that a script prints."""
+        """Run a script and return the number that it prints last."""
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", text, *arguments],
             cwd=self.folder,
@@ -77,24 +90,13 @@ class Scratch:
         )
         return float(done.stdout.split()[-1])
 
-    def child(self, experiment: Experiment) -> tuple[float, float]:
-        """Seconds and peak memory (MB) of a run with one worker in a process of its own."""
-        text = (
-            "import json,sys,time,ibdata\n"
-            "if __name__ == '__main__':\n"
-            " e = ibdata.Experiment.model_validate(json.loads(sys.argv[1]))\n"
-            " start = time.perf_counter(); ibdata.generate(e, 'child', workers=1)\n"
-            " peak = [line for line in open('/proc/self/status') if line.startswith('VmHWM')][0].split()[1]\n"
-            " print(json.dumps([time.perf_counter() - start, int(peak) / 1024]))\n"
-        )
-        (self.folder / "child.py").write_text(text)
-        shutil.rmtree(self.folder / "child", ignore_errors=True)
+    def child(self, experiment: Experiment, processors: int | None = None) -> Child:
+        """Measure a run, after a small one, in a process of its own that may use so many processors."""
+        (self.folder / "child.py").write_text(CHILD)
+        for name in ("child", "small"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
+        given = json.dumps([experiment.plain(), described(10_000).plain(), processors])
         done = subprocess.run(
-            [sys.executable, "child.py", json.dumps(experiment.plain())],
-            cwd=self.folder,
-            check=True,
-            capture_output=True,
-            text=True,
+            [sys.executable, "child.py", given], cwd=self.folder, check=True, capture_output=True, text=True
         )
-        seconds, peak = json.loads(done.stdout)
-        return seconds, peak
+        return Child(*json.loads(done.stdout))

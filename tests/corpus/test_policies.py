@@ -1,4 +1,4 @@
-"""Policies that misbehave: an error that names policy, episode and step, or the data of a good one."""
+"""Misbehaving policies give an error that names policy, episode and step, or the data of a correct policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `step` refuses, with the place, what was found and what was expected."""
+"""Errors of `step`, with the place, the found value and the expected one."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_a_state_field_of_another_length_is_refused(state, name):
 def test_a_state_of_other_arrays_is_refused(state, noise, part):
     parts = state._asdict()
     for wrong in (parts[part][:-1], parts[part][:, :1]):
-        with pytest.raises(ValueError, match=r"step: state: found arrays .*, expected "):
+        with pytest.raises(ValueError, match=r"step: state: found shapes .*, expected "):
             step(State(**(parts | {part: wrong})), np.zeros((2, 3)), noise)
 
 
@@ -85,7 +85,7 @@ def test_a_state_says_which_variables_it_has(state):
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
 def test_a_state_that_is_not_finite_is_refused(state, noise, name, wrong):
     getattr(state, name)[1] = wrong
-    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected \(2,"):
+    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected numbers in"):
         step(state, np.zeros((2, 3)), noise)
 
 
@@ -109,9 +109,7 @@ OUT_OF_RANGE = [
 @pytest.mark.parametrize(("name", "wrong"), OUT_OF_RANGE)
 def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
     getattr(state, name)[1] = wrong
-    with pytest.raises(
-        ValueError, match=rf"(?s)step: state.{name}: found .*, expected \(2,.*\) numbers in \["
-    ):
+    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected numbers in \["):
         step(state, np.zeros((2, 3)), noise)
 
 

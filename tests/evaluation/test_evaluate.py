@@ -1,4 +1,4 @@
-"""Returns of fresh episodes: what is summed up, on which random numbers, and what is said of it."""
+"""Evaluation: returns, their random numbers, differences, scores and errors."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ def test_plain_is_json():
         ({"history": 0}, "history: found 0, expected at least 1"),
         ({"policy": []}, "policy: found none, expected at least one"),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
-        ({"policy": 3}, "policy: found 3, expected one with act(history, u) or predict(observation)"),
+        ({"policy": 3}, "policy: found 3, expected an object with act(history, u) or predict(observation)"),
         ({"policy": "{kind: safe"}, "policy:1:1"),
         ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
         ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),

@@ -1,10 +1,10 @@
-"""Cells: their order, labels, setpoints and variants, and the digest that their random numbers hang on.
+"""Cells: their order, labels, setpoints and variants, and the digests on which their random numbers depend.
 
-The golden digests are the SHA-256 of the forms beside them, by
+The golden digests are the SHA-256 of the forms beside them, printed by
 
     printf %s 'FORM' | sha256sum
 
-and must never change, nor may the forms: every dataset that was made hangs on them.
+Neither the digests nor the forms may ever change, because the random numbers of all datasets depend on them.
 """
 
 from __future__ import annotations

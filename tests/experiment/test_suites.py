@@ -1,4 +1,4 @@
-"""Folders of experiments: which files they are, and what is wrong with any of them."""
+"""Folders of experiments: their files, and the errors in them."""
 
 from __future__ import annotations
 
@@ -89,4 +89,4 @@ def test_two_experiments_of_one_name_are_a_problem(folder):
 def test_a_folder_where_one_experiment_is_meant_is_told_with_an_example(folder):
     with pytest.raises(UsageError) as caught:
         load(folder)
-    assert str(caught.value) == ("two: found a folder of experiments, expected one, such as two/a.yaml")
+    assert str(caught.value) == ("two: found a folder of experiments, expected a file such as two/a.yaml")

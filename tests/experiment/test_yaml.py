@@ -1,4 +1,4 @@
-"""Strict YAML: plain data, its places, and one kind of error for everything else."""
+"""Strict YAML: plain data with their places in the file, and one kind of error for everything else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MERGE = "found a merge key, expected plain data"
 KEY = "found a list or mapping as a key, expected text"
 LEVELS = "found more than 20 levels, expected at most 20"
 TAB = "not valid YAML: found character '\\t' that cannot start any token"
-DOCUMENT = "found a second document, expected one"
+DOCUMENT = "found a second document, expected one; remove what follows ---"
 
 REFUSED = {
     "an anchor": ("a: &x 1", "1:4", ANCHOR),

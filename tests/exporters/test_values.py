@@ -1,4 +1,4 @@
-"""Value by value: what each format holds, by its own reader or by the rules of that reader."""
+"""Every value in each format, read by the format's own reader or by its rules."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Run `ibdata …` in forks of one process that has everything loaded: a run takes milliseconds.
+"""Run `ibdata …` in forks of one process that has loaded everything, so that a run takes milliseconds.
 
-Reads requests as JSON lines on stdin: args, folder, at, mode, log, user (whose rights it has; 0: its own),
-megabytes (of memory; 0: all), exchange (whether two folders can change places in one system call), readers
-(whether a replacement waits for those who have listed the old folder); answers with code and output.
+Reads requests as JSON lines on stdin, and answers with code and output. The keys of a request are args,
+folder, at, mode, log, user (whose rights the run has; 0 for its own), megabytes (of memory; 0 for all),
+exchange (whether two folders can be exchanged in one system call) and readers (whether a replacement waits
+for readers).
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""What a failed run says and leaves behind: what can be resumed, or nothing."""
+"""A failed run prints one line, and leaves only files that can be resumed."""
 
 from __future__ import annotations
 
@@ -8,30 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.tiny import FOUR_SHARDS
 
 import ibdata
-from ibdata import Experiment, IbdataError
+from ibdata import IbdataError
 from ibdata.errors import ConfigError
 from ibdata.policies.checked import PolicyError
-
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 2,
-    "steps": 5,
-    "output": {"shard_rows": 5},
-}
 
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: 1)  # shards in order
 
 
 @pytest.fixture
 def tiny():
-    return Experiment.model_validate(PLAIN)
+    return FOUR_SHARDS
 
 
 def contents(folder):
@@ -60,7 +53,7 @@ PLACES = [
     ("ibdata.generation.generate.finish", 0),
     ("ibdata.writing.finish.write", 0),
     ("ibdata.writing.finish.write", 5),
-    ("ibdata.generation.local.shard_writer", 2),
+    ("ibdata.generation.make_shard.shard_writer", 2),
     ("ibdata.writing.shard_writer.arrow_table", 0),
     ("ibdata.writing.shard_writer.ShardSummarizer", 3),
     ("os.fsync", 1),
@@ -150,7 +143,7 @@ def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatc
 
 
 def test_a_config_with_errors_makes_nothing():
-    Path("bad.yaml").write_text(json.dumps({**PLAIN, "steps": 0}))
+    Path("bad.yaml").write_text(json.dumps({**FOUR_SHARDS.plain(), "steps": 0}))
     with pytest.raises(ConfigError, match=r"^bad\.yaml:1:"):
         ibdata.generate("bad.yaml", workers=1)
     assert list(contents(".")) == ["bad.yaml"]

@@ -1,4 +1,4 @@
-"""Generating: what it takes, where it writes, what it refuses, and what it says."""
+"""Generating: arguments, output folders, errors, and output."""
 
 from __future__ import annotations
 
@@ -8,19 +8,11 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers.tiny import FOUR_SHARDS
 
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.errors import UsageError
-
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 2,
-    "steps": 5,
-    "output": {"shard_rows": 5},
-}
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +25,7 @@ TOKEN = re.compile("-[0-9a-f]{8}(?=[.]parquet$)")
 
 @pytest.fixture
 def tiny():
-    return Experiment.model_validate(PLAIN)
+    return FOUR_SHARDS
 
 
 def contents(folder):
@@ -50,7 +42,7 @@ def shard_hashes(dataset):
 
 
 def test_an_experiment_a_file_and_a_mapping_in_it_make_one_dataset(tiny):
-    Path("tiny.yaml").write_text(json.dumps(PLAIN))
+    Path("tiny.yaml").write_text(json.dumps(FOUR_SHARDS.plain()))
     roots = {
         ibdata.generate(config, f"out/{i}", workers=1).content_root
         for i, config in enumerate([tiny, "tiny.yaml", Path("tiny.yaml").resolve()])
@@ -82,7 +74,7 @@ def test_an_existing_empty_folder_is_used(tiny):
 
 
 def test_a_seed_replaces_that_of_the_experiment(tiny):
-    other = Experiment.model_validate({**PLAIN, "seed": 9})
+    other = Experiment.model_validate({**FOUR_SHARDS.plain(), "seed": 9})
     made = [ibdata.generate(tiny, "a", seed=9, workers=1), ibdata.generate(other, "b", workers=1)]
     assert made[0].content_root == made[1].content_root
     assert made[0].content_root != ibdata.generate(tiny, "c", workers=1).content_root
@@ -158,7 +150,7 @@ def test_overwriting_removes_the_files_of_the_dataset_and_no_others(tiny):
     for path, data in own.items():
         Path(path).parent.mkdir(exist_ok=True)
         Path(path).write_bytes(data)
-    smaller = Experiment.model_validate({**PLAIN, "episodes": 1, "seed": 3})
+    smaller = Experiment.model_validate({**FOUR_SHARDS.plain(), "episodes": 1, "seed": 3})
     made = ibdata.generate(smaller, "target", overwrite=True, workers=1)
     after = contents("target")
     assert {path: after.get(path) for path in own} == own

@@ -1,4 +1,4 @@
-"""What a run began with, code and bits, is noted, and nothing else goes on with it."""
+"""The origin of a run, its code and bits, is noted, and a run with another origin is refused."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_run_is_resumed_with_the_code_that_it_began_with_only(here, path, name
     with pytest.raises(UsageError) as error:
         generate(resume=True)
     assert str(error.value) == (
-        f"out: found other code than the run began with, in {named}; put back what was there and --resume, "
+        f"out: found other code than the run began with, in {named}; restore it and --resume, "
         "or start again with --overwrite or another --out"
     )
     assert error.value.exit_code == 2
@@ -151,10 +151,10 @@ def test_what_is_edited_during_the_run_is_recorded_as_it_was_before(here):
 
 EDITED = """
     from pathlib import Path
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
     from ibdata.simulation import self_check
 
-    begin = local._start
+    begin = worker_pool._start
 
     def start(*args):  # what a worker does first
         {}
@@ -165,20 +165,20 @@ EDITED = """
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        ("Path('helper.py').write_text('SIZE = 0.125')", "other code than the run began with, in helper.py;"),
         (
-            "self_check.digest = lambda: '0' * 64",
-            "a machine that computes other bits than the one on which",
+            "Path('helper.py').write_text('SIZE = 0.125')",
+            "found other code than the run began with, in helper.py;",
         ),
+        ("self_check.digest = lambda: '0' * 64", "this machine computes other bits than the one on which"),
     ],
 )
 def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypatch, change, found):
     (here / "at-70-stop.py").unlink()
     (here / "edited.py").write_text(textwrap.dedent(EDITED).format(change))
     monkeypatch.syspath_prepend(here)
-    monkeypatch.setattr("ibdata.generation.local._start", importlib.import_module("edited").start)
+    monkeypatch.setattr("ibdata.generation.worker_pool._start", importlib.import_module("edited").start)
     try:
-        with pytest.raises(UsageError, match=f": found {found}"):
+        with pytest.raises(UsageError, match=f": {found}"):
             generate(workers=2)
     finally:
         del sys.modules["edited"]
@@ -204,9 +204,7 @@ def test_a_run_goes_on_where_the_bits_are_those_it_began_with_only(here, monkeyp
     with monkeypatch.context() as other:
         other.setattr(self_check, "digest", lambda: "0" * 64)
         stopped()
-    with pytest.raises(
-        UsageError, match=r"^out: found a machine that computes other bits than .* --resume on"
-    ):
+    with pytest.raises(UsageError, match=r"^out: this machine computes other bits than .* --resume on"):
         generate(resume=True)
     monkeypatch.setattr(self_check, "digest", lambda: "0" * 64)
     assert generate(resume=True).manifest["reproducible"] is False
@@ -247,7 +245,7 @@ def test_finalize_imports_nothing(here, noted, ibdata):
         assert code["files"] == {"package/__init__.py": sha256("package/__init__.py")}
     else:
         assert done.returncode == 2
-        assert done.stderr.startswith("out/.run/run.json: missing or damaged, so nobody knows what code made")
+        assert done.stderr.startswith("out/.run/run.json: missing or damaged, so the code that made")
 
 
 @pytest.mark.parametrize(
@@ -259,7 +257,7 @@ def test_a_note_that_is_missing_or_damaged_is_one_line(here, content):
     if content is not None:
         (here / "out/.run/run.json").write_bytes(content)
     for call in (lambda: generate(resume=True), lambda: ibdata.finalize("out")):
-        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so nobody knows"):
+        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so the code"):
             call()
     assert generate(overwrite=True).content_root == generate("whole").content_root
 

@@ -1,4 +1,4 @@
-"""Replacing a dataset: what a killed writer left, what is somebody else's, and what is refused."""
+"""Replacing a dataset: leftovers of killed writers, files of users, and refusals."""
 
 from __future__ import annotations
 
@@ -307,7 +307,7 @@ def test_a_finished_dataset_with_a_flipped_bit_is_not_taken_for_whole(here):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DatasetError, match="damaged or missing; ibdata repair here"):
+    with pytest.raises(DatasetError, match="damaged or missing; run ibdata repair here"):
         ibdata.generate(described(), here, workers=1, resume=True)
 
 

@@ -1,4 +1,4 @@
-"""Several processes: the same files, errors that reach the caller, and nothing left where one ends."""
+"""Several worker processes: equal files, errors that reach the caller, and no leftovers if a worker ends."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import pytest
 import ibdata
 from ibdata import Experiment
 
+pytestmark = pytest.mark.slow  # a process starts in more than a second
+
 PLAIN = {
     "name": "tiny",
     "setpoints": [20.0, 70.0],
@@ -26,10 +28,10 @@ SCRIPT = """
     import sys
     import ibdata
     import changing
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
     from ibdata.experiment import Experiment
 
-    local._start = changing.start
+    worker_pool._start = changing.start
     experiment = Experiment.model_validate({plain})
     try:
         made = ibdata.generate(experiment, "a/b", workers=2)
@@ -43,9 +45,9 @@ CHANGING = """
     import os
     import ibdata.writing.summary as content
     from ibdata.policies.checked import PolicyError
-    from ibdata.generation import local
+    from ibdata.generation import worker_pool
 
-    rollout, begin = content.rollout, local._start
+    rollout, begin = content.rollout, worker_pool._start
 
     def changed(experiment, first, stop):
         {changed}

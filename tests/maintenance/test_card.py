@@ -1,4 +1,4 @@
-"""`ibdata card`: a card and a report that stand on their own, and a dataset that stays whole."""
+"""`ibdata card` writes a card and a self-contained report, and the dataset stays valid."""
 
 from __future__ import annotations
 

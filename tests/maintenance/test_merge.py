@@ -1,4 +1,4 @@
-"""Merging: all episodes, none twice, every promise kept."""
+"""Merging: all episodes are there, none twice, and the result is a valid dataset."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
         ({"seed": 1}, "episode 0 and 0: step 0: "),
         ({"dynamics": "paper"}, "experiment.dynamics: siemens and paper"),
         ({"episodes": 4}, "episodes: 12 and 16"),
-        ({"episodes": 4}, "episodes of cells or indices that only the second has: 4"),
+        ({"episodes": 4}, "episodes with a cell and index that only the second has: 4"),
         ({"steps": 30}, "rows: 240 and 360"),
         ({"output": {"dtype": "float64"}}, "column reward: float32 and float64"),
         ({"output": {"latent": False}}, "column latent_theta_1: float32 and none"),
@@ -192,7 +192,7 @@ def test_a_difference_is_named(made, tmp_path, change, line):
 def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
     shard = file("shard 1")
     (copied / shard).unlink()
-    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; ibdata repair"):
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; run ibdata repair"):
         ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)
 
 
@@ -226,7 +226,7 @@ def test_metadata_are_not_made_again_from_rows_that_are_not_those_listed(copied,
     (copied / "meta/episodes.parquet").write_bytes(b"x")
     before = contents(copied)
     with pytest.raises(
-        DatasetError, match=r"found other content .*expected what the manifest lists; nothing"
+        DatasetError, match=r"found other content .*expected the content that the manifest lists; nothing"
     ):
         repair(copied, workers=1)
     assert contents(copied) == before

@@ -1,4 +1,4 @@
-"""Splits of a dataset that is there: labels that copy nothing, copies that are whole files, and no leaks."""
+"""Splits of a finished dataset: labels without copies, copies in whole files, and no leaks."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"source": [50], "target": [75], "shots": 0}, "found 0 shots, expected at least 1"),
         (
             {"source": [50], "target": [75], "transitions": 3},
-            "found 3 transitions, expected at least an episode",
+            "found 3 transitions, expected at least those of an episode",
         ),
         ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
         ({"scheme": "distance", "source": [50]}, "needs both --source and --within"),

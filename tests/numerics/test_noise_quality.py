@@ -1,10 +1,10 @@
-"""The laws and the independence of the random numbers in a million transitions, with the power of each test.
+"""The laws and the independence of the random numbers in a million transitions, and the power of the tests.
 
-Noise is recovered from what a dataset holds (float64, `latent: full`) by solving the equation it enters, and
-is compared with its law and with its address. Seeds are fixed, so a test passes always or never; at ALPHA,
-40 tests with a fresh seed would raise one false alarm in 25,000 runs. What can go unseen is stated for
-STRICT, at which they raise one in a million, and a deviation of that size is planted to show that it is seen.
-`IBDATA_EPISODES=1000000` makes the search for equal episodes that of a release.
+The noise is recovered from a dataset (float64, `latent: full`) by solving the equations in which it appears,
+and is compared with its law and its address. Seeds are fixed, so a test passes always or never. With fresh
+seeds, 40 tests at the level ALPHA would raise one false alarm in 25,000 runs. The power is stated for the
+level STRICT, one false alarm in a million, and a deviation of that size is planted to show that the test
+finds it. `IBDATA_EPISODES=1000000` searches for equal episodes among as many as a release does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`ibdata figure` and `ibdata.plots.figure`: whole files, the same twice, and errors that say what to do."""
+"""`ibdata figure` and `ibdata.plots.figure`: complete files, equal in every run, and helpful errors."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
             {"name": "landscap"},
             f"figure: found 'landscap', expected one of {', '.join(FIGURES)}",
         ),
-        ({"out": "a.pdf"}, "a.pdf: found no name that ends in .png or .svg, expected one"),
-        ({"out": "figures"}, "figures: found no name that ends in .png or .svg, expected one"),
+        ({"out": "a.pdf"}, "a.pdf: found the ending '.pdf', expected .png or .svg"),
+        ({"out": "figures"}, "figures: found the ending '', expected .png or .svg"),
         ({"dynamics": "simens"}, "dynamics: found 'simens', expected one of siemens, paper"),
         ({"seed": -1}, "seed: found -1, expected a whole number from 0 to 2⁶⁴ - 1"),
         ({"seed": 2**64}, f"seed: found {2**64}, expected a whole number from 0 to 2⁶⁴ - 1"),

@@ -1,4 +1,4 @@
-"""`ibdata plot` and `ibdata.plots.plot`: whole files, the same twice, and errors that say what to do."""
+"""`ibdata plot` and `ibdata.plots.plot`: complete files, equal in every run, and helpful errors."""
 
 from __future__ import annotations
 
@@ -125,10 +125,10 @@ def repeat_and_list_a_shard(folder, shard_file, sign):
 
 
 DAMAGE = {
-    "no range": (edit(lambda all: all["reward"].update(min=None)), r"stats\.json: reward: found no range"),
-    "no column": (edit(lambda all: all.pop("reward")), r"stats\.json: reward: found no range"),
+    "no range": (edit(lambda all: all["reward"].update(min=None)), r"stats\.json: reward: found min None"),
+    "no column": (edit(lambda all: all.pop("reward")), r"stats\.json: reward: found min None"),
     "other rows": (repeat_a_shard, r"data/part-00000-[0-9a-f]{8}\.parquet: found 240 rows, expected 120"),
-    "other rows listed": (repeat_and_list_a_shard, "found other rows than meta/episodes.parquet lists"),
+    "other rows listed": (repeat_and_list_a_shard, "found more or fewer rows than in meta/episodes.parquet"),
 }
 
 

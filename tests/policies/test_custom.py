@@ -1,4 +1,4 @@
-"""Policies that are somebody's own code: they run where allowed, and nowhere else."""
+"""Custom policies run only where their code is allowed."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_its_density_is_used_where_it_has_one(mine):
         ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
         ("mine:failing", "mine:failing: cannot be loaded: RuntimeError: no weights"),
-        ("mine:nothing", "mine:nothing: found object, expected it to have act or predict"),
+        ("mine:nothing", "mine:nothing: found object, expected an object with act or predict"),
     ],
 )
 def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line):

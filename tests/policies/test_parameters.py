@@ -1,4 +1,4 @@
-"""Parameters of custom policies are what JSON and YAML hold, and the same wherever the policy runs."""
+"""Parameters of custom policies are data of JSON and YAML, and are the same in every process."""
 
 from __future__ import annotations
 
@@ -123,6 +123,7 @@ class Actor:
 """
 
 
+@pytest.mark.slow
 def test_a_policy_sees_the_same_with_one_worker_and_with_two(tmp_path, monkeypatch):
     (tmp_path / "typed.py").write_text(CODE)
     monkeypatch.chdir(tmp_path)

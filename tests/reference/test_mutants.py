@@ -1,7 +1,7 @@
-"""Planted bugs: each one, applied to a copy of the dynamics, must show on a short tape.
+"""Planted bugs: each is applied to a copy of the dynamics, and must be found on a short tape.
 
-The states expected there are those of the code as it is, which `test_published.py` proves to be the published
-package's. So a bug that goes unnoticed here is one that the comparison could not find either.
+The expected states are those of the unchanged code, which `test_published.py` compares with the published
+package. So the comparison could not find a bug that is not found here.
 """
 
 from __future__ import annotations

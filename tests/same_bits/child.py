@@ -4,8 +4,8 @@
     child.py SPEC    SPEC is JSON: size, folder, and optionally workers, lanes, chunk, shards, stop_after,
                      known_answer, and expect: facts that must hold here and in every worker process
 
-The variables under test are read when numpy, numba and the C library are loaded, so each setting is a
-process of its own. The spec sets the sizes of blocks in the workers too, which begin with `start` below.
+Each setting is a process of its own, because numpy, numba and the C library read the tested environment
+variables when they are loaded. The workers, which begin with `start` below, have the same sizes of blocks.
 """
 
 from __future__ import annotations
@@ -32,13 +32,12 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.experiment import Experiment
-from ibdata.generation import local
+from ibdata.generation import local, receipt, worker_pool
 from ibdata.simulation import rollout, self_check
-from ibdata.writing import receipt
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
-BEGIN = local._start
+BEGIN = worker_pool._start
 
 
 def experiments(size: str, shards: float = 0) -> list[Experiment]:
@@ -165,7 +164,7 @@ def without_tokens(path: Path) -> str:
 def main(spec: dict[str, object]) -> None:
     """Check the setting, generate, and print results, facts and versions."""
     prepare(spec)
-    local._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
+    worker_pool._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
     found = facts()
     if not numba.config.DISABLE_JIT:
         found["fuses"] = fuses()

@@ -1,4 +1,4 @@
-"""What a policy sees, and what becomes of its actions."""
+"""The observations that a policy gets, and the use of its actions."""
 
 from __future__ import annotations
 

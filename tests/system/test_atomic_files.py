@@ -1,4 +1,4 @@
-"""A file of a dataset is whole or not there, and its name is on the disk after its data."""
+"""A file is complete or absent, and its name reaches the disk after its data."""
 
 from __future__ import annotations
 

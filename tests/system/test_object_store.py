@@ -1,4 +1,4 @@
-"""Datasets at URLs, here in pyarrow's file system of this machine; scripts/bridges has S3 and fsspec's."""
+"""Datasets at URLs in pyarrow's local file system; scripts/bridges tests S3 and fsspec's file systems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datasets changed by somebody who makes all hashes right again: what must follow is compared."""
+"""Validation finds changes by a forger who corrects all hashes."""
 
 from __future__ import annotations
 

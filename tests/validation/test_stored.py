@@ -1,4 +1,4 @@
-"""What is stored is read in the parts in which it was simulated, however large a file is."""
+"""Stored rows are read in the parts in which they were simulated, however large a file is."""
 
 from __future__ import annotations
 

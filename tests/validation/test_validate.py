@@ -1,4 +1,4 @@
-"""Every rule finds its own broken row, in a file whose hash the manifest has."""
+"""Every rule finds the row that breaks it, in a file whose hash is correct."""
 
 from __future__ import annotations
 

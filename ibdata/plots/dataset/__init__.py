@@ -1,1 +1,1 @@
-"""Pictures of a dataset, one a file: `draw(figure, summary)` draws, `size(summary)` is in inches."""
+"""Pictures of a dataset, one per module, with `draw(figure, summary)` and `size(summary)` in inches."""

@@ -14,14 +14,14 @@ TITLE = "Actions of each policy"
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     return 4.8, 5.6
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """A panel for each number of the action; shares of the policy's steps, on a logarithmic scale."""
+    """Draw a panel for each number of the action: shares of the policy's steps, on a logarithmic scale."""
     counts = summary.counts.actions
-    least = min(0.5, 50.0 / counts.sum(axis=2).max())  # half a step, in %
+    least = min(0.5, 50.0 / counts.sum(axis=2).max())  # share of half a step, in %
     panels = figure.subplots(len(ACTIONS), 1, sharex=True, sharey=True)
     for i, (axes, column) in enumerate(zip(panels, ACTIONS, strict=True)):
         for own, name, (color, _, line) in zip(counts[:, i], summary.episodes.policies, SERIES, strict=False):

@@ -10,16 +10,16 @@ from ibdata.plots.counts import PAIRS, STEERINGS
 from ibdata.plots.style import count_bar, counted
 from ibdata.plots.summary import Summary
 
-TITLE = "Where the data are"
+TITLE = "Coverage"
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     return 4.8, 9.0
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """A square for each pair; white was never visited."""
+    """Draw a square for each pair; white squares were never visited."""
     counts = summary.counts.coverage
     norm = LogNorm(1, max(2, counts.max()))
     for axes, (a, b), visits in zip(figure.subplots(len(PAIRS), 1), PAIRS, counts, strict=True):

@@ -14,13 +14,13 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     rows = len(summary.episodes.setpoints) * max(2, len(summary.episodes.policies))
     return 4.8, 1.7 + 0.14 * rows
 
 
 def values(summary: Summary) -> tuple[Floats, str]:
-    """What is drawn of each episode, and what that is: a sum, or a mean where lengths differ."""
+    """The value of each episode and its label: the return, or the mean reward if lengths differ."""
     episodes = summary.episodes
     if (episodes.length == episodes.length[0]).all():
         return episodes.returns, "return: sum of an episode's rewards (cost)"
@@ -28,7 +28,7 @@ def values(summary: Summary) -> tuple[Floats, str]:
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """A line from 5 to 95 %, a thick one over the quartiles, a mark at the median."""
+    """Draw a line from 5 to 95 %, a thick line between the quartiles, and a mark at the median."""
     episodes = summary.episodes
     drawn, label = values(summary)
     axes = figure.subplots()

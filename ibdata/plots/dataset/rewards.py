@@ -1,4 +1,4 @@
-"""The rewards at each setpoint: a histogram a row, all on one scale."""
+"""The rewards at each setpoint: one histogram per row, all on the same scale."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from ibdata.plots.style import BLUE
 from ibdata.plots.summary import Summary
 
 TITLE = "Rewards at each setpoint"
-HIGHEST = 0.92  # of a row
+HIGHEST = 0.92  # the highest bar, as a share of a row
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     return 4.8, 1.4 + 0.3 * len(summary.episodes.setpoints)
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """Shares of a setpoint's steps, upwards from its line."""
+    """Draw the shares of a setpoint's steps upwards from its line."""
     counts = summary.counts
     shares = counts.rewards / np.maximum(counts.rewards.sum(axis=1, keepdims=True), 1)
     axes = figure.subplots()

@@ -15,12 +15,12 @@ NONE = "(none)"
 
 
 def names(summary: Summary) -> list[str]:
-    """The first 24 splits; and for episodes in no split at all, a name that none has."""
+    """The first 24 splits, and `NONE` for episodes in no split."""
     return [*list(summary.dataset.info_model.splits)[:MOST], NONE]
 
 
 def membership(summary: Summary) -> Numbers:
-    """1 where an episode is in a split, else 0 (episodes, splits)."""
+    """Whether episodes are in splits: 1 or 0, (episodes, splits)."""
     known = {name: i for i, name in enumerate(names(summary))}
     out = np.zeros((len(summary.episodes.splits), len(known)), np.int64)
     for row, own in zip(out, summary.episodes.splits, strict=True):
@@ -38,13 +38,13 @@ def shares(summary: Summary) -> Floats:
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     own, rows = len(names(summary)), len(summary.episodes.setpoints) * len(summary.episodes.policies)
     return max(4.8, 2.0 + 0.25 * own), 2.8 + (0.17 if rows <= 40 else 0.12) * rows + 0.25 * own
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """Above, cells by splits; below, splits by splits."""
+    """Draw cells by splits above, and splits by splits below."""
     episodes, own = summary.episodes, names(summary)
     inside = membership(summary)
     share, shared = shares(summary), inside.T @ inside

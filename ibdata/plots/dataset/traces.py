@@ -1,4 +1,4 @@
-"""The episode with the median return: what is observed, and what is hidden where the dataset has it."""
+"""The episode with the median return: observed variables, and hidden ones if the dataset has them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ TITLE = "One episode"
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     return 4.8, 5.4 if "mu_v" in summary.traces else 3.4
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """The panels of `ibdata.plots.episode`."""
+    """Draw the panels of `ibdata.plots.episode`."""
     draw_episode(figure, summary.traces)
     episode = summary.dataset.episodes.iloc[summary.typical]
     cut = f", first {MOST_STEPS} steps" if episode["length"] > MOST_STEPS else ""

@@ -1,4 +1,4 @@
-"""Fatigue against consumption: where rewards come from."""
+"""Fatigue against consumption, the two parts of the reward."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ibdata.plots.style import SERIES, count_bar, counted
 from ibdata.plots.summary import Summary
 
 TITLE = "Fatigue against consumption"
-LINES = 4  # of equal reward
+LINES = 4  # lines of equal reward
 
 
 def size(summary: Summary) -> tuple[float, float]:
-    """Inches."""
+    """(width, height) in inches."""
     return 4.8, 4.8
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """All steps in grey, means of setpoints in the policies' colours, dotted lines of equal reward."""
+    """Draw all steps in grey, means of setpoints in the policies' colours, and lines of equal reward."""
     counts, episodes = summary.counts, summary.episodes
     x, y = counts.cost_edges
     axes = figure.subplots()

@@ -1,1 +1,1 @@
-"""One figure a module: `draw` into a matplotlib figure of `SIZE` inches, by default with `SEED`."""
+"""Figures of the paper, one per module, with `draw`, the `SIZE` in inches and the default `SEED`."""

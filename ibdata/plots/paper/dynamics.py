@@ -1,4 +1,4 @@
-"""200 random steps, taken apart: fatigue, operational cost, consumption, reward.
+"""Fatigue, operational cost, consumption and reward of 200 random steps.
 
 Hein et al. 2017, Fig. 4: uniform random actions. The episode is the one that `ibdata generate --config
 random.yaml` makes at setpoint 50 with the same seed.
@@ -18,13 +18,13 @@ from ibdata.plots.data import Columns, episodes
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 
 SIZE = (9.0, 5.6)
-SEED = 161  # μᵍ runs away at t = 82 and is at its cap, where α changes, at 96; in the paper 90 and 100
+SEED = 161  # μᵍ runs away at t = 82 and α changes at the cap of μ, at 96; in the paper at 90 and 100
 STEPS = 200
 SETPOINT = 50.0
 
 
 def parts(dynamics: str, seed: int) -> Columns:
-    """What is drawn, by name (200,), at steps 0 … 199: a state each, and all that adds up to it."""
+    """The quantities drawn, by name, (200,) at steps 0 … 199."""
     (columns,) = episodes(dynamics, SETPOINT, "random", STEPS, seed)
     state = {name.removeprefix("obs_").removeprefix("latent_"): x for name, x in columns.items()}
     offset = VARIANTS[dynamics].consumption_offset
@@ -44,7 +44,7 @@ def parts(dynamics: str, seed: int) -> Columns:
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
-    """Four panels over the same steps."""
+    """Draw four panels over the same steps."""
     x = parts(dynamics, seed)
     offset = VARIANTS[dynamics].consumption_offset
     (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
@@ -74,7 +74,7 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
 
 
 def _fatigue(axes: Axes, x: Columns, dynamics: str) -> None:
-    """Fatigue, and on an axis of its own the hidden μ that amplify it."""
+    """Draw fatigue and, on a second axis, the hidden μ that amplify it."""
     axes.plot(x["fatigue"], color=RED, label="f: fatigue (left)")
     axes.set_ylabel("fatigue f (cost units)")
     axes.set_title("(a) fatigue")

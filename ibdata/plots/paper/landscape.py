@@ -1,6 +1,6 @@
 """The penalty m of the mis-calibration over direction φ and effective shift hᵉ, and how φ turns.
 
-Hein et al. 2017, Fig. 2. The same in both variants; nothing in it is random.
+Hein et al. 2017, Fig. 2. It is the same in both variants and not random.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ibdata.plots.style import BLACK
 SIZE = (6.5, 4.2)
 SEED = 0
 ROWS = 301
-COLORS = "cividis"  # blue to yellow, read the same by colour-blind readers, and in grey
+COLORS = "cividis"  # blue to yellow, for colour-blind readers and for grey prints too
 ARROW = {"arrowstyle": "-|>", "color": BLACK, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
 BOX = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
 
@@ -34,7 +34,7 @@ def grid() -> tuple[Floats, Floats, Floats]:
 
 
 def background(axes: Axes) -> QuadMesh:
-    """The penalty as colour, one column a direction, and the safe zone."""
+    """Draw the penalty as colours, one column per direction, and the safe zone."""
     phi, he, m = grid()
     mesh = axes.pcolormesh(phi, he, m, cmap=COLORS, shading="nearest", vmin=-1.0, vmax=1.24, rasterized=True)
     axes.axhspan(-SAFE_ZONE, SAFE_ZONE, facecolor="white", edgecolor="none", alpha=0.45)
@@ -56,7 +56,7 @@ def scale(figure: Figure, mesh: QuadMesh, axes: Any) -> None:
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
-    """The landscape with the ways that φ takes: outside the safe zone around, inside back to 0."""
+    """Draw the landscape, with arrows for the changes of φ outside and inside the safe zone."""
     axes = figure.subplots()
     scale(figure, background(axes), axes)
     for sign, domain in ((1, "positive domain, δ = 1"), (-1, "negative domain, δ = −1")):

@@ -1,6 +1,6 @@
-"""Three ways to move the shift, in the landscape of the mis-calibration: optimal, given up half way, bad.
+"""Three policies of the shift in the landscape of the mis-calibration: optimal, suboptimal, bad.
 
-Hein et al. 2017, Fig. 3. The same in both variants; nothing in it is random.
+Hein et al. 2017, Fig. 3. It is the same in both variants and not random.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from ibdata.plots.style import RED
 
 SIZE = (9.0, 3.1)
 SEED = 0
-SETPOINT = 50.0  # where the shift's start, 50, is in the middle of the safe zone
+SETPOINT = 50.0  # where the initial shift, 50, is in the middle of the safe zone
 TURN = 24  # steps of a full turn of φ through both domains
-BAD = 20
+BAD = 20  # steps of the bad policy
 SINE = np.sin(np.pi * np.arange(TURN + 1) / 12)
 
 Floats = npt.NDArray[np.float64]
 
-# Changes Δh of the shift, a step each.
+# Changes Δh of the shift, one per step.
 POLICIES: dict[str, Floats] = {
     "(a) optimal: hᵉ = sin(πt/12)": np.diff(SINE) * 20.0 / D_H,
     "(b) suboptimal: back after six steps": np.array([1.0] * 3 + [-1.0] * 3 + [0.0] * 4),
     "(c) bad: out, and stay": np.ones(BAD),
 }
-# Steps that are named in each panel, and where: points to the right and up.
+# Steps that are labelled in each panel, with the label's offset in points to the right and up.
 MARKED: tuple[dict[int, tuple[int, int]], ...] = (
     {6: (-6, 12), 18: (8, -12), 24: (18, -14)},
     {3: (0, 12), 6: (6, -14), 10: (-16, -14)},
@@ -49,7 +49,7 @@ class Path(NamedTuple):
 
 
 def path(delta_h: Floats) -> Path:
-    """Where the changes Δh (steps,) lead from the default start."""
+    """The path of the changes Δh (steps,) from the default start."""
     silent = Noise(*(np.zeros(1) for _ in Noise._fields))
     state = step(initial_state(SETPOINT), np.zeros((1, 3)), silent)
     rows = [state]
@@ -64,7 +64,7 @@ def path(delta_h: Floats) -> Path:
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
-    """The three policies side by side; t counts the steps."""
+    """Draw the three policies side by side; t counts the steps."""
     panels = figure.subplots(1, len(POLICIES), sharey=True)
     outline = [withStroke(linewidth=2.6, foreground="white")]
     for axes, (title, delta_h), marked in zip(panels, POLICIES.items(), MARKED, strict=True):

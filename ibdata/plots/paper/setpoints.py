@@ -1,6 +1,6 @@
-"""Four moving setpoints.
+"""Four moving setpoints, which begin at 50.
 
-Hein et al. 2017, Fig. 5. They begin at 50; no action changes them.
+Hein et al. 2017, Fig. 5.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, ":"))
 
 
 def paths(dynamics: str, seed: int) -> npt.NDArray[np.float64]:
-    """Setpoints (4, 1000)."""
+    """The setpoints (4, 1000)."""
     made = episodes(dynamics, "drifting", "constant", STEPS, seed, len(LINES))
     return np.array([columns["obs_setpoint"] for columns in made])
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
-    """Setpoint over steps."""
+    """Draw the setpoints over the steps."""
     axes = figure.subplots()
     for number, (path, (color, style)) in enumerate(zip(paths(dynamics, seed), LINES, strict=True)):
         axes.plot(path, style, color=color, label=f"episode {number}")

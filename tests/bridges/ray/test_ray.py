@@ -1,4 +1,4 @@
-"""The engine ray: the same dataset, killed workers survived, nothing left that was started."""
+"""The Ray engine gives the same dataset, survives killed workers, and stops all that it starts."""
 
 from __future__ import annotations
 
@@ -154,7 +154,9 @@ def test_a_signal_ends_it_and_the_ray_that_it_started(command, number):
 def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
     done = ibdata("generate", "--config", "random", "--engine", "ray", "--address", "127.0.0.1:9")
     assert done.returncode == 1
-    assert re.fullmatch(r"--address: 127\.0\.0\.1:9: found no Ray that answers: .*\n", done.stderr)
+    assert re.fullmatch(
+        r"--address: 127\.0\.0\.1:9: found no answer \(.*\), expected a running Ray; .*\n", done.stderr
+    )
     assert not Path("data").exists()
 
 

@@ -1,4 +1,4 @@
-"""polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the dataset bit for bit alike."""
+"""polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the same bits from a dataset."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_splits_are_configs_of_hugging_face(generated):
 
 @pytest.mark.parametrize(
     ("heading", "rows"),
-    [("pandas", 1000), ("polars", 100), ("duckdb", 10), ("D4RL's form, and NumPy", None), ("NeoRL", None)],
+    [("pandas", 1000), ("polars", 100), ("duckdb", 10), ("D4RL's format, and NumPy", None), ("NeoRL", None)],
 )
 def test_snippets(use_with, heading, rows):
     (names,) = use_with(heading)

@@ -1,4 +1,4 @@
-"""Datasets in an object store: a server of S3 on this machine, and fsspec's file system in memory."""
+"""Datasets in an object store: a local S3 server, and fsspec's file system in memory."""
 
 from __future__ import annotations
 

@@ -1,0 +1,68 @@
+"""Making one shard: simulate it part by part, write its file, then its receipt."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+from ibdata.errors import Interrupted
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.plan import Shard
+from ibdata.generation import receipt
+from ibdata.generation.output_folder import refuse_moved
+from ibdata.writing.shard_writer import ShardWriter, Threads, WrittenShard, shard_writer, writing_threads
+from ibdata.writing.summary import simulated
+
+
+def write_shard(
+    spec: DatasetSpec,
+    shard: Shard,
+    root: Path,
+    identity: str,
+    overlap: bool = True,
+    stopped: threading.Event | None = None,
+) -> WrittenShard:
+    """Simulate a shard and write it, then its receipt.
+
+    Args:
+        spec: What the shard belongs to.
+        shard: The shard.
+        root: Where its file goes.
+        identity: Of the run, for the receipt.
+        overlap: Whether to encode and summarize a part in threads while the next is simulated.
+        stopped: Set by another thread to end the work early.
+
+    Raises:
+        Interrupted: `stopped` was set.
+    """
+    with writing_threads(overlap) as threads, ExitStack() as opened:
+        writer = filled(opened, spec, shard, root, threads, stopped)
+        return finish(writer, opened.pop_all(), root, identity)
+
+
+def filled(
+    opened: ExitStack,
+    spec: DatasetSpec,
+    shard: Shard,
+    root: Path,
+    threads: Threads,
+    stopped: threading.Event | None = None,
+) -> ShardWriter:
+    """Open the writer of a shard, simulate the shard, and hand all its parts to the writer."""
+    writer = opened.enter_context(shard_writer(spec, shard, root, threads))
+    for part, floats in simulated(spec, shard):
+        if stopped is not None and stopped.is_set():
+            raise Interrupted(signal.SIGTERM)
+        writer.add(part, floats)
+    return writer
+
+
+def finish(writer: ShardWriter, opened: ExitStack, root: Path, identity: str) -> WrittenShard:
+    """Commit a shard to which all parts were added, then its receipt."""
+    with opened:
+        made = writer.finish()
+        refuse_moved(root, identity)
+    receipt.put(root, identity, made)
+    return made
