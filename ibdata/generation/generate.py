@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Experiment, as_recorded, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -108,16 +108,17 @@ def _generate(
 def resolve(
     config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
 ) -> Experiment:
-    """The experiment that a config stands for; overrides go with a file or name only."""
+    """The experiment that a config stands for, new for each run; overrides go with a file or name only."""
     if not isinstance(config, Experiment):
         return load(config, overrides, seed)
     if overrides:
         raise UsageError("overrides: found an Experiment as config, expected a file or a name with them")
+    experiment = as_recorded(config)
     if seed is None:
-        return config
+        return experiment
     if not 0 <= seed < 2**64:
         raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
-    return config.model_copy(update={"seed": seed})
+    return experiment.model_copy(update={"seed": seed})
 
 
 def default_folder(experiment: Experiment) -> Path:
