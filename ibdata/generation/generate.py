@@ -98,6 +98,7 @@ def _generate(
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
+                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
                 output_folder.end(place)  # a run that was killed when it had finished
             else:
                 _run(spec, root, run, overwrite, progress, begun, folder)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, provenance
+from ibdata.experiment.custom_code import customs, forget_modules, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
@@ -57,7 +57,7 @@ def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: P
     """Import all policies; return the origin. Raises UsageError where their code changed meanwhile."""
     for policy in customs(spec):
         policy.load()
-    _refuse_other_code(code, provenance(spec, folder), where)
+    refuse_other_code(code, provenance(spec, folder), where)
     return Origin(known_answer=self_check.digest(), code=code)
 
 
@@ -97,24 +97,26 @@ def get(root: Path, where: Path) -> Origin:
         ) from None
 
 
-_agreed: set[bytes] = set()  # notes with which this process has been compared
+_agreed: list[bytes] = []  # the note with which this process was compared last
 
 
 def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
     """In a worker, before a shard: UsageError where its code or its bits are not those of the run.
 
-    Once a process: what it has imported stays. A folder without a note is one that proves shards otherwise.
+    Once for each run: what it has imported stays until then. A folder without a note is one that proves
+    shards otherwise.
     """
     note = begun(root)
-    if note is None or note in _agreed:
+    if note is None or [note] == _agreed:
         return
     origin = get(root, root)
+    forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
     _refuse_other(origin, _imported(spec, folder, origin.code, root), root)
-    _agreed.add(note)
+    _agreed[:] = [note]
 
 
 def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
-    _refuse_other_code(began.code, here.code, where)
+    refuse_other_code(began.code, here.code, where)
     if began.known_answer != here.known_answer:
         raise UsageError(
             f"{where}: found a machine that computes other bits than the one on which the run began; "
@@ -122,7 +124,8 @@ def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
         )
 
 
-def _refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path) -> None:
+def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:
+    """UsageError where the code here is not that with which a run began."""
     was, found = _parts(began), _parts(here)
     changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
     if changed:

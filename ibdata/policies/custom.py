@@ -9,6 +9,7 @@ from contextlib import redirect_stdout
 from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
+from threading import RLock
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ from ibdata.policies.parameters import Parameters
 TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
 
 
+importing = RLock()  # held by who imports modules of policies, or takes them out of sys.modules
 started_in: ContextVar[str | None] = ContextVar("started_in", default=None)  # where a run began
 
 
@@ -112,7 +114,7 @@ class Custom(Adapter):
         module, _, name = self.target.partition(":")
         find_modules_here()
         try:
-            with redirect_stdout(sys.stderr):  # stdout is for a command's results
+            with importing, redirect_stdout(sys.stderr):  # stdout is for a command's results
                 found = getattr(import_module(module), name)
                 own = found(**self.params) if callable(found) else found
         except (Exception, SystemExit) as error:
