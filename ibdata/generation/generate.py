@@ -73,11 +73,13 @@ def generate(
     if is_url(out):
         remote = Remote(str(out))
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-        if uploading.refuse(remote, experiment, resume, overwrite):
-            return Dataset(remote.url)
         folder = uploading.work_folder(remote, experiment)
-        _generate(experiment, folder, run, True, False, progress)
-        return uploading.upload(remote, folder)
+        found = uploading.find(remote, experiment, folder, resume, overwrite)
+        if found.listed is not None:
+            origin.refuse_code_other_than(found.listed.code, DatasetSpec.of(experiment), remote.name)
+        if not found.finished:
+            _generate(experiment, folder, run, True, False, progress)
+        return uploading.upload(remote, experiment, folder, resume)
     folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, forget_modules, provenance
+from ibdata.experiment.custom_code import customs, forget_modules, in_one_folder, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
@@ -122,6 +122,12 @@ def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
             f"{where}: found a machine that computes other bits than the one on which the run began; "
             f"--resume on one like that, {AGAIN}"
         )
+
+
+def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
+    """As `refuse_other_code`, before any of the code here is imported."""
+    with in_one_folder(spec):
+        refuse_other_code(began, provenance(spec, spec.experiments[0].folder), where)
 
 
 def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:

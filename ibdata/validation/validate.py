@@ -34,7 +34,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
     The SHA-256 of every file is compared; then every rule of the rows is checked (schema, no nulls, finite,
     bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational costs,
     densities), the episode digests, the content root, and whether all other files follow from the experiment
-    and the rows. Files that are not listed are problems too, except at a URL.
+    and the rows. Files in `data` that are not listed are problems too.
 
     Args:
         folder: A folder or a URL.
@@ -112,9 +112,8 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
     if _replacement_begun(folder):
         return  # files in data/ may be those of the new dataset
     known = listed.entries()
-    for path in sorted((folder / "data").glob("*")):
-        name = f"data/{path.name}"
-        if name not in known and not path.name.startswith("."):
+    for name in object_store.files_in_data(folder):
+        if name not in known and not Path(name).name.startswith("."):
             yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
 
 

@@ -18,7 +18,9 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import IbdataError, UsageError
+from ibdata.generation import upload
 from ibdata.simulation import self_check
+from ibdata.system.object_store import Remote
 
 pytestmark = pytest.mark.slow
 
@@ -128,6 +130,32 @@ def test_a_finished_dataset_of_other_code_is_not_passed_over(here, ranges):
     with pytest.raises(UsageError, match=r"^out: found other code than the run began with, in helper\.py;"):
         again()
     assert ibdata.open("out").manifest == made.manifest
+
+
+@pytest.mark.parametrize("finished", [False, True])
+@pytest.mark.parametrize("machine", ["here", "elsewhere"])
+def test_an_upload_goes_on_with_the_code_that_it_began_with_only(here, monkeypatch, finished, machine):
+    (here / "at-70-stop.py").unlink()
+    url = f"{here.as_uri()}/there"
+    monkeypatch.setattr(upload, "cache_base", lambda: str(here / "here"))
+    if finished:
+        generate(url)
+    else:
+        with monkeypatch.context() as broken:
+            broken.setattr(Remote, "remove", lambda self, path: next(iter(())))
+            with pytest.raises(StopIteration):
+                generate(url)
+        (here / "there/meta/manifest.json").unlink()
+    before = sorted(Path("there").rglob("*"))
+    monkeypatch.setattr(upload, "cache_base", lambda: str(here / machine))
+    was = (here / "helper.py").read_text()
+    (here / "helper.py").write_text("SIZE = 0.125")
+    with pytest.raises(UsageError, match=r"there: found other code than the run began with, in helper\.py;"):
+        generate(url, resume=True)
+    assert sorted(Path("there").rglob("*")) == before
+    (here / "helper.py").write_text(was)
+    assert generate(url, resume=True).content_root == generate("whole").content_root
+    assert ibdata.validate(url) == []
 
 
 def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):
