@@ -27,9 +27,10 @@ def export(view: View, path: Path, target: Path) -> str:
             writer = writer or stack.enter_context(csv.CSVWriter(file, table.schema))
             writer.write_table(table)
     return f"""\
-import pandas as pd
+from pyarrow import csv
 
-data = pd.read_csv({str(target)!r}, engine="pyarrow")
+text = csv.ConvertOptions(column_types={{"policy": "string"}})  # also where a label looks like a number
+data = csv.read_csv({str(target)!r}, convert_options=text).to_pandas()
 """
 
 

@@ -96,6 +96,7 @@ def generate_shards(
             mine = own.of(spec.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
             if manifest.locate(place, manifest.PATH).is_file():
+                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
                 return Made(folder, len(mine), rows, 0)
             leaving.callback(output_folder.abandon, place)
             try:

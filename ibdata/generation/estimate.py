@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ibdata.experiment import Experiment
+from ibdata.experiment import Experiment, as_recorded
 from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
@@ -51,6 +51,7 @@ def estimate(
         IbdataError: As in `generate`.
     """
     refuse_workers(workers)
+    experiment = as_recorded(experiment)
     out = Path(folder)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
@@ -78,7 +79,7 @@ def _sample(experiment: Experiment) -> tuple[float, float]:
     steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
     budget = max(1, SAMPLE_ROWS // steps)
     episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))
-    small = experiment.model_copy(update={"steps": steps, "episodes": episodes})
+    small = experiment.part(steps, episodes)
     total = episodes * len(experiment.cells)
     parts = 1 if total <= budget else min(PARTS, budget)
     width = min(total, budget) // parts

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Experiment, as_recorded, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -72,11 +72,13 @@ def generate(
     if is_url(out):
         remote = Remote(str(out))
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-        if uploading.refuse(remote, experiment, resume, overwrite):
-            return Dataset(remote.url)
         folder = uploading.work_folder(remote, experiment)
-        _generate(experiment, folder, run, True, False, progress)
-        return uploading.upload(remote, folder)
+        found = uploading.find(remote, experiment, folder, resume, overwrite)
+        if found.listed is not None:
+            origin.refuse_code_other_than(found.listed.code, DatasetSpec.of(experiment), remote.name)
+        if not found.finished:
+            _generate(experiment, folder, run, True, False, progress)
+        return uploading.upload(remote, experiment, folder, resume)
     folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)
@@ -97,6 +99,7 @@ def _generate(
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
+                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
                 output_folder.end(place)  # the run was killed after it had finished
             else:
                 _run(spec, root, run, overwrite, progress, begun, folder)
@@ -107,16 +110,17 @@ def _generate(
 def resolve(
     config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
 ) -> Experiment:
-    """The experiment that a config names, with overrides and seed."""
+    """The experiment that a config names, with overrides and seed; a new object for each run."""
     if not isinstance(config, Experiment):
         return load(config, overrides, seed)
     if overrides:
         raise UsageError("overrides: found an Experiment as config, but they need a file or a name")
+    experiment = as_recorded(config)
     if seed is None:
-        return config
+        return experiment
     if not 0 <= seed < 2**64:
         raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
-    return config.model_copy(update={"seed": seed})
+    return experiment.model_copy(update={"seed": seed})
 
 
 def default_folder(experiment: Experiment) -> Path:

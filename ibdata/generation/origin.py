@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, provenance
+from ibdata.experiment.custom_code import customs, forget_modules, in_one_folder, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
@@ -57,7 +57,7 @@ def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: P
     """Import all policies; return the origin. Raises UsageError if their code changed meanwhile."""
     for policy in customs(spec):
         policy.load()
-    _refuse_other_code(code, provenance(spec, folder), where)
+    refuse_other_code(code, provenance(spec, folder), where)
     return Origin(known_answer=self_check.digest(), code=code)
 
 
@@ -97,25 +97,26 @@ def get(root: Path, where: Path) -> Origin:
         ) from None
 
 
-_agreed: set[bytes] = set()  # notes with which this process has been compared
+_agreed: list[bytes] = []  # the note with which this process was compared last
 
 
 def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
     """Raise UsageError if the origin of this worker is not that of the run.
 
-    Each process is compared once, because it keeps what it has imported. Without a note, as in `repair`,
-    which compares the shards themselves, nothing is compared.
+    Each run is compared once, because its process keeps what it has imported. Without a note, as in
+    `repair`, which compares the shards themselves, nothing is compared.
     """
     note = begun(root)
-    if note is None or note in _agreed:
+    if note is None or [note] == _agreed:
         return
     origin = get(root, root)
+    forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
     _refuse_other(origin, _imported(spec, folder, origin.code, root), root)
-    _agreed.add(note)
+    _agreed[:] = [note]
 
 
 def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
-    _refuse_other_code(began.code, here.code, where)
+    refuse_other_code(began.code, here.code, where)
     if began.known_answer != here.known_answer:
         raise UsageError(
             f"{where}: this machine computes other bits than the one on which the run began; "
@@ -123,7 +124,14 @@ def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
         )
 
 
-def _refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path) -> None:
+def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
+    """As `refuse_other_code`, before any of the code here is imported."""
+    with in_one_folder(spec):
+        refuse_other_code(began, provenance(spec, spec.experiments[0].folder), where)
+
+
+def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:
+    """UsageError where the code here is not that with which a run began."""
     was, found = _parts(began), _parts(here)
     changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
     if changed:

@@ -17,7 +17,7 @@ def warm_up(experiment: Experiment) -> bool:
 
     A line on stderr tells if the simulator is being compiled, and if the bits are not right.
     """
-    small = experiment.model_copy(update={"steps": 2, "episodes": 1})
+    small = experiment.part(steps=2, episodes=1)
     if not is_compiled():
         print(f"ibdata: compiling the simulator; {_how_often()}", file=sys.stderr, flush=True)
     floats = rollout(small, 0, 1)

@@ -9,13 +9,16 @@ import os
 import secrets
 import stat
 from collections.abc import Container, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
+
+from ibdata.system.lock import locked
 
 TEMPORARY = ".tmp-"  # the prefix of temporary files
 TOKEN = "{token}"  # stands for random digits in a path
 BLOCK = 2**20
+PATIENCE = 60.0  # seconds; hundreds of hosts may come at once, and each stays for milliseconds
 
 
 class FileEntry(NamedTuple):
@@ -102,8 +105,7 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
                 file = HashingFile(raw)
                 file.write(data)
                 file.sync()
-            with suppress(FileExistsError):
-                os.link(temporary, target)
+            _name(temporary, target)
         finally:
             temporary.unlink(missing_ok=True)
         sync_folder(target.parent)
@@ -111,6 +113,18 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
         return plain_bytes(target, len(data)) == data
     except OSError:  # a pipe, which might never end, or a longer file
         return False
+
+
+def _name(temporary: Path, target: Path) -> None:
+    """Give a whole file its name, unless another has it; of several that do so at a time, one succeeds."""
+    try:
+        os.link(temporary, target)
+    except FileExistsError:
+        pass
+    except OSError:  # a file system without links
+        with locked(target.parent, f".lock-{target.name}", PATIENCE):
+            if not os.path.lexists(target):
+                temporary.rename(target)
 
 
 def _temporary(folder: Path, path: str) -> Path:

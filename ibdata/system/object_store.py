@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 import re
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -48,12 +49,14 @@ class Remote:
         info = self._files.get_file_info(f"{self._base}/{path}")
         return info.size if info.is_file else None
 
-    def empty(self) -> bool:
-        """Whether there is nothing at the URL."""
+    def sizes(self, folder: str = "") -> dict[str, int]:
+        """The bytes of every file by its path: at the URL, or in a folder there."""
         from pyarrow.fs import FileSelector
 
-        below = FileSelector(self._base, allow_not_found=True, recursive=True)
-        return not any(info.is_file for info in self._files.get_file_info(below))
+        top = f"{self._base}/{folder}".rstrip("/")
+        found = self._files.get_file_info(FileSelector(top, allow_not_found=True, recursive=True))
+        base = self._base.strip("/")
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in found if info.is_file}
 
     def read(self, path: str) -> bytes | None:
         """Read a file; None if there is none."""
@@ -68,8 +71,8 @@ class Remote:
         if self.size(path) is None:
             return
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_name(f".tmp-{target.name}")
-        with self._files.open_input_stream(f"{self._base}/{path}") as source, part.open("wb") as file:
+        part = target.with_name(f".tmp-{secrets.token_hex(6)}-{target.name}")  # each thread has its own
+        with self._files.open_input_stream(f"{self._base}/{path}") as source, part.open("xb") as file:
             shutil.copyfileobj(source, file, BLOCK)
         part.replace(target)
 
@@ -147,6 +150,14 @@ def fetch_if_missing(folder: Path, path: str) -> None:
     if folder in _mirrors and not os.path.lexists(folder / path):
         with readable(_mirrors[folder], path):
             _mirrors[folder].fetch(path, folder / path)
+
+
+def files_in_data(folder: Path) -> list[str]:
+    """The paths of what is in `data`, in order; of a dataset at a URL, of all files below it."""
+    if folder not in _mirrors:
+        return sorted(f"data/{path.name}" for path in (folder / "data").glob("*"))
+    with readable(_mirrors[folder], "data"):
+        return sorted(_mirrors[folder].sizes("data"))
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
     First, the SHA-256 of every file is compared. Then every rule of the rows is checked (schema, no nulls,
     finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
     costs, densities), and the episode digests and the content root are compared. All other files must follow
-    from the experiment and the rows. Files that are not listed are problems too, except at a URL.
+    from the experiment and the rows. Files in `data` that are not listed are problems too.
 
     Args:
         folder: A folder or a URL.
@@ -126,9 +126,8 @@ def _wrong_files(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Pro
             yield Problem(path, None, "hash", message)
     if _replacement_begun(folder):
         return  # unlisted files in data/ may belong to the new dataset
-    for file in sorted((folder / "data").glob("*")):
-        name = f"data/{file.name}"
-        if name not in known and not file.name.startswith("."):
+    for name in object_store.files_in_data(folder):
+        if name not in known and not Path(name).name.startswith("."):
             yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
 
 

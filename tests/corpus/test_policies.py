@@ -58,7 +58,8 @@ class Odd(Policy):
 @pytest.fixture
 def experiment():
     """An experiment of four episodes with that policy."""
-    return Experiment.model_validate(PLAIN).model_copy(update={"policies": [Odd(name="rogue")]})
+    options = Experiment.model_validate(PLAIN).options()
+    return Experiment.model_construct(**{**options, "policies": [Odd(name="rogue")]})
 
 
 @pytest.fixture

@@ -277,6 +277,33 @@ def test_an_experiment_never_changes():
         made.output.latent = False
 
 
+CHANGES = {
+    "dynamics": "paper",
+    "setpoints": [10.0, 30.0],
+    "policies": [{"kind": "safe"}],
+    "start": "uniform",
+    "steps": 7,
+    "output": {"dtype": "float64"},
+}
+
+
+@pytest.mark.parametrize("key", CHANGES)
+def test_a_changed_copy_is_the_experiment_with_the_change(key):
+    plain = {"name": "x", "setpoints": [20.0], "policies": [RANDOM]}
+    used, fresh = (Experiment.model_validate({**plain, **change}) for change in ({}, {key: CHANGES[key]}))
+    _ = used.cells, used.variant, used.labels, used.drifting  # kept from now on
+    changed = used.model_copy(update={key: CHANGES[key]})
+    assert changed == fresh
+    assert (changed.cells, changed.variant, changed.labels) == (fresh.cells, fresh.variant, fresh.labels)
+
+
+@pytest.mark.parametrize("change", [{"steps": 0}, {"unknown": 1}, {"splits": {"a": {"episodes": 9}}}])
+def test_a_changed_copy_is_checked(change):
+    experiment = Experiment.model_validate({"name": "x", "setpoints": 70, "policies": [RANDOM]})
+    with pytest.raises(ValidationError):
+        experiment.model_copy(update=change)
+
+
 def test_two_equal_cells_are_refused():
     for twice in ({"setpoints": [1, 1]}, {"policies": [RANDOM, {**RANDOM, "name": "a"}]}):
         with pytest.raises(ValidationError, match=r"twice|same policy"):

@@ -34,7 +34,7 @@ def described(**changes):
 
 
 def with_policies(*policies, **changes):
-    return described(**changes).model_copy(update={"policies": list(policies)})
+    return Experiment.model_construct(**{**described(**changes).options(), "policies": list(policies)})
 
 
 def played(experiment):
