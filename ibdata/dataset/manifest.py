@@ -30,6 +30,7 @@ CARD = "README.md"
 REPORT = "report.html"  # where there is one: `ibdata card` makes it
 NEXT = ".next"
 NEW = ".new"
+MARK = ".ibdata-replacement"  # an empty file in `.next` and `.new`: ibdata made them
 BAR = b"This dataset is being replaced, or was; read it again.\n"  # in place of a Parquet file
 REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
 RUN = ".run"
@@ -173,10 +174,20 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """Raise UsageError for an output within a dataset, finished or not: it could break readers."""
-    for folder in Path(os.path.realpath(out)).parents:
-        if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
+    """Raise UsageError for an output within a dataset, finished or not: it could break readers.
+
+    The folders in which a dataset is replaced are within one, whatever holds them.
+    """
+    place = Path(os.path.realpath(out))
+    signs = (PATH, f"{RUN}/experiment.yaml", f"{NEXT}/{MARK}", f"{NEW}/{MARK}")
+    for folder in place.parents:
+        if any(os.path.isfile(folder / path) for path in signs):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
+    if place.name in (NEXT, NEW):
+        raise UsageError(
+            f"{out}: found the name {place.name}, which is kept for replacing the dataset in the folder "
+            "around it; choose another"
+        )
 
 
 def sealed(listed: Manifest) -> Manifest:

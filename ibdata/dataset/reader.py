@@ -106,7 +106,7 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, where its rows are."""
-        frame: pd.DataFrame = self.episode_table.to_pandas()
+        frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
         return frame
 
     @property
@@ -146,7 +146,7 @@ class Dataset:
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
         """The rows as a pandas DataFrame. Arguments and errors as of `table`."""
-        frame: pd.DataFrame = self.table(columns, split).to_pandas()
+        frame: pd.DataFrame = self.table(columns, split).to_pandas(ignore_metadata=True)
         return frame
 
     def iter_batches(

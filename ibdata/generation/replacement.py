@@ -6,12 +6,11 @@ removed. Shards have names of their own, so whoever listed the old folder finds 
 pyarrow drops listed names that are gone when it looks at them, and would read nothing: so for a moment the
 new folder holds a file of text under an old name, on which readers fail; the old folder keeps one for good.
 A new folder holds an empty file, `FRESH`, until all is in place: it tells how far a killed writer came.
+`.next` and `.new` hold another, `MARK`, without which they are somebody else's, and nothing is touched.
 """
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -22,14 +21,16 @@ from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
-from ibdata.generation.output_folder import discard, is_ours
+from ibdata.generation import staging
+from ibdata.generation.staging import discard, is_busy, is_ours
 from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
+from ibdata.system.exchange import exchanged, naming, refuse_immovable
 from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
+from ibdata.validation.validate import is_stranger
 
 PARTS = ("data", "meta")
 PAUSE = 0.25  # seconds in which readers that have listed the old folder look at the files by name
-AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
@@ -37,8 +38,8 @@ def staged(folder: Path) -> Iterator[Path]:
     """An empty `.next`; what the block puts there replaces what the dataset has, or nothing changes."""
     root = folder / NEXT
     discard(root)
-    root.mkdir()
     try:
+        staging.make(root)
         yield root
     except BaseException:
         if not is_lost(folder):
@@ -55,14 +56,17 @@ def commit(folder: Path) -> None:
         return
     try:
         refuse_folders(folder, [manifest.PATH, *_paths(folder), *_paths(root)])
-    except DatasetError:
+        for part in PARTS:
+            if (folder / part).is_dir() and (root / part).is_dir():
+                refuse_immovable(folder / part, root / part)
+    except (DatasetError, OSError):
         discard(root)
         raise
     if (root / "data").is_dir():
         _bar(folder, root)
     for part in PARTS:
+        (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
         if (root / part).is_dir():
-            (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
             (root / part / FRESH).touch()
             sync_folder(root / part)
     sync_folder(root)
@@ -85,11 +89,28 @@ def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
 
 
 def _take_back(folder: Path) -> bool:
-    """Let `.new` count for nothing again, if nothing of it has its place; whether that was so."""
-    parts = [folder / NEW / part for part in PARTS if (folder / NEW / part).is_dir()]
-    if not parts or not all((part / FRESH).is_file() for part in parts):
+    """Let `.new` count for nothing again, unless `meta` has its place or there was no `data`; whether so."""
+    new, data = folder / NEW, folder / "data"
+    if not (new / "meta" / FRESH).is_file():
         return False
-    (folder / NEW).rename(folder / NEXT)
+    moved = (data / FRESH).is_file()
+    parts = [part for part in (new / "old-data", new / "data") if part.is_dir()]
+    old = next((part for part in parts if not (part / FRESH).is_file()), None)
+    if old is not None:
+        if moved:  # as in `_bar`, for readers that have listed the new folder
+            _put_bar(old / Path(_paths(new)[0]).name)
+        if old == new / "data":
+            exchanged(old, data)
+        else:
+            if moved:
+                data.rename(new / "data")
+            old.rename(data)
+        sync_folder(new)
+        sync_folder(folder)
+        _unbar(folder)
+    elif moved:
+        return False
+    new.rename(folder / NEXT)
     sync_folder(folder)
     return True
 
@@ -109,6 +130,8 @@ def finish_interrupted(folder: Path) -> None:
     new = folder / NEW
     if not os.path.lexists(new):
         return
+    for root in (new, folder / NEXT):
+        staging.refuse_foreign(root)
     with held():
         if _counts(folder):
             for part in PARTS:
@@ -209,25 +232,15 @@ def _is_half(folder: Path) -> bool:
 def _swap(new: Path, folder: Path, part: str) -> None:
     """Let a new folder take its place; the old one is in `.new` afterwards."""
     source, target = new / part, folder / part
-    if os.path.lexists(target) and not _exchanged(source, target):
-        target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
-    if not os.path.lexists(target):
-        source.rename(target)
+    try:
+        if os.path.lexists(target) and not exchanged(source, target):
+            target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
+        if not os.path.lexists(target):
+            source.rename(target)
+    except OSError as error:
+        raise naming(target, error) from error
     sync_folder(new)
     sync_folder(folder)
-
-
-def _exchanged(a: Path, b: Path) -> bool:
-    """Let two folders change places in one system call; False where there is none that can."""
-    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if call is None:
-        return False
-    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
-        return False
-    raise OSError(number, os.strerror(number), str(b))
 
 
 def _place_single_files(new: Path, folder: Path) -> None:
@@ -246,5 +259,6 @@ def _give_back(new: Path, folder: Path) -> None:
     for part in PARTS:
         for old in (new / part, new / f"old-{part}"):
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
-                if not is_ours(path) and not os.path.lexists(folder / part / path.name):
+                read = part == "data" and is_stranger(path)
+                if not (is_ours(path) or is_busy(path) or read or os.path.lexists(folder / part / path.name)):
                     path.rename(folder / part / path.name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -75,7 +75,7 @@ def _wait_for_moves(folder: Path) -> None:
 
 
 def _replacement_begun(folder: Path) -> bool:
-    return os.path.lexists(folder / manifest.NEW)
+    return os.path.lexists(folder / manifest.NEW / manifest.MARK)
 
 
 def _interrupted(folder: Path) -> Iterator[Problem]:
@@ -111,11 +111,23 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
             yield Problem(entry.path, None, "hash", message)
     if _replacement_begun(folder):
         return  # files in data/ may be those of the new dataset
-    known = listed.entries()
+    for path in strangers(folder, listed.entries()):
+        what = "folder" if path.is_dir() else "file"
+        message = f"found a {what} that the manifest does not list; move it away"
+        yield Problem(f"data/{path.name}", None, "file", message)
+
+
+def strangers(folder: Path, known: Container[str]) -> Iterator[Path]:
+    """What is in `data`, is not among these paths, and could be read with the dataset."""
     for path in sorted((folder / "data").glob("*")):
-        name = f"data/{path.name}"
-        if name not in known and not path.name.startswith("."):
-            yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
+        if f"data/{path.name}" not in known and is_stranger(path):
+            yield path
+
+
+def is_stranger(path: Path) -> bool:
+    """Whether a reader may take what has such a name; polars and duckdb take hidden Parquet and folders."""
+    hidden = path.name.startswith(".")
+    return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
 
 
 def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Problem]:
