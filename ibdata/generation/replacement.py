@@ -89,7 +89,10 @@ def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
 
 
 def _take_back(folder: Path) -> bool:
-    """Let `.new` count for nothing again, unless `meta` has its place or there was no `data`; whether so."""
+    """Put the old `data` back and let `.new` count for nothing; whether that was done: not if `meta` is new.
+
+    Nor where the dataset had no `data`: then there is nothing to put back.
+    """
     new, data = folder / NEW, folder / "data"
     if not (new / "meta" / FRESH).is_file():
         return False
