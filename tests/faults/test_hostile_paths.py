@@ -87,24 +87,6 @@ def test_a_read_only_folder_gives_one_line_and_stays_as_it_is(
     tools.figure(f"F9: {len(runs)} runs as another user in read-only folders: one line, nothing changed")
 
 
-def test_a_folder_that_may_not_be_moved_is_named_and_nothing_is_replaced(
-    forks: Any, tools: Any, open_folder: Path
-) -> None:
-    user = NOBODY if os.geteuid() == 0 else 0
-    out = open_folder / "out"
-    assert forks.run(*generate(tools.tiny, out)).code == 0
-    for path in (out, *out.rglob("*")):
-        os.chown(path, user or -1, -1)
-    (out / "meta").chmod(0o555)
-    before = listing(out)
-    answer = forks.run("split", out, "--by", "setpoint", "--scheme", "leave-one-out", user=user)
-    assert answer.code == 1, answer
-    assert answer.output.strip() == f"{out}: cannot be written: meta: Permission denied"
-    assert listing(out) == before
-    (out / "meta").chmod(0o755)
-    assert tools.root(out)
-
-
 @pytest.mark.parametrize("more", [[], ["--resume"], ["--overwrite"]], ids=lambda more: "".join(more) or "new")
 def test_what_is_no_folder_gives_one_line(forks: Any, tools: Any, outside: Path, more: list[str]) -> None:
     file = tools.file("file", "precious")
