@@ -30,6 +30,7 @@ CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 NEXT = ".next"  # the folder in which a replacement is written
 NEW = ".new"  # its name while it takes the place of the old dataset
+MARK = ".ibdata-replacement"  # an empty file in both, which shows that ibdata made them
 BAR = b"This dataset is being replaced, or was; read it again.\n"  # a file on which Parquet readers fail
 REPLACED = "replaced"  # the name of such a file in a replaced folder `data`
 RUN = ".run"  # the folder of an unfinished run's receipts
@@ -173,10 +174,20 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """Raise UsageError for an output within a dataset, finished or not, because it could break readers."""
-    for folder in Path(os.path.realpath(out)).parents:
-        if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
+    """Raise UsageError for an output within a dataset, finished or not, because it could break readers.
+
+    The folders `.next` and `.new` of any dataset count as within it.
+    """
+    place = Path(os.path.realpath(out))
+    signs = (PATH, f"{RUN}/experiment.yaml", f"{NEXT}/{MARK}", f"{NEW}/{MARK}")
+    for folder in place.parents:
+        if any(os.path.isfile(folder / path) for path in signs):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
+    if place.name in (NEXT, NEW):
+        raise UsageError(
+            f"{out}: found the name {place.name}, which is kept for replacing the dataset in the folder "
+            "around it; choose another"
+        )
 
 
 def sealed(listed: Manifest) -> Manifest:

@@ -105,7 +105,7 @@ class Dataset:
     @cached_property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        frame: pd.DataFrame = self.episode_table.to_pandas()
+        frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
         return frame
 
     @property
@@ -145,7 +145,7 @@ class Dataset:
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
         """The rows as a pandas DataFrame. Arguments and errors are those of `table`."""
-        frame: pd.DataFrame = self.table(columns, split).to_pandas()
+        frame: pd.DataFrame = self.table(columns, split).to_pandas(ignore_metadata=True)
         return frame
 
     def iter_batches(

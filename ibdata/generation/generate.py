@@ -19,6 +19,7 @@ from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
+from ibdata.generation.staging import discard
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
@@ -141,7 +142,7 @@ def _run(
     experiment = spec.experiments[0]
     try:
         if overwrite and origin.begun(root) != begun.note():
-            output_folder.discard(root)
+            discard(root)
         output_folder.begin(root, experiment, overwrite)
         origin.begin(root, begun, folder)
         written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)

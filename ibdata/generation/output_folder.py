@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -13,20 +12,15 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
-from ibdata.generation import receipt
+from ibdata.generation import receipt, staging
+from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
-from ibdata.validation.validate import check_files
-from ibdata.writing.card import is_foreign, refuse_foreign
+from ibdata.validation.validate import check_files, strangers
+from ibdata.writing.card import refuse_foreign
 
-EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
+EXPERIMENT = staging.EXPERIMENT
 RANGE_LOCK = f"{lock.NAME}-"
-OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
-METADATA = {
-    manifest.FRESH,
-    manifest.REPLACED,
-    *(Path(path).name for path in (*manifest.METADATA, manifest.PATH)),
-}
 
 
 def identity(experiment: Experiment) -> str:
@@ -81,6 +75,8 @@ def refuse_links(folder: Path) -> None:
     for path in (*parts[1:], *(part / name for part in parts for name in inner)):
         if (folder / path).is_symlink():
             raise UsageError(f"{folder / path}: found a link, expected a folder; remove it")
+    for part in parts[1:]:
+        staging.refuse_foreign(folder / part)
 
 
 def refuse_unsettled(folder: Path) -> None:
@@ -130,9 +126,9 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
 
 def _refuse_strangers(folder: Path, listed: Manifest) -> None:
     known = listed.entries()
-    for path in (folder / "data").glob("*"):
-        if f"data/{path.name}" not in known and not path.name.startswith("."):
-            raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
+    for path in strangers(folder, known):
+        what = "folder" if path.is_dir() else "file"
+        raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
     for name in known:
         if (folder / name).is_dir():
@@ -148,6 +144,8 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
         or mine.read_bytes() != as_yaml(experiment)
     ):
         discard(root)
+    if root.name == manifest.NEXT:
+        staging.make(root)
     root.mkdir(exist_ok=True)
     remove_temporaries(root)
     if not mine.is_file():
@@ -202,7 +200,7 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
 
 def end(root: Path) -> None:
     """Remove the receipts, which the manifest replaces."""
-    _empty(root / receipt.FOLDER)
+    empty_run(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
         left.unlink(missing_ok=True)
 
@@ -214,46 +212,3 @@ def abandon(root: Path) -> None:
     remove_temporaries(root)
     if not list((root / receipt.FOLDER).glob("*.receipt")):
         discard(root)
-
-
-def discard(root: Path, keep: str = "") -> None:
-    """Remove the files of an unfinished run, or all of a dataset in `.next` except `keep`; nothing else.
-
-    Raises UsageError if `.next` holds something that ibdata did not write.
-    """
-    if not root.is_dir() or root.is_symlink():
-        return
-    staged = root.name == manifest.NEXT
-    remove_temporaries(root)
-    for part in ("data", "meta", *(["old-data", "old-meta"] if staged else [])):
-        folder = root / part
-        if folder.is_dir() and not folder.is_symlink():
-            for path in folder.iterdir():
-                if is_ours(path) and path.name != keep and (staged or path.name != Path(manifest.PATH).name):
-                    path.unlink()
-            if not any(folder.iterdir()):
-                folder.rmdir()
-    for name in (manifest.CARD, manifest.REPORT):
-        if staged or name != manifest.CARD or not is_foreign(root / name):
-            (root / name).unlink(missing_ok=True)
-    _empty(root / receipt.FOLDER)
-    if staged:
-        left = [path for path in sorted(root.rglob("*")) if not path.is_dir() or not any(path.iterdir())]
-        for path in left:
-            if path.name != keep:
-                raise UsageError(f"{path}: found something that ibdata did not write; move it away")
-        if not left:
-            root.rmdir()
-
-
-def is_ours(path: Path) -> bool:
-    """Whether a file in `data` or `meta` has a name that ibdata gives."""
-    return not path.is_dir() and (path.name in METADATA or OURS.fullmatch(path.name) is not None)
-
-
-def _empty(folder: Path) -> None:
-    if folder.is_dir() and not folder.is_symlink():
-        note = folder / Path(EXPERIMENT).name  # removed last, because it tells whose files these are
-        for inner in (*(inner for inner in folder.iterdir() if inner != note), note):
-            inner.unlink(missing_ok=True)
-        folder.rmdir()

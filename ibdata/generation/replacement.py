@@ -8,13 +8,12 @@ Every shard has a name that no other shard had, so a reader that has listed the 
 under an old name. But pyarrow skips listed files that are gone, and would then read an empty dataset. So for
 a moment the new folder holds `BAR` under an old name, a text on which such readers fail, and the old folder
 keeps such a file for good. Each new folder holds an empty file, `FRESH`, until all is in place, which shows
-how far a killed writer came.
+how far a killed writer came. `.next` and `.new` hold the empty file `MARK`; without it, they belong to
+somebody else, and nothing is touched.
 """
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -25,14 +24,16 @@ from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
-from ibdata.generation.output_folder import discard, is_ours
+from ibdata.generation import staging
+from ibdata.generation.staging import discard, is_busy, is_ours
 from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
+from ibdata.system.exchange import exchanged, naming, refuse_immovable
 from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
+from ibdata.validation.validate import is_stranger
 
 PARTS = ("data", "meta")
 PAUSE = 0.25  # seconds for readers that have listed the old folder to look at its files
-AT_FDCWD, RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
@@ -40,8 +41,8 @@ def staged(folder: Path) -> Iterator[Path]:
     """Yield an empty `.next`, and commit the files in it at the end of the block, unless the block raises."""
     root = folder / NEXT
     discard(root)
-    root.mkdir()
     try:
+        staging.make(root)
         yield root
     except BaseException:
         if not is_lost(folder):
@@ -58,14 +59,17 @@ def commit(folder: Path) -> None:
         return
     try:
         refuse_folders(folder, [manifest.PATH, *_paths(folder), *_paths(root)])
-    except DatasetError:
+        for part in PARTS:
+            if (folder / part).is_dir() and (root / part).is_dir():
+                refuse_immovable(folder / part, root / part)
+    except (DatasetError, OSError):
         discard(root)
         raise
     if (root / "data").is_dir():
         _bar(folder, root)
     for part in PARTS:
+        (folder / part / FRESH).unlink(missing_ok=True)  # of a copy of a folder that was unsettled
         if (root / part).is_dir():
-            (folder / part / FRESH).unlink(missing_ok=True)  # from a copy of an interrupted replacement
             (root / part / FRESH).touch()
             sync_folder(root / part)
     sync_folder(root)
@@ -88,11 +92,31 @@ def refuse_folders(folder: Path, paths: Iterable[str]) -> None:
 
 
 def _take_back(folder: Path) -> bool:
-    """Rename `.new` to `.next` unless a part of it is in place already. Return whether it was renamed."""
-    parts = [folder / NEW / part for part in PARTS if (folder / NEW / part).is_dir()]
-    if not parts or not all((part / FRESH).is_file() for part in parts):
+    """Put the old `data` back and rename `.new` to `.next`. Return whether that was done.
+
+    It is not done if `meta` is in place already, or if the dataset had no `data` to put back.
+    """
+    new, data = folder / NEW, folder / "data"
+    if not (new / "meta" / FRESH).is_file():
         return False
-    (folder / NEW).rename(folder / NEXT)
+    moved = (data / FRESH).is_file()
+    parts = [part for part in (new / "old-data", new / "data") if part.is_dir()]
+    old = next((part for part in parts if not (part / FRESH).is_file()), None)
+    if old is not None:
+        if moved:  # as in `_bar`, for readers that have listed the new folder
+            _put_bar(old / Path(_paths(new)[0]).name)
+        if old == new / "data":
+            exchanged(old, data)
+        else:
+            if moved:
+                data.rename(new / "data")
+            old.rename(data)
+        sync_folder(new)
+        sync_folder(folder)
+        _unbar(folder)
+    elif moved:
+        return False
+    new.rename(folder / NEXT)
     sync_folder(folder)
     return True
 
@@ -112,6 +136,8 @@ def finish_interrupted(folder: Path) -> None:
     new = folder / NEW
     if not os.path.lexists(new):
         return
+    for root in (new, folder / NEXT):
+        staging.refuse_foreign(root)
     with held():
         if _is_complete(folder):
             for part in PARTS:
@@ -212,25 +238,15 @@ def _is_half(folder: Path) -> bool:
 def _swap(new: Path, folder: Path, part: str) -> None:
     """Move a new folder to its place, and the old one to `.new`."""
     source, target = new / part, folder / part
-    if os.path.lexists(target) and not _exchanged(source, target):
-        target.rename(new / f"old-{part}")  # for a moment, other readers find no folder
-    if not os.path.lexists(target):
-        source.rename(target)
+    try:
+        if os.path.lexists(target) and not exchanged(source, target):
+            target.rename(new / f"old-{part}")  # readers from outside find no folder for a moment
+        if not os.path.lexists(target):
+            source.rename(target)
+    except OSError as error:
+        raise naming(target, error) from error
     sync_folder(new)
     sync_folder(folder)
-
-
-def _exchanged(a: Path, b: Path) -> bool:
-    """Exchange two folders in one system call. Return False if the system has none for that."""
-    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if call is None:
-        return False
-    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
-        return True
-    number = ctypes.get_errno()
-    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
-        return False
-    raise OSError(number, os.strerror(number), str(b))
 
 
 def _place_single_files(new: Path, folder: Path) -> None:
@@ -249,5 +265,6 @@ def _give_back(new: Path, folder: Path) -> None:
     for part in PARTS:
         for old in (new / part, new / f"old-{part}"):
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
-                if not is_ours(path) and not os.path.lexists(folder / part / path.name):
+                read = part == "data" and is_stranger(path)
+                if not (is_ours(path) or is_busy(path) or read or os.path.lexists(folder / part / path.name)):
                     path.rename(folder / part / path.name)

@@ -6,8 +6,9 @@ import os
 from pathlib import Path
 
 from ibdata.dataset import manifest
+from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
 from ibdata.experiment.custom_code import provenance, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -15,29 +16,31 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import warm_up
+from ibdata.maintenance.evidence import file_with, refuse_unproven
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
-from ibdata.validation.validate import check_files
+from ibdata.validation.validate import check_files, strangers
 from ibdata.version import __version__
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD, ShardSummary, content_of, describe, simulated
+from ibdata.writing.summary import UNREAD, content_of, describe, simulated
 
-NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
+NEEDS_CONTENT = {EPISODES, "meta/stats.json"}
 
 
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again, and only them.
 
     A file is replaced only if its rows, or the rows that its metadata describe, have the content that the
-    manifest lists. A damaged manifest is made again from meta/experiment.yaml, if at least one shard has the
-    content of that experiment. If pyarrow writes other bytes than the version that made the dataset, the
-    manifest gets the new hashes. A damaged report.html is removed; `ibdata card` draws it again. A
-    replacement that was interrupted is finished.
+    manifest lists. A damaged manifest is made again from meta/experiment.yaml, if every shard that can be
+    read belongs to that experiment and, where shards are missing, neither the card nor the table of episodes
+    lists another content. If pyarrow writes other bytes than the version that made the dataset, the manifest
+    gets the new hashes. A damaged report.html is removed; `ibdata card` draws it again. A replacement that
+    was interrupted is finished.
 
     Args:
         folder: The folder of the dataset.
@@ -136,34 +139,31 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
 
 
 def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
-    """Make the manifest again, and the shards that do not have the experiment's content."""
+    """Make the manifest again, and the shards that cannot be read."""
     spec = _spec_from_experiments(folder)
     require_consent(spec, folder, allow_code)
     reproducible = all([warm_up(experiment) for experiment in spec.experiments])
     whole: list[WrittenShard] = []
     wrong: list[Shard] = []
+    digests: list[tuple[Shard, list[bytes]]] = []
     for shard in spec.shards:
         content = describe(spec, shard, simulated(spec, shard))
-        path = _file_with(spec, shard, content, folder)
+        digests.append((shard, content.digests))
+        path = file_with(spec, shard, content, folder)
         if path is not None:
             entry = FileEntry(f"data/{path.name}", path.stat().st_size, file_sha256(path) or "")
             whole.append(WrittenShard(shard, entry, content))
         else:
             wrong.append(shard)
         check()
-    if not whole:
-        raise DatasetError(
-            f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
-            "prove that it is the dataset's; nothing was changed"
-        )
+    damaged = list(strangers(folder, {w.entry.path for w in whole}))
+    refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         finish(spec, [*whole, *made.values()], staged, reproducible, provenance(spec))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
-        listed = {w.entry.path for w in (*whole, *made.values())}
-        for path in (folder / "data").iterdir():
-            if output_folder.is_ours(path) and f"data/{path.name}" not in listed:
-                path.unlink()  # damaged, and made again under another name
+        for path in damaged:
+            path.unlink()  # it was made again under another name
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
@@ -184,14 +184,3 @@ def _made_again(
     made = {w.shard.number: w for w in local.run(spec, shards, staged, identity, workers)}
     output_folder.end(staged)
     return made
-
-
-def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
-    """The file that holds a shard's episodes; None if no readable file does."""
-    for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
-        try:
-            if stored_content(spec, shard, path).digests == content.digests:
-                return path
-        except (IbdataError, ValueError):
-            continue
-    return None

@@ -6,6 +6,7 @@ import errno
 import hashlib
 import io
 import os
+import re
 import secrets
 import stat
 from collections.abc import Container, Iterator
@@ -169,8 +170,8 @@ def remove_temporaries(folder: Path, names: Container[str] | None = None) -> Non
     The name of a shard's file is given without its token. No process may be writing these files.
     """
     for temporary in folder.glob(f"{TEMPORARY}*"):
-        name = temporary.name.removeprefix(TEMPORARY).partition("-")[2].removesuffix(".part")
-        if names is None or name in names:
+        found = re.fullmatch(re.escape(TEMPORARY) + r"[0-9a-f]{12}-(.*)\.part", temporary.name, re.DOTALL)
+        if found and (names is None or found[1] in names):
             temporary.unlink(missing_ok=True)
 
 

@@ -20,6 +20,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.validation.rows import foreign_metadata
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card
@@ -166,6 +167,8 @@ def _episodes(
     folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
+    if more := foreign_metadata(found.schema):
+        yield Problem(EPISODES, None, "schema", more)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)

@@ -124,12 +124,19 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """Describe the first column that differs from the expected one; None if none does."""
+    """Describe the first column that differs from the expected one, or metadata of the schema; else None."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
-    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
+    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else foreign_metadata(found)
+
+
+def foreign_metadata(found: pa.Schema) -> str | None:
+    """The metadata of a schema, of which ibdata writes none: pandas would name columns by them."""
+    own = [("the file", found.metadata), *((f"column {field.name}", field.metadata) for field in found)]
+    where, keys = next(((where, keys) for where, keys in own if keys), ("", None))
+    return f"found metadata {sorted(keys)[0]!r} of {where}, expected none" if keys else None
 
 
 def _plain_type(kind: pa.DataType) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,7 +77,7 @@ def _wait_for_moves(folder: Path) -> None:
 
 
 def _replacement_begun(folder: Path) -> bool:
-    return os.path.lexists(folder / manifest.NEW)
+    return os.path.lexists(folder / manifest.NEW / manifest.MARK)
 
 
 def _interrupted(folder: Path) -> Iterator[Problem]:
@@ -126,9 +126,23 @@ def _wrong_files(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Pro
             yield Problem(path, None, "hash", message)
     if _replacement_begun(folder):
         return  # unlisted files in data/ may belong to the new dataset
+    for file in strangers(folder, known):
+        what = "folder" if file.is_dir() else "file"
+        message = f"found a {what} that the manifest does not list; move it away"
+        yield Problem(str(file.relative_to(folder)), None, "file", message)
+
+
+def strangers(folder: Path, known: Container[str]) -> Iterator[Path]:
+    """The files and folders in `data` that are not among these paths and that a reader could take."""
     for name in object_store.files_in_data(folder):
-        if name not in known and not Path(name).name.startswith("."):
-            yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
+        if name not in known and is_stranger(folder / name):
+            yield folder / name
+
+
+def is_stranger(path: Path) -> bool:
+    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
+    hidden = path.name.startswith(".")
+    return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
 
 
 def _contents(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from ibdata.errors import UsageError
@@ -33,6 +34,15 @@ def refuse_foreign(path: Path) -> None:
     """Raise UsageError if a text that ibdata did not write is in the place of the card."""
     if is_foreign(path):
         raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
+
+
+def listed_root(path: Path) -> str | None:
+    """The content root that a card lists; None where there is none that can be read."""
+    try:
+        found = re.search(rb"^\| content root \| `([0-9a-f]{64})` \|$", path.read_bytes(), re.MULTILINE)
+    except OSError:
+        return None
+    return found[1].decode() if found else None
 
 
 def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
