@@ -34,7 +34,7 @@ print(self_check.matches(), self_check.keeps_denormals(), self_check.digest() ==
 """
 
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
-COMPILE = 'numba.njit(nogil=True, error_model="numpy")'
+COMPILE = 'numba.njit(nogil=True, error_model="numpy", forceinline=inline)'
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
     "fused multiply-add": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath={'contract'})"),
