@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import codecs
+import importlib.util
 import json
 import re
 import sys
@@ -134,6 +136,14 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
     if len(problems) > MAX_LINES:
         say(f"and {len(problems) - MAX_LINES} more", err=True)
     raise SystemExit(3)
+
+
+def docstring_of(module: str) -> str:
+    """Return the docstring of a module as one line, without importing the module."""
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_bytes())) or "").split())
 
 
 def size(count: float) -> str:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import ast
-import importlib.util
 from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, print_pairs, say, say_all
+from ibdata.cli._shared import (
+    docstring_of,
+    folder_argument,
+    json_option,
+    print_json,
+    print_pairs,
+    say,
+    say_all,
+)
 from ibdata.exporters import FORMATS, added_formats
 
 
@@ -17,15 +23,8 @@ class _WithFormats(click.Command):
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Formats"):
-            own = [(name, _docstring(name)) for name in FORMATS]
+            own = [(name, docstring_of(f"ibdata.exporters.{name}")) for name in FORMATS]
             formatter.write_dl([*own, *((added.name, f"Of {added.module}.") for added in added_formats())])
-
-
-def _docstring(name: str) -> str:
-    spec = importlib.util.find_spec(f"ibdata.exporters.{name}")
-    assert spec is not None
-    assert spec.origin is not None
-    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_bytes())) or "").split())
 
 
 @click.command("export", cls=_WithFormats)

@@ -6,36 +6,33 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, say
-from ibdata.plots import FOLDER, FORMS, plot
+from ibdata.cli._shared import docstring_of, folder_argument, json_option, print_json, say
+from ibdata.plots import FORMS, plot, plots
 
 
-@click.command("plot")
+class _WithPictures(click.Command):
+    """A command whose help ends with the docstring of each picture, read without importing it."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Pictures"):
+            formatter.write_dl([(name, docstring_of(f"ibdata.plots.dataset.{name}")) for name in plots()])
+
+
+@click.command("plot", cls=_WithPictures)
 @folder_argument
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    default=FOLDER,
-    show_default=True,
-    help="The folder for the files.",
+    help="The folder for the files; default figures/<name of DIR>.",
 )
 @click.option(
     "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @json_option
-def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) -> None:
-    """Draw seven pictures of a dataset and print the names of their files.
-
-    \b
-    actions    distribution of the actions of each policy
-    coverage   visits of each pair of velocity, gain and shift
-    returns    returns of episodes, by setpoint and policy
-    rewards    rewards of steps, by setpoint
-    splits     setpoints and policies of each split, and shared episodes
-    traces     the episode with the median return, step by step
-    tradeoff   fatigue against consumption
+def command(folder: Path, out: Path | None, form: str, overwrite: bool, as_json: bool) -> None:
+    """Draw pictures of a dataset and print the names of their files.
 
     \b
     ibdata plot data/random
