@@ -16,6 +16,7 @@ from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
+CAPTION = 130  # height of a caption and a gap, in thousandths of a column's width
 SHOWN = ("mean", "std", "min", "max")
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -68,23 +69,28 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     everything = list(rows)
     lines = ['<div class="wide" tabindex="0"><table>']
     if head:
-        lines.append(f"<thead><tr>{''.join(f'<th>{escape(text)}</th>' for text in head)}</tr></thead>")
+        first = everything[0] if everything else head
+        names = (f"<th{_kind(value)}>{escape(text)}</th>" for text, value in zip(head, first, strict=True))
+        lines.append(f"<thead><tr>{''.join(names)}</tr></thead>")
     lines += [f"<tr>{''.join(map(_cell, row))}</tr>" for row in everything[:MOST]]
     more = f"<p>and {len(everything) - MOST} more</p>" if len(everything) > MOST else ""
     return "\n".join([*lines, "</table></div>" + more])
 
 
 def _cell(value: Any) -> str:
-    if value is None:
-        return '<td class="number">–</td>'
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return f'<td class="number">{value if isinstance(value, int) else f"{value:.6g}"}</td>'
-    return f"<td>{escape(str(value))}</td>"
+    text = "–" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"<td{_kind(value)}>{escape(text)}</td>"
+
+
+def _kind(value: Any) -> str:
+    number = value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+    return ' class="number"' if number else ""
 
 
 def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
     """Two columns whose widths make them equally high."""
-    heights = {name: _size(data)[1] for name, data in pictures.items()}
+    sizes = {name: _size(data) for name, data in pictures.items()}
+    heights = {name: CAPTION + 1000 * height // width for name, (width, height) in sizes.items()}
     total = sum(heights.values())
     choices = (choice for count in range(len(heights)) for choice in combinations(heights, count))
     first = min(choices, key=lambda choice: abs(total - 2 * sum(heights[name] for name in choice)))

@@ -8,7 +8,7 @@ nav ul { column-gap: 1.25rem; display: flex; flex-wrap: wrap; list-style: none; 
 table { border-collapse: collapse; font-size: .875rem; }
 th, td { padding: .25rem .75rem .25rem 0; text-align: left; vertical-align: top; }
 th { border-bottom: 1px solid; }
-td.number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
+.number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
 td.number + td:last-child { min-width: 12rem; }
 /* A shadow at each side on which there is more to scroll to, and a scroll bar that is always there. */
 .wide, pre { overflow-x: auto; background:
@@ -28,7 +28,8 @@ figcaption { font-size: .875rem; }
 .close { display: none; }
 .picture:target { background: Canvas; inset: 0; overflow: auto; padding: 1rem; position: fixed; z-index: 1; }
 .picture:target img { margin: auto; max-width: none; }
-.picture:target .close { display: inline-block; left: 0; padding: .5rem 0; position: sticky; }
+.picture:target .close { background: Canvas; display: inline-block; inset: 0 auto auto 0; padding: .5rem;
+  position: sticky; }
 pre { font-size: .8125rem; }
 code.root { overflow-wrap: anywhere; }
 """

@@ -153,23 +153,26 @@ def test_the_traces_are_those_of_the_episode_with_the_median_return(formed, name
     assert figure.get_suptitle().startswith(f"episode {episode}, ")
 
 
-def test_splits_have_the_episodes_of_cells_and_the_episodes_that_are_shared(many):
-    upper, lower = pictured("splits", many).axes
-    names = ["source", "target", "target-rest", "random", "safe", "mediocre", "(none)"]
+NAMES = {"many": ["source", "target", "target-rest", "random", "safe", "mediocre"], "next": ["low", "(none)"]}
+
+
+@pytest.mark.parametrize(("form", "names"), NAMES.items())
+def test_splits_have_the_episodes_of_cells_and_the_episodes_that_are_shared(formed, form, names):
+    dataset = formed(form)
+    upper, lower = pictured("splits", dataset).axes
     assert [label.get_text() for label in upper.get_xticklabels()] == names
-    inside = pd.DataFrame({name: [name in own for own in many.episodes["splits"]] for name in names[:-1]})
-    inside["(none)"] = ~inside.any(axis=1)
-    episodes = many.episodes.astype({"policy": str})
+    held = [list(own) or ["(none)"] for own in dataset.episodes["splits"]]
+    inside = pd.DataFrame({name: [name in own for own in held] for name in names})
+    episodes = dataset.episodes.astype({"policy": str})
     order = pd.Categorical(episodes["policy"], POLICIES)
-    assert np.array_equal(
-        written(upper, 9), inside.groupby([episodes["setpoint"], order], observed=False).sum()
-    )
-    assert np.array_equal(written(lower, 7), inside.astype(int).T @ inside.astype(int))
+    counted = inside.groupby([episodes["setpoint"], order], observed=False).sum()
+    assert np.array_equal(written(upper, counted.shape), counted)
+    assert np.array_equal(written(lower, (len(names),) * 2), inside.astype(int).T @ inside.astype(int))
 
 
-def written(axes, rows):
+def written(axes, shape):
     """The numbers in the squares; an empty square is 0."""
-    found = np.zeros((rows, 7), int)
+    found = np.zeros(shape, int)
     for text in axes.texts:
         column, row = text.get_position()
         found[row, column] = int(text.get_text())

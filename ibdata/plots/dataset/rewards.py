@@ -14,7 +14,8 @@ HIGHEST = 0.92  # the highest bar of a setpoint, as a share of its row
 
 def size(summary: Summary) -> tuple[float, float]:
     """(width, height) in inches."""
-    return 4.8, 1.8 + max(1.0, 0.32 * len(summary.episodes.setpoints))
+    row = 0.22 + 0.1 * min(3, len(summary.episodes.policies))
+    return 4.8, 1.8 + max(1.0, row * len(summary.episodes.setpoints))
 
 
 def draw(figure: Figure, summary: Summary) -> None:

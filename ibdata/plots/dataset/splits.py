@@ -15,8 +15,11 @@ NONE = "(none)"
 
 
 def names(summary: Summary) -> list[str]:
-    """The first 24 splits, and `NONE` for episodes in no split."""
-    return [*list(summary.dataset.info_model.splits)[:MOST], NONE]
+    """The first 24 splits, and `NONE` where there are episodes in no split."""
+    return [
+        *list(summary.dataset.info_model.splits)[:MOST],
+        *([NONE] if () in summary.episodes.splits else []),
+    ]
 
 
 def membership(summary: Summary) -> Numbers:

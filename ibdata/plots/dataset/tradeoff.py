@@ -33,7 +33,7 @@ def draw(figure: Figure, summary: Summary) -> None:
         axes.plot(*means.T, marker, linestyle=line, color=color, markeredgecolor="white",
                   markersize=6, linewidth=1.0, label=name, clip_on=False)  # fmt: skip
         if len(episodes.setpoints) > 1:
-            axes.plot(*means[0], marker, color="white", markeredgecolor=color, markersize=5, clip_on=False)
+            axes.plot(*means[0], marker, color="white", markeredgecolor=color, markersize=7, clip_on=False)
     far = np.nanmax(counts.mean_costs, axis=(0, 1))  # a rare policy's mean may be beyond the axes
     axes.set_xlim(x[0], max(x[-1], far[0]))
     axes.set_ylim(y[0], max(y[-1], far[1]))
