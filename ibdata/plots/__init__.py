@@ -134,13 +134,13 @@ def _sizes(summary: Summary) -> dict[str, tuple[float, float]]:
 
 
 def _drawn(summary: Summary, form: str) -> dict[str, bytes]:
-    from ibdata.plots.style import image
+    from ibdata.plots.style import DATASET_DPI, image
 
     made = {}
     for name, size in _sizes(summary).items():
         module = module_of(name)
         heading = f"{module.TITLE}: {summary.dataset.info_model.name}"
-        made[name] = image(partial(module.draw, summary=summary), size, form, heading)
+        made[name] = image(partial(module.draw, summary=summary), size, form, heading, DATASET_DPI)
     return made
 
 

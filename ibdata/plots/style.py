@@ -46,7 +46,8 @@ SETTINGS: Any = {
     "svg.hashsalt": "ibdata",  # without it, the ids in the file are random
 }
 GREYS = LinearSegmentedColormap.from_list("greys", ["0.82", "0.1"])  # also the lightest differs from white
-DPI = 200
+DPI = 150
+DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100
 LEFT = 0.015  # of the texts above a picture
 HEADING = 56  # characters of a line above a picture
@@ -62,7 +63,11 @@ def _plain() -> Iterator[None]:
 
 
 def image(
-    draw: Callable[[Figure], None], size: tuple[float, float], form: str, heading: str | None = None
+    draw: Callable[[Figure], None],
+    size: tuple[float, float],
+    form: str,
+    heading: str | None = None,
+    dpi: int = DPI,
 ) -> bytes:
     """Render a picture as the bytes of a file.
 
@@ -71,6 +76,7 @@ def image(
         size: (width, height) in inches.
         form: "png" or "svg".
         heading: a text to write above the figure's own title.
+        dpi: pixels per inch of a PNG.
     """
     with _plain():
         figure = Figure(figsize=size, layout="constrained")
@@ -82,7 +88,7 @@ def image(
             figure.text(LEFT, top, "\n".join(lines), va="top", weight="bold")
         out = io.BytesIO()
         metadata = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
-        figure.savefig(out, format=form, dpi=DPI, metadata=metadata)
+        figure.savefig(out, format=form, dpi=dpi, metadata=metadata)
         return out.getvalue()
 
 
