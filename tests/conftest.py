@@ -1,4 +1,4 @@
-"""What all tests share: the installed command, run as a user would."""
+"""Fixtures for all tests: the installed command, files of datasets, and recorded episodes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from helpers.recorded import recorded_episode
 from ibdata.dataset import manifest
 from ibdata.writing.metadata import as_json
 
-# Background jobs of a shell ignore SIGINT, those under nohup SIGHUP, and children would inherit that; what is
-# handled here is at its default in them.
+# Background jobs of a shell ignore SIGINT, and those under nohup SIGHUP. Children would inherit this, but a
+# signal that has a handler here gets its default action in them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, lambda number, frame: None)
 
@@ -31,13 +31,13 @@ ShardFile = Callable[[str | Path, int], str]
 
 @pytest.fixture(scope="session")
 def command() -> str:
-    """The console script that the package installs, beside the Python that runs the tests."""
+    """The path of the installed console script."""
     return str(Path(sys.executable).parent / "ibdata")
 
 
 @pytest.fixture
 def ibdata(command: str, tmp_path: Path) -> Run:
-    """Run `ibdata …` in an empty folder; stdout and stderr apart."""
+    """A function that runs `ibdata …` in an empty folder."""
 
     def run(
         *args: str, cwd: Path = tmp_path, env: dict[str, str] | None = None
@@ -49,7 +49,7 @@ def ibdata(command: str, tmp_path: Path) -> Run:
 
 @pytest.fixture(scope="session")
 def shard_file() -> ShardFile:
-    """The path of a shard of that number inside a folder: its name ends with a token."""
+    """A function for the path of a shard in a folder, whose name ends with random digits, by its number."""
 
     def path(folder: str | Path, number: int) -> str:
         (found,) = Path(folder, "data").glob(f"part-{number:05d}-????????.parquet")
@@ -60,10 +60,10 @@ def shard_file() -> ShardFile:
 
 @pytest.fixture(scope="session")
 def files() -> Callable[[str | Path], dict[str, bytes]]:
-    """What is in the files below a folder; two runs of one experiment have the same.
+    """A function for the content of all files below a folder, which is equal for two runs of one experiment.
 
-    The digits that end a shard's name are left out wherever they are, and so is what of the manifest follows
-    from them: its checksum, and the hashes of the other files, which are compared themselves.
+    The random digits in the names of shards are left out everywhere, and so are the parts of the manifest
+    that depend on them: its checksum, and the hashes of the other files, whose content is compared anyway.
     """
     token = re.compile(rb"(part-[0-9]{5})-[0-9a-f]{8}(?=\.parquet)")
 
@@ -84,7 +84,7 @@ def files() -> Callable[[str | Path], dict[str, bytes]]:
 
 @pytest.fixture(scope="session")
 def sign() -> Callable[[Path, str], None]:
-    """Give a manifest the hash of a file that was changed, and its checksum, as who means harm would."""
+    """A function that puts the hash of a changed file, and a new checksum, into the manifest."""
 
     def signed(folder: Path, path: str) -> None:
         listed = json.loads((folder / manifest.PATH).read_bytes())
@@ -112,11 +112,11 @@ EPISODES: dict[str, dict[str, Any]] = {
 
 @pytest.fixture(params=EPISODES, scope="session")
 def case(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Settings of an environment and of a dataset alike."""
+    """Settings for both an environment and a dataset."""
     return EPISODES[request.param]
 
 
 @pytest.fixture(scope="session")
 def recorded(case: dict[str, Any]) -> Any:
-    """A dataset's episode under these settings; see `helpers/recorded.py`."""
+    """An episode of a dataset with these settings; see `helpers/recorded.py`."""
     return recorded_episode(**case)

@@ -1,4 +1,4 @@
-"""The tests that the core does not run are run by scripts/bridges, all of them."""
+"""scripts/bridges runs all tests in tests/bridges."""
 
 from __future__ import annotations
 

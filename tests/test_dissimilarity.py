@@ -1,6 +1,6 @@
-"""docs/dissimilarity.md says what its tables say, and fewer states with another seed say the same.
+"""The text of docs/dissimilarity.md agrees with its tables, and the tables with a smaller measurement.
 
-Bounds on means are 5 standard errors of both measurements; the seed is fixed.
+Bounds on means are 5 standard errors of the difference; the seed is fixed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The guides are true: their code runs, in order, and prints what they say."""
+"""The code of the guides runs, in order, and prints what they show."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""docs/errata.md against the code it describes, and the script that measures its tables.
+"""docs/errata.md agrees with the code that it describes, and its tables with a smaller measurement.
 
-The tables hold means over 2,000 episodes with seed 0; here some are measured again over fewer, with another
-seed. Bounds are 5 standard errors of both together: a false alarm has a chance of 6e-7, and is excluded by
-the fixed seed.
+The tables hold means over 2,000 episodes with seed 0. Here some are measured again over fewer episodes with
+another, fixed seed. Bounds are 5 standard errors of the difference, which exceeds them by chance in 6e-7 of
+cases.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors come back from worker processes as they were."""
+"""Errors come back from worker processes unchanged."""
 
 from __future__ import annotations
 

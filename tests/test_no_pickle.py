@@ -1,4 +1,4 @@
-"""Nothing here reads or writes pickles: they run code."""
+"""No module reads or writes pickles, because loading them runs code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The public names are these and no others."""
+"""The package has exactly these public names."""
 
 from __future__ import annotations
 

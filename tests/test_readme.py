@@ -1,4 +1,4 @@
-"""The README is true: every command and every snippet in it runs, in order, in one folder."""
+"""Every command and every snippet of the README runs, in order, in one folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where files lie, and how long they may be, so that a newcomer finds a thing by the names of folders."""
+"""The places of files and their greatest length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ibdata.testing.check_policy` passes what is right and says what is wrong."""
+"""`ibdata.testing.check_policy` accepts correct policies and describes the faults of others."""
 
 from __future__ import annotations
 

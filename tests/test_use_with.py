@@ -1,4 +1,4 @@
-"""docs/use-with.md is true: a bridge runs each of its snippets, and the extras it names can be installed."""
+"""A bridge runs each snippet of docs/use-with.md, and the extras that the page names exist."""
 
 from __future__ import annotations
 

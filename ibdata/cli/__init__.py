@@ -1,4 +1,4 @@
-"""The command line: one command a file, each one library call; here is where errors become exit codes."""
+"""The command line. Each command is one file and calls one library function. Errors become exit codes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def cli() -> None:
 
     \b
     ibdata generate --config random.yaml   the paper's random batch in data/random
-    ibdata info data/random                what it holds
+    ibdata info data/random                a summary of that dataset
     """
 
 
@@ -63,7 +63,7 @@ def main(args: Sequence[str] | None = None) -> None:
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # for help and tracebacks, which others print
+            stream.reconfigure(errors="backslashreplace")  # for help and tracebacks
     gc.set_threshold(100_000)  # imports make many objects and little garbage
     _end_at_signals()
     try:
@@ -95,12 +95,12 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _nowhere() -> TextIO:
-    """What takes the place of a stream that was closed before the command began."""
-    return open(os.devnull, "w", encoding="utf-8")  # it lives as long as the process
+    """A stream in place of one that was closed before the command began."""
+    return open(os.devnull, "w", encoding="utf-8")  # stays open as long as the process lives
 
 
 def _flush() -> None:
-    """Flush stdout and stderr; Python would complain at exit where they cannot be written."""
+    """Flush stdout and stderr; Python changes the exit code if they cannot be written at exit."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -109,7 +109,7 @@ def _flush() -> None:
 
 
 def _end_at_signals() -> None:
-    """Where nothing is to be tidied, a signal ends the process: an exception could be lost in a callback."""
+    """Let signals end the process until there is something to clean up: an exception could get lost."""
     if threading.current_thread() is not threading.main_thread():
         return
 
@@ -132,7 +132,7 @@ def _lines(error: Exception) -> list[str]:
         unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]
     if isinstance(error, MemoryError):
-        return ["memory is too short for this; ask for less at once"]
+        return ["out of memory; ask for less at once"]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 

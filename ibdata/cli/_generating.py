@@ -1,4 +1,4 @@
-"""The forms of `ibdata generate`, and what they print."""
+"""What `ibdata generate` runs and prints for one dataset, a folder of experiments, a part, or an estimate."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def say_yaml(experiment: Experiment) -> None:
-    """Print an experiment as YAML, with escapes of YAML where `say` would put others."""
+    """Print an experiment as YAML; characters that the stream cannot show become escapes of YAML."""
     from ibdata.experiment import as_yaml
 
     text = as_yaml(experiment).decode()
@@ -90,11 +90,11 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
 
 def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
-    """Raise UsageError for options that do not go with --shards."""
+    """Raise UsageError for options that cannot be combined with --shards."""
     others = {"--overwrite": overwrite, "--dry-run": dry_run, "a folder of experiments": suite}
     for name, found in others.items():
         if found:
-            raise UsageError(f"--shards: found {name} with it, expected one experiment and no {name}")
+            raise UsageError(f"--shards: found {name} too, but these cannot be combined")
 
 
 def generate_part(config: str, shards: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
@@ -113,11 +113,11 @@ def generate_part(config: str, shards: str, out: Path | str | None, as_json: boo
             }
         )
         return
-    say(f"{made.folder}: {made.shards} shards with {made.rows} rows are complete for {shards}")
+    say(f"{made.folder}: part {shards} is complete: {made.shards} shards with {made.rows} rows")
     if made.missing:
-        say(f"{made.missing} shards are still missing; once all are complete: ibdata finalize {made.folder}")
+        say(f"{made.missing} shards are missing; when all are complete, run ibdata finalize {made.folder}")
     else:
-        say(f"all shards are complete: ibdata finalize {made.folder}")
+        say(f"all shards are complete; run ibdata finalize {made.folder}")
 
 
 def generate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:

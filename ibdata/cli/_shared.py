@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 import codecs
-import importlib.util
 import json
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,7 +16,7 @@ import click
 
 from ibdata.errors import hidden, printable
 
-MAX_LINES = 12  # of messages
+MAX_LINES = 12  # of a list of problems or results
 NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
 UNIT = re.compile("....")  # of UTF-16, in hex
 
@@ -28,12 +28,33 @@ allow_code_option = click.option(
 
 
 class Place(click.Path):
-    """A path, or a URL as it is."""
+    """A path; a URL is kept as a string."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         from ibdata.system.object_store import is_url
 
         return value if is_url(value) else super().convert(value, param, ctx)
+
+
+class Listing(click.Command):
+    """A command whose help ends with a list of names and descriptions."""
+
+    def __init__(
+        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self._title, self._listed = title, listed
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section(self._title):
+            formatter.write_dl(self._listed())
+
+
+def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
+    """The first paragraph of the docstring of each module, read without importing the module."""
+    (folder,) = import_module(package).__path__
+    docstrings = ((n, ast.get_docstring(ast.parse(Path(folder, f"{n}.py").read_bytes()))) for n in names)
+    return [(name, " ".join((text or "").partition("\n\n")[0].split())) for name, text in docstrings]
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place(path_type=Path))
@@ -42,7 +63,7 @@ config_option = click.option(
     "--config",
     "config",
     required=True,
-    metavar="C",
+    metavar="CONFIG",
     help="A YAML file, a folder of YAML files, or the name of a shipped experiment.",
 )
 set_option = click.option(
@@ -77,7 +98,7 @@ def print_json(data: Mapping[str, Any]) -> None:
 
 
 def say_json(data: Mapping[str, Any], indent: int | None = None) -> None:
-    """Print data as JSON: in UTF-8, or for a stream of another encoding in ASCII."""
+    """Print data as JSON, in ASCII unless the stream is UTF-8."""
     text = json.dumps(_without_credentials(data), ensure_ascii=False, allow_nan=False, indent=indent)
     unicode = codecs.lookup(sys.stdout.encoding or "utf-8").name == "utf-8"
     click.echo(NOT_ASCII.sub(lambda c: c[0] if unicode and c[0].isprintable() else _in_json(c[0]), text))
@@ -136,14 +157,6 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
     if len(problems) > MAX_LINES:
         say(f"and {len(problems) - MAX_LINES} more", err=True)
     raise SystemExit(3)
-
-
-def docstring_of(module: str) -> str:
-    """Return the docstring of a module as one line, without importing the module."""
-    spec = importlib.util.find_spec(module)
-    assert spec is not None
-    assert spec.origin is not None
-    return " ".join((ast.get_docstring(ast.parse(Path(spec.origin).read_bytes())) or "").split())
 
 
 def size(count: float) -> str:

@@ -1,4 +1,4 @@
-"""ibdata config validate | show | schema."""
+"""ibdata config validate, show and schema."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from ibdata.cli._shared import json_option, print_json, say, say_json, seed_opti
 
 @click.group("config")
 def command() -> None:
-    """Check an experiment, show it in full, or print its JSON Schema.
+    """Check an experiment, show it in full, or print the JSON Schema.
+
+    CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment.
 
     \b
     ibdata config validate my.yaml
@@ -19,7 +21,7 @@ def command() -> None:
     """
 
 
-config_argument = click.argument("config", metavar="C")
+config_argument = click.argument("config", metavar="CONFIG")
 
 
 @command.command("validate")
@@ -28,7 +30,10 @@ config_argument = click.argument("config", metavar="C")
 @seed_option
 @json_option
 def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
-    """Check an experiment, or all of a folder, and print all errors at once; exit code 2 if there are any."""
+    """Check an experiment, or all in a folder.
+
+    Prints all errors at once; the exit code is 2 if there are any.
+    """
     from ibdata.experiment import find, load_all
 
     rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
@@ -44,7 +49,7 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
 @seed_option
 @json_option
 def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
-    """Print the experiment in full, with overrides and defaults."""
+    """Print an experiment in full, with overrides and defaults."""
     from ibdata.experiment import load
 
     experiment = load(config, overrides, seed)

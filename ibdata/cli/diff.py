@@ -14,9 +14,10 @@ from ibdata.cli._shared import json_option, print_json, say
 @click.argument("second", metavar="B", type=click.Path(path_type=Path))
 @json_option
 def command(first: Path, second: Path, as_json: bool) -> None:
-    """Print how two datasets differ; exit code 3 if they do.
+    """Print how two datasets differ.
 
-    Compares experiments, columns and counts, and finds the first episode, step and column that differ.
+    Compares experiments, columns and counts, and finds the first episode, step and column that differ. The
+    exit code is 3 if the datasets differ.
 
     \b
     ibdata diff data/random data/random-paper

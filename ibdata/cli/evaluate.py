@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     required=True,
     multiple=True,
     metavar="NAME|YAML",
-    help="A kind, a block such as '{kind: safe}', or a file with one; repeat to compare several.",
+    help="A kind of policy, a block such as '{kind: safe}', or a file with a block; may be repeated.",
 )
 @click.option(
     "--setpoint",
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     multiple=True,
     default=["70"],
     metavar="P",
-    help="A number (may be repeated), drifting, or '{drifting: [50, 70]}' for starting values. Default 70.",
+    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
@@ -56,7 +56,7 @@ def command(
     as_json: bool,
     **settings: Any,
 ) -> None:
-    """Simulate fresh episodes with policies and compare their returns.
+    """Simulate new episodes with policies and compare their returns.
 
     \b
     ibdata evaluate --policy optimized --setpoint 70

@@ -7,33 +7,30 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import (
-    docstring_of,
+    Listing,
     folder_argument,
     json_option,
     print_json,
     print_pairs,
     say,
     say_all,
+    summaries,
 )
 from ibdata.exporters import FORMATS, added_formats
 
 
-class _WithFormats(click.Command):
-    """A command whose help ends with the docstring of each format, read without importing it."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Formats"):
-            own = [(name, docstring_of(f"ibdata.exporters.{name}")) for name in FORMATS]
-            formatter.write_dl([*own, *((added.name, f"Of {added.module}.") for added in added_formats())])
+def _formats() -> list[tuple[str, str]]:
+    added = [(each.name, f"Added by {each.module}.") for each in added_formats()]
+    return summaries("ibdata.exporters", FORMATS) + added
 
 
-@click.command("export", cls=_WithFormats)
+@click.command("export", cls=Listing, title="Formats", listed=_formats)
 @folder_argument
 @click.option(
     "--to",
     required=True,
     type=click.Choice([*FORMATS, *sorted(added_formats().names)]),
-    help="The format; they are described below.",
+    help="The format; see below.",
 )
 @click.option(
     "--out",
@@ -44,10 +41,13 @@ class _WithFormats(click.Command):
 )
 @click.option("--split", metavar="NAME", help="Export only this split.")
 @click.option(
-    "--history", type=int, metavar="N", help="Observations to stack, newest first; default 1, neorl 30."
+    "--history",
+    type=int,
+    metavar="N",
+    help="Observations to stack, newest first; default 1, or 30 for neorl.",
 )
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
-@click.option("--id", metavar="ID", help="Minari only: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
+@click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 @json_option
@@ -65,7 +65,7 @@ def command(
 ) -> None:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
-    Every transition is kept, also the last of each episode, with its next observation. Floats become
+    Every transition is kept, including the last of each episode with its next observation. Floats become
     float32, except in csv. The output appears only when it is complete.
 
     \b

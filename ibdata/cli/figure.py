@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say
+from ibdata.cli._shared import Listing, json_option, print_json, say, summaries
 from ibdata.plots import DYNAMICS, figure, names
 
 
-@click.command("figure")
+@click.command(
+    "figure", cls=Listing, title="Figures", listed=lambda: summaries("ibdata.plots.paper", names())
+)
 @click.argument("name", type=click.Choice(names()))
 @click.option(
     "--out",
@@ -19,7 +21,7 @@ from ibdata.plots import DYNAMICS, figure, names
     help="A .png or .svg file; default figures/<name>.png.",
 )
 @click.option(
-    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="Dynamics."
+    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="The variant."
 )
 @click.option("--seed", type=int, metavar="N", help="Seed of the episodes that are drawn.")
 @click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
@@ -27,13 +29,7 @@ from ibdata.plots import DYNAMICS, figure, names
 def command(
     name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool, as_json: bool
 ) -> None:
-    """Draw a figure of the benchmark's paper and print the file's name.
-
-    \b
-    landscape   the penalty of the mis-calibration, and how its direction turns
-    policies    three ways to move through that landscape
-    dynamics    200 random steps: fatigue, operational cost, consumption, reward
-    setpoints   four moving setpoints
+    """Draw a figure of the benchmark's paper and print the name of the file.
 
     \b
     ibdata figure landscape

@@ -13,7 +13,7 @@ from ibdata.cli._shared import folder_argument, json_option, print_json, say
 @folder_argument
 @json_option
 def command(folder: Path, as_json: bool) -> None:
-    """Complete a dataset whose parts `generate --shards i/n` has made.
+    """Complete a dataset whose parts were made by `ibdata generate --shards`.
 
     Every shard is checked first. If some are missing, the error names them and the command that makes them.
 

@@ -40,19 +40,20 @@ from ibdata.cli._shared import (
     type=click.Choice(["local", "ray"]),
     default="local",
     show_default=True,
-    help="Where the work runs: in local processes, or on Ray, whose hosts must share the file system of DIR.",
+    help="Where the workers run: on this machine, or on Ray, whose hosts must share the file system of DIR.",
 )
 @click.option(
     "--address",
     metavar="A",
-    help="Address of a running Ray; default: $RAY_ADDRESS; without it, Ray is started here.",
+    help="Address of a running Ray; default: $RAY_ADDRESS, or else a Ray that is started here.",
 )
 @seed_option
 @set_option
 @click.option(
     "--shards",
     metavar="I/N",
-    help="Make only part I of N (from 1), on one of the hosts that share DIR; ibdata finalize completes it.",
+    help="Make only part I of N, counted from 1. Several hosts that share DIR can make one part each; then "
+    "`ibdata finalize` completes the dataset.",
 )
 @click.option("--resume", is_flag=True, help="Continue a run that was stopped, or start one.")
 @click.option(
@@ -60,7 +61,7 @@ from ibdata.cli._shared import (
     is_flag=True,
     help="Replace the dataset in DIR; it stays readable until the new one is complete.",
 )
-@click.option("--dry-run", is_flag=True, help="Print what would be made, and write nothing.")
+@click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
 @allow_code_option
 @click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 @json_option

@@ -24,7 +24,7 @@ MAX_ROWS = 1_000_000
 @click.option("--split", metavar="NAME", help="Print only rows of this split.")
 @json_option
 def command(folder: Path | str, rows: int, columns: str | None, split: str | None, as_json: bool) -> None:
-    """Print the first rows, one column per line.
+    """Print the first rows of a dataset, one column per line.
 
     \b
     ibdata head data/random -n 3 --columns step,act_velocity,reward

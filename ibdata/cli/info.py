@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @place_argument
 @json_option
 def command(folder: Path | str, as_json: bool) -> None:
-    """Describe a dataset: its contents, and the returns of its policies.
+    """Describe a dataset: its contents and the returns of its policies.
 
     \b
     ibdata info data/random
@@ -59,13 +59,13 @@ def command(folder: Path | str, as_json: bool) -> None:
 
 
 def _steps(dataset: Dataset) -> str:
-    """The steps of an episode; all numbers of them where a merged dataset has several."""
+    """The steps per episode; several numbers if the episodes of a merged dataset differ in length."""
     steps = dataset.info_model.counts.steps
     return " or ".join(map(str, dataset.episodes["length"].unique())) if steps is None else str(steps)
 
 
 def _print_returns(returns: Returns) -> None:
-    """Mean returns of the behaviour at each setpoint, the first so many."""
+    """Print the mean returns of each policy at each setpoint, but only the first lines."""
     rows = [
         (
             r["policy"],

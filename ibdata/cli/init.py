@@ -13,9 +13,9 @@ from ibdata.cli._shared import json_option, print_json, say
 @click.argument("file", metavar="[FILE]", default="experiment.yaml", type=click.Path(path_type=Path))
 @json_option
 def command(file: Path, as_json: bool) -> None:
-    """Write a commented example experiment, to be edited.
+    """Write an example experiment with comments, to be edited.
 
-    An existing file is not changed.
+    FILE is experiment.yaml by default; an existing file is not changed.
 
     \b
     ibdata init
@@ -27,4 +27,4 @@ def command(file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file)})
         return
-    say(f"{file}: change it, then: ibdata generate --config {file} --dry-run")
+    say(f"{file}: edit it, then run ibdata generate --config {file} --dry-run")

@@ -6,19 +6,13 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import docstring_of, folder_argument, json_option, print_json, say
+from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
 from ibdata.plots import FORMS, plot, plots
 
 
-class _WithPictures(click.Command):
-    """A command whose help ends with the docstring of each picture, read without importing it."""
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Pictures"):
-            formatter.write_dl([(name, docstring_of(f"ibdata.plots.dataset.{name}")) for name in plots()])
-
-
-@click.command("plot", cls=_WithPictures)
+@click.command(
+    "plot", cls=Listing, title="Pictures", listed=lambda: summaries("ibdata.plots.dataset", plots())
+)
 @folder_argument
 @click.option(
     "--out",
@@ -32,7 +26,7 @@ class _WithPictures(click.Command):
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @json_option
 def command(folder: Path, out: Path | None, form: str, overwrite: bool, as_json: bool) -> None:
-    """Draw pictures of a dataset and print the names of their files.
+    """Draw all pictures of a dataset and print the names of the files.
 
     \b
     ibdata plot data/random

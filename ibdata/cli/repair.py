@@ -15,9 +15,9 @@ from ibdata.cli._shared import allow_code_option, folder_argument, json_option, 
 @allow_code_option
 @json_option
 def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) -> None:
-    """Regenerate damaged or missing files.
+    """Make damaged or missing files of a dataset again.
 
-    No other file is touched, and a file is replaced only by one with the content that the manifest lists.
+    No other file is touched. A file is replaced only by one with the content that the manifest lists.
 
     \b
     ibdata repair data/random

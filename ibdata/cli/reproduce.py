@@ -26,7 +26,7 @@ from ibdata.cli._shared import (
 def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool) -> None:
     """Generate a dataset again in memory and compare it with the stored one.
 
-    If episodes differ, it prints them; exit code 3. Nothing is written.
+    Prints the episodes that differ; the exit code is 3 if there are any. Nothing is written.
 
     \b
     ibdata reproduce data/random

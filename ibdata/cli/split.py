@@ -12,7 +12,7 @@ SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "dista
 
 
 class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer clicks
-    """Numbers with commas between."""
+    """Numbers separated by commas."""
 
     name = "fractions"
 
@@ -37,36 +37,30 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
     type=click.Choice(SCHEMES),
     default="transfer",
     show_default=True,
-    help="With --by setpoint: how setpoints are split.",
+    help="With --by setpoint: how to split the setpoints.",
 )
-@click.option(
-    "--source", type=float, multiple=True, metavar="P", help="A setpoint of the source; may be repeated."
-)
-@click.option(
-    "--target", type=float, multiple=True, metavar="P", help="A setpoint of the target; may be repeated."
-)
-@click.option(
-    "--shots", type=int, metavar="N", help="Episodes of each target cell (policy and setpoint); default: all."
-)
-@click.option("--transitions", type=int, metavar="N", help="Rows of each target cell, in whole episodes.")
+@click.option("--source", type=float, multiple=True, metavar="P", help="A source setpoint; may be repeated.")
+@click.option("--target", type=float, multiple=True, metavar="P", help="A target setpoint; may be repeated.")
+@click.option("--shots", type=int, metavar="N", help="Episodes per policy and target setpoint; default: all.")
+@click.option("--transitions", type=int, metavar="N", help="As --shots, but as a number of rows.")
 @click.option(
     "--within",
     type=float,
     metavar="D",
-    help="With the scheme distance: the largest distance from the source that is near.",
+    help="With --scheme distance: the largest distance of a near setpoint from the source.",
 )
 @click.option(
     "--fractions",
     type=Fractions(),
     default="0.8,0.1,0.1",
     show_default=True,
-    help="With --by episode: shares.",
+    help="With --by episode: the shares of train, validation and test, or of train and test.",
 )
 @click.option(
     "--materialize",
     type=click.Path(path_type=Path),
     metavar="OUT",
-    help="Write a copy to OUT, with files of its own for each split.",
+    help="Write a copy to OUT in which each split has its own files.",
 )
 @json_option
 def command(

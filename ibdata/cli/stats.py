@@ -13,7 +13,7 @@ SHOWN = ("mean", "std", "min", "max")
 
 @click.command("stats")
 @place_argument
-@click.option("--split", metavar="NAME", help="Statistics of this split only.")
+@click.option("--split", metavar="NAME", help="Use only rows of this split.")
 @json_option
 def command(folder: Path | str, split: str | None, as_json: bool) -> None:
     """Print mean, standard deviation, range and median of each column.

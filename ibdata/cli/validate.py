@@ -14,9 +14,10 @@ from ibdata.cli._shared import json_option, place_argument, print_json, problems
 @click.option("--quick", is_flag=True, help="Check only the hashes of the files.")
 @json_option
 def command(folder: Path | str, quick: bool, as_json: bool) -> None:
-    """Check every file, row and rule of a dataset.
+    """Check every file and every row of a dataset.
 
-    If something is wrong, it prints file, row, rule, what was found and what was expected; exit code 3.
+    Prints each problem with file, row and rule, and with what was found and expected; the exit code is 3 if
+    there are any.
 
     \b
     ibdata validate data/random

@@ -1,1 +1,1 @@
-"""Datasets on disk: writing, naming and reading them."""
+"""Finished datasets on disk: reading, naming and comparing them."""

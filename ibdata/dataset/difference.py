@@ -1,4 +1,4 @@
-"""How two datasets differ: experiment, columns, counts, and the first episode and column."""
+"""Compare two datasets: experiments, counts, columns, and the first episode that differs."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def difference(a: Dataset, b: Dataset) -> list[str]:
         b: The other.
 
     Returns:
-        A line for each difference: options of the experiment, counts, columns, episodes that only one has,
-        and the first step and column at which an episode differs. No lines where the content is the same.
+        One line per difference: options of the experiments, counts, columns, episodes that only one has, and
+        the first step and column at which an episode differs. Empty if the content is the same.
 
     Raises:
         DatasetError: A file is missing or damaged.
@@ -44,7 +44,7 @@ def difference(a: Dataset, b: Dataset) -> list[str]:
 
 
 def _experiments(a: Any, b: Any, key: str) -> list[str]:
-    """The options that differ, by their path."""
+    """One line for each option that differs, with its path."""
     if isinstance(a, dict) and isinstance(b, dict):
         names = dict.fromkeys([*a, *b])
         return [line for k in names for line in _experiments(a.get(k), b.get(k), f"{key}.{k}")]
@@ -52,14 +52,14 @@ def _experiments(a: Any, b: Any, key: str) -> list[str]:
 
 
 def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
-    """Episodes that only one has, and the first column and step of the first that differs."""
+    """Lines about the episodes that only one has, and about the first episode that differs."""
     of = [_by_address(x) for x in (a, b)]
     lines: list[str] = []
     differing: list[tuple[int, int]] = []
     for x, y, which in ((of[0], of[1], "first"), (of[1], of[0], "second")):
         only = sum(len(x[address]) for address in x.keys() - y.keys())
         if only:
-            lines.append(f"episodes of cells or indices that only the {which} has: {only}")
+            lines.append(f"episodes with a cell and index that only the {which} has: {only}")
     for address in of[0].keys() & of[1].keys() if of[0] != of[1] else ():
         ours, theirs = of[0][address], of[1][address]
         only_ours = [ours[digest] for digest in ours if digest not in theirs]
@@ -72,7 +72,7 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
 
 
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
-    """The episodes of each cell and index by their digests; a merged dataset may have some of each seed."""
+    """Map each cell and index to its episodes by digest. A merged dataset may have one for each seed."""
     columns = ("cell", "index", "digest", "episode")
     table = dataset.episode_table
     found: dict[tuple[str, int], dict[bytes, int]] = {}
@@ -90,7 +90,7 @@ def _rows(dataset: Dataset, episode: int, names: list[str]) -> dict[str, list[An
 
 
 def _first_difference(a: dict[str, list[Any]], b: dict[str, list[Any]]) -> str | None:
-    """The earliest step at which a column differs."""
+    """Describe the first step at which a column differs; None if there is none."""
     found: tuple[int, str] | None = None
     for name in a:
         for step, (x, y) in enumerate(zip(a[name], b[name], strict=False)):

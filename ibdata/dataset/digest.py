@@ -1,4 +1,4 @@
-"""The name of a dataset's content: digests of episodes, and one root over them.
+"""The content root, one hash that names a dataset's content, and the digests of episodes below it.
 
     episode digest = SHA-256(steps, then each column but `episode` in order, as little-endian bytes)
     content root   = SHA-256(column names and types, then (cell, index in the cell, digest) sorted)
@@ -21,8 +21,9 @@ def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
     """The digests of whole episodes.
 
     Args:
-        runs: The columns but `episode` in their order; neighbours of one type are one array (columns, rows).
-            A text column, constant within an episode, is a list of one `text` per episode.
+        runs: All columns except `episode`, in order. Neighbouring columns of one type form one array
+            (columns, rows). A text column, which is constant within an episode, is a list with the `text` of
+            each episode.
         lengths: The steps of each episode, in order.
     """
     runs = [run if isinstance(run, list) else _little_endian(run) for run in runs]
@@ -38,7 +39,7 @@ def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
 
 
 def text(value: str) -> bytes:
-    """The bytes of a text in a digest: its length in bytes, then its UTF-8 bytes."""
+    """Encode a text for a digest: its length in bytes, then its UTF-8 bytes."""
     encoded = value.encode()
     return len(encoded).to_bytes(8, "little") + encoded
 

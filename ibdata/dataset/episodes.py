@@ -1,4 +1,4 @@
-"""meta/episodes.parquet, the table of episodes."""
+"""Reading meta/episodes.parquet, the table of episodes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SCHEMA = pa.schema(
 
 
 def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
-    """The table of episodes. Raises DatasetError where it is damaged or does not fit the manifest."""
+    """Read the table of episodes. Raises DatasetError if it is damaged or does not match the manifest."""
     path = folder / PATH
     data = manifest.listed_content(folder, listed, PATH)
     rows = max(shard.episodes[1] for shard in listed.shards)
@@ -47,7 +47,7 @@ def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
 
 
 def _check_places(path: Path, table: pa.Table, shards: int) -> None:
-    """Check that the episodes of each shard are its rows without a gap."""
+    """Check that the episodes of each shard cover its rows without gaps."""
     shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
     total = np.cumsum(length) - length
     firsts = np.r_[True, shard[1:] != shard[:-1]]
@@ -63,4 +63,4 @@ def _check_places(path: Path, table: pa.Table, shards: int) -> None:
         if not holds.all():
             row = int(np.argmin(holds))
             found = table[name][row].as_py()
-            raise DatasetError(f"{path}: row {row}: {name}: found {found}, expected episodes row after row")
+            raise DatasetError(f"{path}: row {row}: {name}: found {found}, expected episodes without gaps")

@@ -1,4 +1,4 @@
-"""Histories of observations, built when loading and never stored."""
+"""Histories of observations, which are built when data are loaded and never stored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = npt.NDArray[Any]
 
 
 def stacked(observations: Array, after: Array, step: Array, history: int) -> tuple[Array, Array]:
-    """Stack each observation with those before it, the newest first.
+    """Stack each observation with those before it, newest first.
 
     The results are copies: views would have negative strides, which PyTorch refuses.
 
@@ -21,7 +21,7 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
         observations: (N, 6), of whole episodes in order.
         after: The next observations (N, 6).
         step: The step of each row within its episode (N,).
-        history: How many observations are stacked; before the start of an episode its first is repeated.
+        history: How many observations to stack. Before the start of an episode, its first one is repeated.
 
     Returns:
         The histories of the observations and of the next observations, both (N, 6 · history).
@@ -43,9 +43,9 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
 
 
 def _windows(observations: Array, last: Array, history: int) -> Array:
-    """The histories (steps + 1, 6 · history) of an episode and of its last next observation.
+    """The histories (steps + 1, 6 · history) of an episode's observations and of its last next observation.
 
-    Frames are backwards in memory, so that the newest of each window comes first.
+    The frames are reversed in memory, so that each window begins with its newest frame.
     """
     frames = np.concatenate(
         [last[None], observations[::-1], np.repeat(observations[:1], history - 1, axis=0)]

@@ -1,7 +1,7 @@
-"""meta/manifest.json, written last: what is listed there exists, and nothing else does.
+"""Reading meta/manifest.json, which is written last and lists every file of a finished dataset.
 
-A dataset can be replaced while it is read (see `ibdata.generation.replacement`): until that has ended, a file
-that is not in its place may be in `.new`.
+While a dataset is being replaced (see `ibdata.generation.replacement`), a file that is not in its place may
+be in `.new`.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 METADATA = ("meta/info.json", "meta/episodes.parquet", "meta/stats.json", EXPERIMENT)
 CARD = "README.md"
-REPORT = "report.html"  # where there is one: `ibdata card` makes it
-NEXT = ".next"
-NEW = ".new"
-BAR = b"This dataset is being replaced, or was; read it again.\n"  # in place of a Parquet file
-REPLACED = "replaced"  # a file in a folder `data` that was replaced, which keeps it from being read as empty
-RUN = ".run"
-FRESH = ".fresh"  # an empty file in a folder that takes the place of another, until all is in place
+REPORT = "report.html"  # only after `ibdata card`
+NEXT = ".next"  # the folder in which a replacement is written
+NEW = ".new"  # its name while it takes the place of the old dataset
+MARK = ".ibdata-replacement"  # an empty file in both, which shows that ibdata made them
+BAR = b"This dataset is being replaced, or was; read it again.\n"  # a file on which Parquet readers fail
+REPLACED = "replaced"  # the name of such a file in a replaced folder `data`
+RUN = ".run"  # the folder of an unfinished run's receipts
+FRESH = ".fresh"  # an empty file that marks a new folder until the whole replacement is in place
 FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
 DATA_VERSION = 1  # raised whenever the same experiment gives other bytes
 SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
-MOVES = 2  # of a file, while a reader looks for it
+MOVES = 2  # how often a replacement may move a file while a reader looks for it
 
 
 class NewerError(DatasetError):
-    """A newer ibdata made the dataset."""
+    """The dataset was made by a newer ibdata."""
 
 
 class ReplacedError(DatasetError):
-    """Another dataset has taken the place of the one that was opened."""
+    """The dataset was replaced after it was opened."""
 
     exit_code = 75
 
 
 def read(folder: Path) -> Manifest:
-    """The manifest of a finished dataset. Raises DatasetError where it is missing or damaged."""
+    """Read the manifest of a finished dataset. Raises DatasetError if it is missing or damaged."""
     try:
         data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
@@ -66,7 +67,7 @@ def read(folder: Path) -> Manifest:
 
 
 def parsed(path: Path, data: bytes) -> Manifest:
-    """The manifest in a file's bytes. Raises DatasetError if damaged, NewerError if of a newer format."""
+    """Parse a manifest. Raises DatasetError if it is damaged, NewerError if its format is newer."""
     found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise DatasetError(f"{path}: found another format, expected {FORMAT}")
@@ -79,16 +80,16 @@ def parsed(path: Path, data: bytes) -> Manifest:
 
 
 def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
-    """A listed JSON file as a model. Raises as `listed_content`, and DatasetError for another form."""
+    """Read a listed JSON file as a model. Raises DatasetError, or ReplacedError as `listed_content`."""
     return _parsed(folder / path, form, _json(folder / path, listed_content(folder, listed, path), "JSON"))
 
 
 def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
-    """The bytes of a listed file.
+    """Read a listed file.
 
     Raises:
         DatasetError: The file is missing, or has another SHA-256 than the manifest lists.
-        ReplacedError: That is so because another dataset, or version of this one, has taken its place.
+        ReplacedError: The same, because the dataset or its metadata have been replaced.
     """
     problem = None
     try:
@@ -103,11 +104,11 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
             return data
         problem = "found other content than the manifest lists"
     refuse_replaced(folder, listed)
-    raise DatasetError(f"{folder / path}: {problem}; ibdata repair {folder}")
+    raise DatasetError(f"{folder / path}: {problem}; run ibdata repair {folder}")
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:
-    """Raise ReplacedError where the dataset in the folder no longer has this manifest."""
+    """Raise ReplacedError if the dataset in the folder no longer has this manifest."""
     try:
         now = read(folder).checksum
     except DatasetError:
@@ -124,15 +125,15 @@ def _json(path: Path, data: bytes, what: str) -> Any:
 
 
 def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a JSON number")
 
 
 def _encodable(data: Any) -> Any:
-    """JSON data itself. Raises ValueError for half of a surrogate pair, which cannot be written again."""
+    """Return JSON data unchanged. Raises ValueError for half a surrogate pair, which UTF-8 cannot encode."""
     try:
         json.dumps(data, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
-        raise ValueError(f"{error.object[error.start]!r} is half a character") from None
+        raise ValueError(f"{error.object[error.start]!r} is half a surrogate pair") from None
     return data
 
 
@@ -153,7 +154,7 @@ def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
 def locate(folder: Path, path: str) -> Path:
     """The path of a file of the dataset: in its place, or in `.new` while the dataset is being replaced.
 
-    A file in its place that holds `BAR` does not count: it is there to stop readers of the folder.
+    A file that holds only `BAR` is passed over: it is there to make readers of the folder fail.
     """
     object_store.fetch_if_missing(folder, path)
     for place in (folder / path, folder / NEW / path, folder / NEW / f"old-{path}"):
@@ -165,7 +166,7 @@ def locate(folder: Path, path: str) -> Path:
 
 
 def content(folder: Path, path: str) -> bytes:
-    """The bytes of a file of the dataset, also while a replacement moves it. Raises OSError."""
+    """Read a file of the dataset, even while a replacement moves it. Raises OSError."""
     for _ in range(MOVES):
         with suppress(FileNotFoundError):
             return plain_bytes(locate(folder, path), MAX_BYTES)
@@ -173,10 +174,20 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """Raise UsageError for an output within a dataset, finished or not: it could break readers."""
-    for folder in Path(os.path.realpath(out)).parents:
-        if any(os.path.isfile(folder / path) for path in (PATH, f"{RUN}/experiment.yaml")):
+    """Raise UsageError for an output within a dataset, finished or not, because it could break readers.
+
+    The folders `.next` and `.new` of any dataset count as within it.
+    """
+    place = Path(os.path.realpath(out))
+    signs = (PATH, f"{RUN}/experiment.yaml", f"{NEXT}/{MARK}", f"{NEW}/{MARK}")
+    for folder in place.parents:
+        if any(os.path.isfile(folder / path) for path in signs):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
+    if place.name in (NEXT, NEW):
+        raise UsageError(
+            f"{out}: found the name {place.name}, which is kept for replacing the dataset in the folder "
+            "around it; choose another"
+        )
 
 
 def sealed(listed: Manifest) -> Manifest:

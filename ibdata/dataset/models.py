@@ -1,4 +1,4 @@
-"""The JSON files of a dataset as models: what is read is checked against them, and stays one of them."""
+"""Pydantic models of a dataset's JSON files, against which these files are checked when they are read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Sha256 = Annotated[str, Field(pattern=SHA256)]
 Path = Annotated[str, Field(pattern=SAFE_PATH)]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
-ROLES = {"observation", "action", "reward", "next_observation"}  # which every dataset has
+ROLES = {"observation", "action", "reward", "next_observation"}  # every dataset has columns of these
 FLOAT_ROLES = ROLES | {"latent", "next_latent", "log_prob"}
 Unchecked = dict[str, Any]  # a JSON object of an experiment, which `ibdata.experiment` checks
 Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
@@ -39,16 +39,16 @@ def _unconverted(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
     return value
 
 
-Number = Annotated[float, WrapValidator(_unconverted)]  # whole numbers stay whole
+Number = Annotated[float, WrapValidator(_unconverted)]  # an int stays an int
 
 
 class JsonObject(BaseModel):
-    """A JSON object with exactly these keys."""
+    """A JSON object with the keys of its model and no others."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     def plain(self) -> dict[str, Any]:
-        """The object as JSON holds it: keys in the order of the file, without those that are not in it."""
+        """The object as JSON data, without the keys that were not set."""
         return self.model_dump(exclude_unset=True)
 
 
@@ -61,7 +61,7 @@ class File(JsonObject):
 
 
 class ShardEntry(JsonObject):
-    """A shard in the manifest: its episodes are first, stop; its content is the SHA-256 of their digests."""
+    """A shard in the manifest. `episodes` is [first, stop]; `content` is the SHA-256 of their digests."""
 
     path: Path
     rows: Annotated[int, Field(ge=1, lt=2**63)]
@@ -106,7 +106,7 @@ class Manifest(JsonObject):
 
 
 class Counts(JsonObject):
-    """What a dataset holds, in numbers; `steps` is null where episodes have different lengths."""
+    """The sizes of a dataset; `steps` is null if its episodes differ in length."""
 
     rows: Count
     episodes: Count
@@ -117,7 +117,7 @@ class Counts(JsonObject):
 
 
 class SplitCounts(JsonObject):
-    """A split; `files` is null where it is not whole files."""
+    """The sizes of a split; `files` is null if it does not consist of whole files."""
 
     episodes: Count
     rows: Count
@@ -125,7 +125,7 @@ class SplitCounts(JsonObject):
 
 
 class Column(JsonObject):
-    """A column of the rows, with its bounds; null where there is none."""
+    """A column of the rows; a bound is null if there is none."""
 
     name: ColumnName
     role: Annotated[str, Field(pattern="^[a-z_]{1,63}$")]
@@ -157,9 +157,7 @@ class Info(JsonObject):
             raise PydanticCustomError("columns", "columns of the roles " + ", ".join(sorted(ROLES)))
         for column in columns:
             if column.role in FLOAT_ROLES and not column.dtype.startswith("float"):
-                raise PydanticCustomError(
-                    "columns", "columns of floats for all but indices, flags and labels"
-                )
+                raise PydanticCustomError("columns", "float columns, except for indices, flags and labels")
         return columns
 
     @field_validator("groups")
@@ -173,13 +171,13 @@ class Info(JsonObject):
         return groups
 
     def plain(self) -> dict[str, Any]:
-        """As `JsonObject.plain`: the file ends with the columns, which are read before the groups."""
+        """As `JsonObject.plain`, with the columns last. (The model needs them before the groups.)"""
         data = super().plain()
         return data | {"columns": data.pop("columns")}
 
 
 class Statistic(JsonObject):
-    """Statistics of a column; null for what is not a finite number."""
+    """Statistics of a column; null for a value that is not finite."""
 
     count: Count
     mean: float | None
@@ -202,7 +200,7 @@ Parsed = TypeVar("Parsed", bound=JsonObject)
 
 
 def parse(form: type[Parsed], data: Any) -> Parsed:
-    """JSON data as a model; ValueError, in one line, where they are of another form."""
+    """Parse JSON data as a model. Raises ValueError with a message of one line if they have another form."""
     try:
         return form.model_validate(data)
     except ValidationError as error:

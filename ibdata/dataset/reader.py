@@ -30,9 +30,8 @@ TRIES = 5
 class Dataset:
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    All reading is of the dataset that was opened: once another has taken its place, reading raises
-    ReplacedError. Files at a URL are copied to a temporary folder when they are first needed; the folder is
-    removed when the process ends.
+    If the dataset is replaced after it was opened, reading raises ReplacedError. Files at a URL are copied to
+    a temporary folder when they are first needed; the folder is removed when the process ends.
 
     Args:
         path: The folder, or a URL such as s3://bucket/name.
@@ -83,17 +82,17 @@ class Dataset:
 
     @cached_property
     def info_model(self) -> Info:
-        """`info`, typed."""
+        """`info` as a model."""
         return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """Statistics of the float columns.
 
         Args:
-            split: Over the rows of this split; by default over all rows.
+            split: Only the rows of this split; by default all rows.
 
         Returns:
-            By column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
+            For each column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
 
         Raises:
             UsageError: The dataset has no such split.
@@ -105,8 +104,8 @@ class Dataset:
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """One row per episode: cell, index, setpoint, policy, splits, length, return, where its rows are."""
-        frame: pd.DataFrame = self.episode_table.to_pandas()
+        """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
+        frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
         return frame
 
     @property
@@ -119,10 +118,10 @@ class Dataset:
         """The undiscounted returns of the behaviour, by policy and setpoint.
 
         Returns:
-            `results`, each with policy, setpoint, episodes, mean_return, standard_error, interval,
-            mean_reward (per step) and score; and `scale`, the meaning of the scores. There are scores for
-            1000 steps from the default start under a published variant and constant setpoints; else they and
-            the scale are None.
+            `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
+            mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
+            episodes of 1000 steps from the default start, under a published variant and at constant
+            setpoints; for others, score and scale are None.
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
@@ -145,8 +144,8 @@ class Dataset:
         return pa.concat_tables(parts).unify_dictionaries()
 
     def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
-        """The rows as a pandas DataFrame. Arguments and errors as of `table`."""
-        frame: pd.DataFrame = self.table(columns, split).to_pandas()
+        """The rows as a pandas DataFrame. Arguments and errors are those of `table`."""
+        frame: pd.DataFrame = self.table(columns, split).to_pandas(ignore_metadata=True)
         return frame
 
     def iter_batches(
@@ -154,14 +153,14 @@ class Dataset:
     ) -> Iterator[pa.RecordBatch]:
         """The rows in order, at most `batch_rows` at a time, in constant memory.
 
-        Other arguments and errors as of `table`; UsageError for batch_rows below 1.
+        The other arguments and the errors are those of `table`. Raises UsageError if batch_rows is below 1.
         """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         return self._batches(self._shards(split), self._columns(columns), batch_rows)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of one shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
+        """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
             return parquet.read(manifest.locate(self.path, shard.path), columns, shard.rows)
@@ -169,7 +168,7 @@ class Dataset:
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
-        """Rows start … stop - 1 of one shard, at most `batch_rows` at a time. Raises as `read_shard`."""
+        """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
         place = manifest.locate(self.path, shard.path)
         with self._unreplaced():
@@ -177,7 +176,7 @@ class Dataset:
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:
-        """Raise ReplacedError where a file cannot be read because another dataset has taken its place."""
+        """Raise ReplacedError if a file cannot be read because the dataset has been replaced."""
         try:
             yield
         except DatasetError:
@@ -188,8 +187,8 @@ class Dataset:
         """The rows as the arrays that learning libraries take.
 
         Args:
-            history: How many observations are stacked, the newest first; before the start of an episode its
-                first observation is repeated.
+            history: How many observations to stack, newest first. Before the start of an episode, its first
+                observation is repeated.
             split: Only rows of this split.
 
         Returns:
@@ -238,7 +237,7 @@ class Dataset:
         return list(columns)
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
-        """The numbers of the shards to read, each with its runs of rows; None where all rows are wanted."""
+        """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
         shards = self.manifest_model.shards
         if split is None:
             return [(number, None) for number in range(len(shards))]
@@ -250,7 +249,7 @@ class Dataset:
 
     def _runs(self, split: str) -> dict[int, Runs]:
         """The rows of a split in each shard, as runs start … stop - 1."""
-        import pyarrow.compute as pc  # takes 0.04 s, and generating needs it not
+        import pyarrow.compute as pc  # takes 0.04 s, and generating does not need it
 
         table = self.episode_table
         offsets = table["splits"].combine_chunks().offsets.to_numpy()
@@ -279,7 +278,7 @@ class Dataset:
                 first = stop
 
     def _known(self, split: str) -> str:
-        """The split itself, if the dataset has it."""
+        """Return the split. Raises UsageError if the dataset does not have it."""
         splits = self.info_model.splits
         if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"

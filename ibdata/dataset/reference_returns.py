@@ -1,4 +1,4 @@
-"""Returns of known policies, measured once, and the scale from random actions (0) to optimized ones (100).
+"""Measured returns of reference policies, and the scale of scores: 0 for `random`, 100 for `optimized`.
 
 scripts/reference-returns makes `reference_returns.json`. Reading it needs neither the simulator nor a policy.
 """
@@ -48,10 +48,10 @@ class Scale(JsonObject):
         )
 
     def score(self, setpoint: float, mean_return: float) -> float | None:
-        """A mean return on the scale.
+        """Convert a mean return to a score.
 
-        None where the scale has no such setpoint, or where its upper end is not above the lower one by five
-        standard errors of their difference.
+        None if the scale does not have the setpoint, or if its upper end is not above the lower one by more
+        than five standard errors of their difference.
         """
         ends = {r.policy: r for r in self.results if r.setpoint == setpoint}
         if not {ZERO, HUNDRED} <= ends.keys():
@@ -78,7 +78,7 @@ def reference() -> Reference:
 
 
 def scale(dynamics: Any, start: Any, steps: int, discount: float) -> Scale | None:
-    """The scale for episodes of this kind, or None where there is none: only equal things are compared."""
+    """The scale for exactly these dynamics, start, steps and discount; None if there is none."""
     wanted = (dynamics, start, steps, discount)
     found = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount) == wanted)
     return next(found, None)

@@ -27,7 +27,7 @@ class Result(TypedDict):
 
 
 class Returns(TypedDict):
-    """The results, and the meaning of their scores; None where there are none."""
+    """The results, and the meaning of their scores; None if there are no scores."""
 
     results: list[Result]
     scale: str | None
@@ -36,7 +36,7 @@ class Returns(TypedDict):
 def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     """The undiscounted returns of a dataset's behaviour.
 
-    Episodes of different lengths, which a merged dataset may have, are different results.
+    Episodes of different lengths, which a merged dataset may have, give separate results.
 
     Args:
         episodes: The table of episodes.
@@ -72,5 +72,5 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
 
 
 def _scale(info: Info, steps: int) -> reference_returns.Scale | None:
-    """The scale for episodes of so many steps."""
+    """The scale for episodes with this number of steps."""
     return None if info.drifting else reference_returns.scale(info.dynamics, info.start, steps, 1.0)

@@ -24,7 +24,7 @@ from ibdata.dynamics.state import COSTS, Noise, State, checked_noise, checked_st
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
 from ibdata.dynamics.variables import rows
 from ibdata.dynamics.variants import Parameters, Variant, resolve
-from ibdata.numerics.compiled import compiled
+from ibdata.numerics.compiled import inlined
 
 SETPOINT, VELOCITY, GAIN, SHIFT = rows("setpoint", "velocity", "gain", "shift")
 CONSUMPTION, FATIGUE, REWARD = rows("consumption", "fatigue", "reward")
@@ -67,96 +67,101 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
     return new
 
 
-@compiled
+@inlined
 def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """Advance every lane by one step, in place: the compiled part of `step`, without its checks.
 
-    Each equation has a loop of its own, so that the loops without branches are vectorized.
+    Each equation has a loop of its own, so that the loops without branches are vectorized. They name the
+    rows of the state by number: numba counts references to views of rows, which takes as long as the
+    equations of one lane. The noise is overwritten.
     """
     _steer(state, action, noise, k)
     _update_fatigue(state, noise, k)
     _update_consumption(state, noise, k)
 
 
-@compiled
+@inlined
 def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """Setpoint, velocity, gain and shift."""
-    x = state.floats
-    p, v, g, h = x[SETPOINT], x[VELOCITY], x[GAIN], x[SHIFT]
-    b, left = x[DRIFT_RATE], state.integers[DRIFT_LEFT]
-    for i in range(p.shape[0]):
-        if left[i] != NO_DRIFT:
-            p[i], b[i], left[i] = drift(
-                p[i],
-                b[i],
-                left[i],
+    x, z = state.floats, state.integers
+    for i in range(x.shape[1]):
+        if z[DRIFT_LEFT, i] != NO_DRIFT:
+            x[SETPOINT, i], x[DRIFT_RATE, i], z[DRIFT_LEFT, i] = drift(
+                x[SETPOINT, i],
+                x[DRIFT_RATE, i],
+                z[DRIFT_LEFT, i],
                 noise.uniform_drift_length[i],
                 noise.uniform_drift_rate[i],
                 noise.uniform_drift_zero[i],
                 noise.uniform_drift_flip[i],
                 k,
             )
-    for i in range(p.shape[0]):
-        v[i] = steer(v[i], D_V, np.float64(action[i, 0]))
-    for i in range(p.shape[0]):
-        g[i] = steer(g[i], D_G, np.float64(action[i, 1]))
-    for i in range(p.shape[0]):
-        h[i] = steer(h[i], D_H, np.float64(action[i, 2]))
+    for i in range(x.shape[1]):
+        x[VELOCITY, i] = steer(x[VELOCITY, i], D_V, np.float64(action[i, 0]))
+    for i in range(x.shape[1]):
+        x[GAIN, i] = steer(x[GAIN, i], D_G, np.float64(action[i, 1]))
+    for i in range(x.shape[1]):
+        x[SHIFT, i] = steer(x[SHIFT, i], D_H, np.float64(action[i, 2]))
 
 
-@compiled
+@inlined
 def _update_fatigue(state: State, noise: Noise, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
     x = state.floats
-    p, v, g = x[SETPOINT], x[VELOCITY], x[GAIN]
-    ve, ge, mu_v, mu_g = x[EFFECTIVE_VELOCITY], x[EFFECTIVE_GAIN], x[MU_V], x[MU_G]
-    alpha, f_b, f = x[ALPHA], x[BASIC_FATIGUE], x[FATIGUE]
-    eta_v, eta_g = np.empty(p.shape[0]), np.empty(p.shape[0])
-    for i in range(p.shape[0]):
-        ve[i] = effective_velocity(v[i], g[i], p[i], k.v0, k.g0, k.v1, k.g1)
-    for i in range(p.shape[0]):
-        ge[i] = effective_gain(g[i], p[i])
-    for i in range(p.shape[0]):
-        eta_v[i] = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], ve[i], k)
-    for i in range(p.shape[0]):
-        eta_g[i] = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], ge[i], k)
-    for i in range(p.shape[0]):
-        mu_v[i] = update_mu(mu_v[i], ve[i], eta_v[i])
-    for i in range(p.shape[0]):
-        mu_g[i] = update_mu(mu_g[i], ge[i], eta_g[i])
-    for i in range(p.shape[0]):
-        alpha[i] = amplification(
-            mu_v[i], mu_g[i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
+    eta_v, eta_g = noise.exp_v, noise.exp_g  # each η takes the place of a draw
+    for i in range(x.shape[1]):
+        x[EFFECTIVE_VELOCITY, i] = effective_velocity(
+            x[VELOCITY, i], x[GAIN, i], x[SETPOINT, i], k.v0, k.g0, k.v1, k.g1
         )
-    for i in range(p.shape[0]):
-        f_b[i] = basic_fatigue(v[i], g[i])
-    for i in range(p.shape[0]):
-        f[i] = fatigue(f_b[i], alpha[i])
+    for i in range(x.shape[1]):
+        x[EFFECTIVE_GAIN, i] = effective_gain(x[GAIN, i], x[SETPOINT, i])
+    for i in range(x.shape[1]):
+        eta_v[i] = noise_component(
+            noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], x[EFFECTIVE_VELOCITY, i], k
+        )
+    for i in range(x.shape[1]):
+        eta_g[i] = noise_component(
+            noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], x[EFFECTIVE_GAIN, i], k
+        )
+    for i in range(x.shape[1]):
+        x[MU_V, i] = update_mu(x[MU_V, i], x[EFFECTIVE_VELOCITY, i], eta_v[i])
+    for i in range(x.shape[1]):
+        x[MU_G, i] = update_mu(x[MU_G, i], x[EFFECTIVE_GAIN, i], eta_g[i])
+    for i in range(x.shape[1]):
+        x[ALPHA, i] = amplification(
+            x[MU_V, i], x[MU_G, i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
+        )
+    for i in range(x.shape[1]):
+        x[BASIC_FATIGUE, i] = basic_fatigue(x[VELOCITY, i], x[GAIN, i])
+    for i in range(x.shape[1]):
+        x[FATIGUE, i] = fatigue(x[BASIC_FATIGUE, i], x[ALPHA, i])
 
 
-@compiled
+@inlined
 def _update_consumption(state: State, noise: Noise, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
     x, z = state.floats, state.integers
-    p, v, g, h, he = x[SETPOINT], x[VELOCITY], x[GAIN], x[SHIFT], x[EFFECTIVE_SHIFT]
-    costs, theta_c = x[COSTS], x[CONVOLVED_COST]
-    domain, response, phi, m = z[DOMAIN], z[RESPONSE], z[DIRECTION], x[PENALTY]
-    c_hat, c, f, r = x[EXPECTED_CONSUMPTION], x[CONSUMPTION], x[FATIGUE], x[REWARD]
-    theta = np.empty(p.shape[0])
-    for i in range(p.shape[0]):
-        theta[i] = operational_cost(p[i], v[i], g[i])
+    costs, theta = x[COSTS], x[CONVOLVED_COST]  # θ is in the place of θᶜ until that is known
+    for i in range(x.shape[1]):
+        theta[i] = operational_cost(x[SETPOINT, i], x[VELOCITY, i], x[GAIN, i])
     remember(theta, costs)
-    for i in range(p.shape[0]):
-        theta_c[i] = convolved_cost(costs, i, k.weights)
-    for i in range(p.shape[0]):
-        he[i] = effective_shift(h[i], p[i])
-    for i in range(p.shape[0]):
-        domain[i], response[i], phi[i] = update_direction(domain[i], response[i], phi[i], he[i])
-    for i in range(p.shape[0]):
-        m[i] = penalty(phi[i], he[i])
-    for i in range(p.shape[0]):
-        c_hat[i] = expected_consumption(theta_c[i], m[i], k.consumption_offset)
-    for i in range(p.shape[0]):
-        c[i] = consumption(c_hat[i], noise.normal_consumption[i], k.consumption_noise)
-    for i in range(p.shape[0]):
-        r[i] = reward(c[i], f[i])
+    for i in range(x.shape[1]):
+        x[CONVOLVED_COST, i] = convolved_cost(costs, i, k.weights)
+    for i in range(x.shape[1]):
+        x[EFFECTIVE_SHIFT, i] = effective_shift(x[SHIFT, i], x[SETPOINT, i])
+    for i in range(x.shape[1]):
+        z[DOMAIN, i], z[RESPONSE, i], z[DIRECTION, i] = update_direction(
+            z[DOMAIN, i], z[RESPONSE, i], z[DIRECTION, i], x[EFFECTIVE_SHIFT, i]
+        )
+    for i in range(x.shape[1]):
+        x[PENALTY, i] = penalty(z[DIRECTION, i], x[EFFECTIVE_SHIFT, i])
+    for i in range(x.shape[1]):
+        x[EXPECTED_CONSUMPTION, i] = expected_consumption(
+            x[CONVOLVED_COST, i], x[PENALTY, i], k.consumption_offset
+        )
+    for i in range(x.shape[1]):
+        x[CONSUMPTION, i] = consumption(
+            x[EXPECTED_CONSUMPTION, i], noise.normal_consumption[i], k.consumption_noise
+        )
+    for i in range(x.shape[1]):
+        x[REWARD, i] = reward(x[CONSUMPTION, i], x[FATIGUE, i])

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import initial_state
+from ibdata.dynamics.variables import VARIABLES, rows
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
@@ -38,9 +39,11 @@ class Simulation:
         self.seen = np.zeros((n, settings.history, 6), dtype=np.float32)
         self._state = initial_state(np.full(n, settings.first_setpoint), drifting=settings.drifting)
         self._episodes = Episodes.of(settings.start, settings.drifting, settings.variant)
-        # Views: the arrays of the state are only ever written into.
-        self._reward = self._state.reward
-        self._latent = {f"latent_{name}": getattr(self._state, name) for name in hidden(settings.drifting)}
+        # Where the hidden variables lie in the state; views of it would not be its own in a copy of this.
+        self._latent = {
+            f"latent_{name}": (int(VARIABLES[name].whole), rows(name)[0])
+            for name in hidden(settings.drifting)
+        }
 
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
@@ -66,7 +69,7 @@ class Simulation:
 
     def rewards(self) -> npt.NDArray[np.float64]:
         """The rewards (n,), scaled; a new array each time."""
-        return self._reward * self.settings.reward_scale
+        return self._state.reward * self.settings.reward_scale
 
     def drawn(self) -> dict[str, npt.NDArray[Any]]:
         """The variables that a picture of an episode shows, arrays (n,)."""
@@ -74,7 +77,7 @@ class Simulation:
 
     def latent(self) -> dict[str, npt.NDArray[Any]]:
         """The hidden part of the Markov state by column name, arrays (n,), new ones each time."""
-        return {name: values.copy() for name, values in self._latent.items()}
+        return {name: self._state[part][row].copy() for name, (part, row) in self._latent.items()}
 
 
 def checked_actions(given: Any, used: npt.NDArray[np.bool_]) -> Float32s:
@@ -103,6 +106,6 @@ def _one_step(draw: Draw) -> episodes.Draw:
     """The driver's source of integers: the next of each lane, whatever their address."""
 
     def integers(lanes: Indices, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
-        return np.ascontiguousarray(draw(lanes, slots).T)[None]
+        return draw(lanes, slots).T.reshape(1, slots, -1)
 
     return integers

@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.environment.lane import Lane, checked_action
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Indices, Simulation, checked_actions
+from ibdata.environment.simulation import Indices
 from ibdata.environment.spaces import spaces
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
@@ -58,7 +59,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         )
         self.render_mode = render_mode
         self.observation_space, self.action_space = spaces(given)
-        self._simulation = Simulation(given, 1)
+        self._lane = Lane(given)
         self._began = False
         self._seen: list[dict[str, Any]] = []  # of the episode, for the picture
 
@@ -72,27 +73,26 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         """Begin an episode. Returns the first observation and the hidden state."""
         super().reset(seed=seed)
         self._began = True
-        self._simulation.reset(self._simulation.everyone, self._draw)
+        self._lane.reset(self._lane.everyone, self._draw)
         self._seen = []
-        self._remember()
-        return self._simulation.observations()[0], self._info()
+        if self.render_mode is not None:
+            self._remember()
+        info = {name: values[0].item() for name, values in self._lane.latent().items()}
+        return self._lane.observations()[0], info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance by one step. Returns the observation, the reward, False, False and the hidden state."""
         if not self._began:
             raise gym.error.ResetNeeded("step: found no episode, expected reset() before")
-        actions = checked_actions([action], np.ones(1, dtype=bool))
-        self._simulation.step(self._simulation.everyone, actions, self._draw)
-        self._remember()
-        reward = float(self._simulation.rewards()[0])
-        return self._simulation.observations()[0], reward, False, False, self._info()
-
-    def _info(self) -> dict[str, Any]:
-        return {name: values[0].item() for name, values in self._simulation.latent().items()}
+        lane, proposed = self._lane, checked_action(action)
+        raw = self.np_random.bit_generator.random_raw(lane.draws)
+        seen, reward, info = lane.move(proposed, raw)
+        if self.render_mode is not None:
+            self._remember()
+        return seen, reward, False, False, info
 
     def _remember(self) -> None:
-        if self.render_mode is not None:
-            self._seen.append({name: x[0].item() for name, x in self._simulation.drawn().items()})
+        self._seen.append({name: x[0].item() for name, x in self._lane.drawn().items()})
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The episode so far as a picture (height, width, 3); needs the extra `plot`."""

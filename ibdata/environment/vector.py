@@ -171,7 +171,8 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def _info(self, mask: Flags) -> dict[str, Any]:
         """The hidden states as Gymnasium has them: arrays (n,), zero outside `_name`."""
         info: dict[str, Any] = {}
+        everyone = mask.all()
         for name, values in self._simulation.latent().items():
-            info[name] = np.where(mask, values, np.zeros(1, dtype=values.dtype))
+            info[name] = values if everyone else np.where(mask, values, np.zeros(1, dtype=values.dtype))
             info[f"_{name}"] = mask.copy()
         return info

@@ -14,7 +14,7 @@ from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
 from ibdata.evaluation.play import returns
 from ibdata.evaluation.policies import policy_of
-from ibdata.experiment import validated
+from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import estimate
 from ibdata.system.memory import refuse_too_much
 
@@ -127,7 +127,8 @@ def evaluate(
         "policies": [{"kind": "random"}],
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
-    experiment = validated({**plain, **settings}).model_copy(update={"policies": policies})
+    options = validated({**plain, **settings}).options()
+    experiment = Experiment.model_construct(**{**options, "policies": policies})  # of any class
     discounted, undiscounted = returns(experiment, float(discount))
     scale = None
     if not experiment.drifting:

@@ -17,7 +17,17 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
 
-__all__ = ["Experiment", "as_yaml", "find", "load", "load_all", "shipped", "suites", "validated"]
+__all__ = [
+    "Experiment",
+    "as_recorded",
+    "as_yaml",
+    "find",
+    "load",
+    "load_all",
+    "shipped",
+    "suites",
+    "validated",
+]
 
 
 def load(
@@ -66,6 +76,23 @@ def validated(data: dict[str, Any]) -> Experiment:
     except ValidationError as error:
         found = problems(error, Experiment, data)
         raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None
+
+
+def as_recorded(experiment: Experiment) -> Experiment:
+    """The experiment that its own YAML gives, from which its dataset is made here and anywhere.
+
+    Raises:
+        ConfigError: it is not valid.
+        UsageError: it is another than that, as one with an instance of a subclass of a policy.
+    """
+    recorded = validated(experiment.plain())
+    if recorded != experiment:
+        raise UsageError(
+            f"{experiment.name}: found an experiment that its YAML does not give again, such as one with an "
+            "object of a class derived from a policy of ibdata; expected code of your own as kind: custom"
+        )
+    vars(recorded)["folder"] = experiment.folder
+    return recorded
 
 
 def load_all(

@@ -7,15 +7,16 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from pathlib import Path
+from types import ModuleType
 
 from ibdata.dataset.models import Code, Manifest
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.imported_modules import Source, imported
 from ibdata.policies import Policy
-from ibdata.policies.custom import Custom, find_modules_here, started_in
+from ibdata.policies.custom import Custom, find_modules_here, importing, started_in
 from ibdata.system.atomic_files import file_sha256
 
 
@@ -63,16 +64,42 @@ def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetS
 
 @contextmanager
 def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
-    """A context that finds policies in the current folder, and restores it if their code changes it."""
+    """A context that imports policies anew from the current folder, and restores folder and modules."""
     here = os.getcwd() if customs(spec) else None
     before = started_in.set(here)
+    known = forget_modules(spec)
     try:
         yield
     finally:
+        forget_modules(spec)
+        with importing:
+            sys.modules.update(known)
         started_in.reset(before)
         if here is not None:
             with suppress(OSError):  # it was removed
                 os.chdir(here)
+
+
+def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
+    """Take the modules of custom policies out of `sys.modules`; return them.
+
+    What is imported next is what their files hold now. A package stays if it has loaded machine code, which
+    cannot be loaded twice.
+    """
+    names = {policy.target.partition(":")[0] for policy in customs(spec)}
+    if not names:
+        return {}
+    find_modules_here()
+    tops = {source.module.partition(".")[0] for name in names for source in imported(name)[0].values()}
+    with importing:
+        found = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in tops}
+        stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
+        return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
+
+
+def _is_machine_code(module: ModuleType) -> bool:
+    spec = getattr(module, "__spec__", None)
+    return spec is not None and isinstance(spec.loader, ExtensionFileLoader)
 
 
 def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[Code]:
@@ -118,14 +145,20 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
 
 
 def _declared(name: str, target: str, folder: Path | None) -> str:
-    for place in (folder, Path(started_in.get() or "")):
-        found = file_sha256(place / name) if place is not None else None
-        if found is not None:
-            return found
-    raise UsageError(
-        f"{target}: files: found no file {printable(name)!r}, expected it beside the experiment's YAML file "
-        "or in the current folder"
-    )
+    """Return the hash of a declared file; UsageError where there is none, or two that differ."""
+    places = [place / name for place in (folder, Path(started_in.get() or "")) if place is not None]
+    found = {place: sha256 for place in places if (sha256 := file_sha256(place)) is not None}
+    if not found:
+        raise UsageError(
+            f"{target}: files: found no file {printable(name)!r}, expected it beside the experiment's YAML "
+            "file or in the current folder"
+        )
+    if len(set(found.values())) > 1:
+        raise UsageError(
+            f"{target}: files: found {printable(' and '.join(map(str, found)))}, which differ, so nobody "
+            "knows which of the two is read; remove one"
+        )
+    return next(iter(found.values()))
 
 
 # The spec and the hash of each module when this process first saw it.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -20,6 +20,9 @@ from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 MAX_CELLS = 1_000_000
 MAX_SHARDS = 10_000_000
@@ -113,6 +116,16 @@ class Experiment(FrozenModel):
     def rows(self) -> int:
         """The number of transitions in the dataset."""
         return len(self.cells) * self.episodes * self.steps
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """As that of every block; it keeps the folder."""
+        copy = super().model_copy(update=update, deep=deep)
+        vars(copy)["folder"] = self.folder
+        return copy
+
+    def part(self, steps: int, episodes: int) -> Experiment:
+        """The same cells with fewer steps and episodes, and without what is said of other episodes."""
+        return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
 
     def plain(self) -> dict[str, Any]:
         """The experiment as plain data for YAML, including defaults."""

@@ -1,15 +1,15 @@
-"""Exports for other libraries, one format a file: the file's name is the format, nothing else lists them.
+"""Exports for other libraries. Each format is one module here, which is found by its name.
 
-A format is a module whose docstring is its help. It has `export(view, path, target)`, which writes the file
-or folder `path` and returns the Python code that will load it from `target`, its final name. It may also have
+The docstring of a format is its help. A format has `export(view, path, target)`, which writes the file or
+folder `path` and returns the Python code that loads it from `target`, its final name. It may also have
 
-- `verify(view, path)`, which compares what was written with the data;
+- `verify(view, path)`, which compares the written file or folder with the data;
 - `HISTORY`, its default history;
-- `place(view, out)`, the target for an `out`;
+- `place(view, out)`, which returns the target for the option `--out`;
 - options of its own, as keyword arguments of `export` and `place`.
 
-Other packages add formats by an entry point in the group `ibdata.exporters`: its name is that of the format,
-its value the module. The module is imported only if somebody asks for that format by name.
+Other packages add formats by entry points in the group `ibdata.exporters`: the name of an entry point is that
+of the format, its value is the module. The module is imported only when its format is used.
 """
 
 from __future__ import annotations
@@ -60,24 +60,24 @@ def export(
     Every transition is kept. `out` appears only when it is complete; nothing is left behind on failure.
 
     Args:
-        dataset: a `Dataset`, or the path of one.
-        to: the format: one of `FORMATS`, or one that an installed package adds.
-        out: a path that does not exist; for `minari` the root folder, which gets a folder named `id`.
-        split: only this split.
-        history: the number of observations to stack, newest first; 1 if the format has no other default.
-        reward_scale: the factor by which rewards are multiplied.
-        id: for `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
-        verify: whether to read back what was written and compare it with the dataset, value by value.
-        progress: whether to show a progress bar on stderr; None: if stderr is a terminal.
+        dataset: A `Dataset`, or the path of one.
+        to: The format: one of `FORMATS`, or one that an installed package adds.
+        out: A path that does not exist; for `minari` the root folder, which gets a folder named `id`.
+        split: Only this split; by default all rows.
+        history: How many observations to stack, newest first; 1 unless the format has another default.
+        reward_scale: The factor by which rewards are multiplied.
+        id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
+        verify: Whether to read the export back and compare it with the dataset, value by value.
+        progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
-        What was written, and the Python code that loads it.
+        The path and size of the export, and the Python code that loads it.
 
     Raises:
-        UsageError: an argument is invalid, or the format cannot hold these data.
-        MissingError: a library is not installed.
-        DatasetError: the dataset is damaged.
-        IbdataError: the system refused to write, or `verify` found other values than were written.
+        UsageError: An argument is invalid, or the format cannot hold these data.
+        MissingError: A library is not installed.
+        DatasetError: The dataset is damaged.
+        IbdataError: The system refuses to write, or `verify` reads other values than were written.
     """
     from ibdata.dataset.reader import Dataset
     from ibdata.errors import UsageError

@@ -1,4 +1,4 @@
-"""Writing and comparing sets of long arrays of the same number of rows, block by block."""
+"""Writing and comparing several arrays with the same number of rows, block by block."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Read = Callable[[str, int], Array]  # the next n rows of an array
 
 
 def transitions(block: Block) -> Arrays:
-    """The arrays of D4RL: one entry a transition in each, and the latent state in infos/."""
+    """The arrays of D4RL: one entry per transition in each, and the latent state in infos/."""
     return {
         "observations": block.observations,
         "actions": block.actions,
@@ -34,9 +34,9 @@ def transitions(block: Block) -> Arrays:
 
 
 def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
-    """Write the arrays, and other short ones, as a compressed NPZ.
+    """Write the arrays of a form, and `others` that are short, as an NPZ that is not compressed.
 
-    A ZIP holds one member after the other, so each array is first written to a file of its own.
+    The members of a ZIP are written one after another, so each array is first written to a file of its own.
     """
     parts: dict[str, Path] = {}
     with ExitStack() as stack:
@@ -48,7 +48,7 @@ def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
                     files[name] = stack.enter_context(parts[name].open("xb"))
                     _header(files[name], view.rows, array)
                 files[name].write(np.ascontiguousarray(array).data)
-    with zipfile.ZipFile(path, "x", zipfile.ZIP_DEFLATED, allowZip64=True, compresslevel=1) as archive:
+    with zipfile.ZipFile(path, "x", allowZip64=True) as archive:
         for name, part in parts.items():
             archive.write(part, f"{name}.npy")
             part.unlink()
@@ -76,7 +76,7 @@ def check_npz(view: View, form: Form, path: Path) -> None:
 
 
 def _header(file: IO[bytes], rows: int, array: Array) -> None:
-    """Write the header of a NumPy file of so many rows, with the type and shape of the array's."""
+    """Write the header of a NumPy file with this number of rows, each of the array's type and shape."""
     np.lib.format.write_array_header_1_0(
         file,
         {
@@ -88,7 +88,7 @@ def _header(file: IO[bytes], rows: int, array: Array) -> None:
 
 
 def check(view: View, form: Form, read: Read, path: Path) -> None:
-    """Compare what is read back with the data, value by value; IbdataError where they differ."""
+    """Compare written arrays with the data, value by value. Raises IbdataError if they differ."""
     for block in view.blocks("check"):
         for name, array in form(block).items():
             found = read(name, len(array))

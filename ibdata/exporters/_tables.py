@@ -1,4 +1,4 @@
-"""Reading tables back in pieces of the wanted size, wherever the file cuts them."""
+"""Reading a stream of Arrow batches in pieces of any size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write an export beside its target, and rename it when it is complete."""
+"""Writing an export beside its target, and renaming it when it is complete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ibdata.system.atomic_files import TEMPORARY, sync_folder
 
 @contextmanager
 def whole(target: Path) -> Iterator[Path]:
-    """Give a path to write to, which becomes the target if the block succeeds; otherwise nothing is left.
+    """Yield a path to write to, which is renamed to the target if the block succeeds; else nothing is left.
 
     Raises UsageError for a target that exists or lies within a dataset.
     """
@@ -51,7 +51,7 @@ def refuse(target: Path) -> None:
 
 @contextmanager
 def stoppable(target: Path) -> Iterator[None]:
-    """Turn signals and errors of the system into errors of one line; what was written is then removed."""
+    """Turn signals and errors of the system into errors of one line."""
     try:
         with signals.stoppable():
             yield
@@ -60,13 +60,13 @@ def stoppable(target: Path) -> Iterator[None]:
     except OSError as error:
         raise IbdataError(f"{target}: cannot be written: {error.strerror or error}") from error
     except MemoryError:
-        raise IbdataError(f"{target}: memory is too short; use a smaller --history") from None
+        raise IbdataError(f"{target}: out of memory; use a smaller --history") from None
 
 
 def reserve(path: Path, size: int) -> None:
-    """Make sure that there is room for so many bytes; OSError where there is not.
+    """Raise OSError unless there is room for this number of bytes.
 
-    HDF5 ends the process with a segmentation fault where a write fails, and nobody could tidy up after it.
+    If a write fails, HDF5 ends the process with a segmentation fault, after which nothing could be removed.
     """
     with path.open("xb") as file:
         os.posix_fallocate(file.fileno(), 0, size)
@@ -74,7 +74,7 @@ def reserve(path: Path, size: int) -> None:
 
 
 def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
-    """Import an optional library; MissingError, which names its package, if it is not installed."""
+    """Import an optional library. Raises MissingError, which names its package, if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
@@ -82,7 +82,7 @@ def needed(module: str, format: str, extra: str, package: str | None = None) -> 
 
 
 def differs(what: str) -> IbdataError:
-    """Return the error for an export whose values differ when they are read back."""
+    """The error for an export whose values differ when they are read back."""
     return IbdataError(f"{what}: read back other values than were written; the disk or a library is at fault")
 
 

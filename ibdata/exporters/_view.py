@@ -64,12 +64,12 @@ class View:
 
     @property
     def rows(self) -> int:
-        """Transitions."""
+        """The number of transitions."""
         return int(self._counts.rows)
 
     @property
     def episodes(self) -> int:
-        """Episodes."""
+        """The number of episodes."""
         return int(self._counts.episodes)
 
     @property
@@ -106,7 +106,7 @@ class View:
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
         """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar.
 
-        columns must hold `terminated`, `truncated` and `reward`, which comes scaled.
+        The columns must include `terminated`, `truncated` and `reward`. Rewards are scaled.
         """
         disable = None if self.progress is None else not self.progress
         rows = max(1, BLOCK_ROWS // self.history)

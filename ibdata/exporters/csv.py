@@ -1,6 +1,6 @@
-"""CSV: the dataset's own columns, a header, a row a transition; decimals that give the same float again. With
-a history, earlier observations follow in columns like obs_velocity_lag_1. Compressed where `--out` ends in
-.gz. Written in constant memory.
+"""CSV with a header, the columns of the dataset and one row per transition. The decimals give the same floats
+again. With a history, earlier observations follow in columns such as obs_velocity_lag_1. Compressed if
+`--out` ends in .gz. Written in constant memory.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ def export(view: View, path: Path, target: Path) -> str:
             writer = writer or stack.enter_context(csv.CSVWriter(file, table.schema))
             writer.write_table(table)
     return f"""\
-import pandas as pd
+from pyarrow import csv
 
-data = pd.read_csv({str(target)!r}, engine="pyarrow")
+text = csv.ConvertOptions(column_types={{"policy": "string"}})  # also where a label looks like a number
+data = csv.read_csv({str(target)!r}, convert_options=text).to_pandas()
 """
 
 
 def _tables(view: View, what: str) -> Iterator[pa.Table]:
-    """All columns as CSV can hold them: text instead of numbers for text."""
+    """All columns in a form that CSV can hold: labels as text instead of dictionary numbers."""
     for table in view.tables([column.name for column in view.dataset.info_model.columns], what):
         for i, field in enumerate(table.schema):
             if pa.types.is_dictionary(field.type):
@@ -43,7 +44,7 @@ def _tables(view: View, what: str) -> Iterator[pa.Table]:
 
 
 def _with_history(view: View, table: pa.Table) -> pa.Table:
-    """The table with the earlier observations, newest first."""
+    """The table with columns for earlier observations, newest first."""
     if view.history == 1:
         return table
     names = [view.group("observation"), view.group("next_observation")]

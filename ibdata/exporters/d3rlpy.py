@@ -1,8 +1,8 @@
-"""A file for d3rlpy's ReplayBuffer.load. d3rlpy shifts observations to get the next ones and so would lose
-the last transition of an episode that a time limit ends: a row with the final observation is appended to
-each. Its action is 0.5, which also keeps d3rlpy from taking actions that are all -1, 0 or 1 for discrete
-ones; its reward 0; neither is ever in a transition but as the next action of the last. Written in constant
-memory, but d3rlpy loads all of it. Needs ibdata[hdf5] to write.
+"""A file for d3rlpy's ReplayBuffer.load. d3rlpy takes the next observation from the next row, and would lose
+the last transition of an episode that ends at a time limit. So each of these episodes gets one more row, with
+the final observation, reward 0 and action 0.5. Neither this reward nor this action is used in a transition,
+except as the next action of the last one. The value 0.5 keeps d3rlpy from taking actions that are all -1, 0
+or 1 for discrete ones. Written in constant memory, but d3rlpy loads the whole file. Needs ibdata[hdf5].
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from ibdata.exporters._arrays import same
 from ibdata.exporters._target import differs, needed, reserve
 from ibdata.exporters._view import Arrays, Block, View
 
-VERSION = "2.1"  # of d3rlpy's form
-OVERHEAD = 4096  # bytes, of an episode; measured: 1.6 kB
+VERSION = "2.1"  # of d3rlpy's file format
+OVERHEAD = 4096  # bytes per episode; 1.6 kB was measured
 PADDING = 0.5  # of the appended row's action
 KEYS = ("observations", "actions", "rewards", "terminated")
 
 
 def episode(block: Block) -> Arrays:
-    """An episode as d3rlpy holds it; with one row more where it does not terminate.
+    """An episode in d3rlpy's form, with one more row if it does not terminate.
 
     observations (n, 6 · history), actions (n, 3), rewards (n, 1), terminated ().
     """

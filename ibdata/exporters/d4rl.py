@@ -1,7 +1,7 @@
 """HDF5 with the keys of D4RL: observations, actions, rewards, next_observations, terminals, timeouts, and
-infos/… with one entry a row; metadata are attributes, because D4RL's sequence_dataset takes every dataset
-to have rows. D4RL's qlearning_dataset ignores next_observations and drops the last row of each episode:
-read the keys yourself. Written in constant memory. Needs ibdata[hdf5].
+infos/… with one entry per row. Metadata are attributes, because D4RL's sequence_dataset expects rows in every
+HDF5 dataset. Read the keys yourself: D4RL's qlearning_dataset ignores next_observations and drops the last
+row of each episode. Written in constant memory. Needs ibdata[hdf5].
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ibdata.exporters._view import Array, View
 from ibdata.version import __version__
 
 CHUNK_ROWS = 4096
-OVERHEAD = 2**20  # bytes, of the file; measured: 0.37 MB
+OVERHEAD = 2**20  # bytes per file; 0.37 MB was measured
 
 
 def export(view: View, path: Path, target: Path) -> str:
@@ -60,7 +60,6 @@ def _write(view: View, file: Any) -> None:
             if start == 0:
                 chunks = (min(CHUNK_ROWS, view.rows), *array.shape[1:])
                 shape = (view.rows, *array.shape[1:])
-                options = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-                file.create_dataset(name, shape, array.dtype, chunks=chunks, **options)
+                file.create_dataset(name, shape, array.dtype, chunks=chunks)
             file[name][start:stop] = array
         start = stop

@@ -1,9 +1,9 @@
-"""A Minari dataset in `--out`/NAMESPACE/NAME-vN, where `--out` is Minari's root (MINARI_DATASETS_PATH) and
-the id is `--id`, else ibdata/<name>-v0. HDF5, because Minari's Arrow and Parquet corrupt episodes of
-32,768 steps or more. T + 1 observations, the final one included; float32; latent state and action_log_prob
-in `infos`, T + 1 each, NaN at the end where the dataset does not know it (`latent: next` does). The
-metadata of an episode have the dataset's seed. Memory grows by some 30 kB an episode, in HDF5. Needs
-ibdata[minari].
+"""A Minari dataset in `--out`/NAMESPACE/NAME-vN. `--out` is Minari's root (MINARI_DATASETS_PATH), and
+NAMESPACE/NAME-vN is `--id`, by default ibdata/<name>-v0. It is stored as HDF5, because Minari's Arrow and
+Parquet corrupt episodes of 32,768 steps or more. An episode of T steps has T + 1 observations, in float32.
+Its `infos` hold latent state and action_log_prob, T + 1 values each; the last value is NaN unless the dataset
+has it (`latent: next`). The metadata of each episode have the dataset's seed. HDF5 needs about 30 kB of
+memory per episode. Needs ibdata[minari].
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Common = Callable[[str], Any]
-ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # what Minari takes, with a version always
+ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 
-OVERHEAD = 100_000  # bytes, of an episode's chunks; measured: 55 to 75 kB
+OVERHEAD = 100_000  # bytes per episode, for its chunks; 55 to 75 kB were measured
 
 
 def place(view: View, out: Path, id: str | None = None) -> Path:
-    """The dataset's folder below the root; UsageError for an id or a root that Minari would not take."""
+    """The dataset's folder below the root. Raises UsageError for an id or root that Minari refuses."""
     name = Path(_id(view, id))
     for folder in (out, *(out / parent for parent in name.parents)):
         if (folder / "data").exists() or "data" in name.parts[:-1]:
@@ -62,14 +62,14 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     """Write the dataset with Minari."""
     needed("minari", "minari", "minari")
     needed("h5py", "minari", "minari")
-    needed("PIL", "minari", "minari", "pillow")  # Minari's storages import it, but Minari does not ask for it
+    needed("PIL", "minari", "minari", "pillow")  # Minari imports it, but does not require it
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
     name = _id(view, id)
     path.mkdir()
     reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
-    data = path.absolute() / "data"  # Minari spoils relative paths when it adds up sizes
+    data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
     observations, actions = _spaces(view)
     common, episodes = _common(view), view.described()
     environment = _environment(view, episodes, common)
@@ -127,9 +127,9 @@ def _spaces(view: View) -> tuple[Any, Any]:
 
 
 def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
-    """What `recover_environment` makes: the environment with the dataset's dynamics, start and observations.
+    """The environment for `recover_environment`, with the dataset's dynamics, start and observations.
 
-    Its setpoint is the dataset's where that is one only.
+    It has the dataset's setpoint, if there is only one.
     """
     from gymnasium.envs.registration import EnvSpec
 
@@ -142,7 +142,7 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
 
 
 def _common(view: View) -> Common:
-    """What an option is in the dataset's experiment, or in all of them where it was merged; else None."""
+    """A function that returns an option of the dataset's experiments, or None if they differ in it."""
     experiments = []
     for path in view.dataset.manifest_model.entries():
         if path.startswith("meta/experiment"):

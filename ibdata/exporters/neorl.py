@@ -1,8 +1,7 @@
-"""An NPZ for NeoRL's loader: obs, next_obs, action, reward (N, 1), done (N, 1), index; history 30 unless told
-otherwise, so 180 columns, newest frame first. Rewards are unscaled unless told otherwise. One setpoint
-only. `done` marks the time limit too, as in NeoRL's own files. The loader puts a 0 in front of `index`, so
-the file holds the ends of the episodes; and it reads float32, so more than 16,777,216 rows are refused.
-Constant memory.
+"""An NPZ for NeoRL's loader: obs, next_obs, action, reward (N, 1), done (N, 1) and index, for one setpoint.
+The history is 30 by default, which gives 180 columns, newest frame first. `done` also marks the time limit,
+as in NeoRL's own files. `index` holds the ends of the episodes, because the loader puts a 0 in front of it.
+The loader reads it as float32, so more than 16,777,216 rows are refused. Written in constant memory.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ from ibdata.exporters._view import Array, Arrays, Block, View
 from ibdata.numerics.naming import exact
 
 HISTORY = 30
-MAX_ROWS = 2**24  # above it, float32 has no whole numbers one apart
+MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
 
 
 def form(block: Block) -> Arrays:
-    """The arrays of NeoRL, but for the index."""
+    """The arrays of NeoRL, except the index."""
     return {
         "obs": block.observations,
         "next_obs": block.next_observations,
@@ -33,7 +32,7 @@ def form(block: Block) -> Arrays:
 
 
 def export(view: View, path: Path, target: Path) -> str:
-    """Write the NPZ; UsageError for several setpoints or too many rows."""
+    """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
     if view.rows > MAX_ROWS:
         raise UsageError(f"neorl: found {view.rows} rows, expected at most {MAX_ROWS}; use --split")
     write_npz(view, form, path, index=_index(view))
@@ -54,7 +53,7 @@ def verify(view: View, path: Path) -> None:
 
 
 def _index(view: View) -> Array:
-    """The end of each episode; UsageError where there are several setpoints."""
+    """The end of each episode. Raises UsageError if there are several setpoints."""
     name = view.group("observation")[0]
     setpoints: set[float] = set()
     ends: list[Array] = []

@@ -1,7 +1,7 @@
-"""Parquet for RLlib's offline algorithms: `--out` is a file if it ends in .parquet, else a folder that gets
-arrays.parquet. RLlib wants a vector a row, so observations are fixed-size lists; next_observation is there
-because RLlib makes an episode of each row; there is no column of text, on which training would end. It
-prints the configuration that RLlib needs. Written in constant memory.
+"""Parquet for RLlib's offline algorithms. `--out` is a file if it ends in .parquet, else a folder that gets
+arrays.parquet. Observations are fixed-size lists, because RLlib needs one vector per row. next_observation is
+included, because RLlib makes an episode of each row. There is no text column, because training would fail on
+it. The command prints the configuration that RLlib needs. Written in constant memory.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Block, View
 
 ROW_GROUP_ROWS = 100_000
-OPTIONS = {"compression": "zstd", "write_page_checksum": True}
+OPTIONS = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 SUFFIX = ".parquet"
 FILE = "arrays.parquet"
 SCHEMA = {
@@ -50,7 +50,7 @@ def export(view: View, path: Path, target: Path) -> str:
 schema = {{
 {"".join(f"    {key!r}: {column!r},{chr(10)}" for key, column in SCHEMA.items())}}}
 config = config.offline_data(
-    input_=[{str(target.absolute())!r}],  # a list: RLlib takes a text to be a path and spoils URLs
+    input_=[{str(target.absolute())!r}],  # a list, because RLlib takes a string for a path, and breaks URLs
     input_read_schema=schema,
     input_read_method_kwargs={{"columns": list(schema.values())}},
     dataset_num_iters_per_learner=3,
@@ -85,7 +85,7 @@ def _column(array: Array) -> pa.Array:
 def verify(view: View, path: Path) -> None:
     """Compare the file with the data."""
     file = path / FILE if path.is_dir() else path
-    # With pre_buffer, which is the default, all that was read would stay in memory.
+    # By default (pre_buffer=True), all that was read would stay in memory.
     with pq.ParquetFile(file, page_checksum_verification=True, pre_buffer=False) as parquet:
         found = Rows(parquet.iter_batches(ROW_GROUP_ROWS), parquet.schema_arrow)
         for block in view.blocks("check"):

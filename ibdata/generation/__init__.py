@@ -1,1 +1,1 @@
-"""From an experiment to a folder that holds its dataset."""
+"""Generating the dataset of an experiment in a folder."""

@@ -1,7 +1,8 @@
-"""A dataset made by several hosts: each makes a range of the shards in one folder, then one finishes it.
+"""Datasets made by several hosts: each makes a range of the shards in one folder, then one host finishes it.
 
-Ranges share the folder's lock and hold one of their own, so that those without a common shard run at the same
-time, and a run that wants the whole folder is refused meanwhile. A range touches no files but its own.
+Ranges share the folder's lock, which keeps out a run that needs the whole folder. Each range also has a lock
+of its own, so that ranges run at the same time only if they have no shard in common. A range touches no other
+range's files.
 """
 
 from __future__ import annotations
@@ -51,30 +52,30 @@ def generate_shards(
     engine: str = "local",
     address: str | None = None,
 ) -> Made:
-    """Make one range of a dataset's shards; `finalize` finishes the dataset when all ranges are there.
+    """Make one range of a dataset's shards; `finalize` finishes the dataset when all ranges are made.
 
-    Any number of hosts may make different ranges in one folder at the same time. Where their file system
-    keeps locks between hosts, one of two that share a shard is refused. Shards that are there are not made
-    again, so the same call goes on with a range that was stopped.
+    Any number of hosts may make different ranges in one folder at the same time. If their file system has
+    locks between hosts, a range is refused while another host makes one of its shards. Finished shards are
+    not made again, so the same call continues a range that was stopped.
 
     Args:
-        config: As `generate` has it.
+        config: As in `generate`.
         shards: "i/n", with i from 1 to n.
         out: The folder that all hosts share; by default data/<name>.
-        workers: As `generate` has it.
-        seed: As `generate` has it.
-        overrides: As `generate` has it.
-        progress: As `generate` has it.
-        allow_code: As `generate` has it.
-        engine: As `generate` has it.
-        address: As `generate` has it.
+        workers: As in `generate`.
+        seed: As in `generate`.
+        overrides: As in `generate`.
+        progress: As in `generate`.
+        allow_code: As in `generate`.
+        engine: As in `generate`.
+        address: As in `generate`.
 
     Returns:
         The folder, the shards and rows of the range, and how many shards the dataset still lacks.
 
     Raises:
         BusyError: Another process makes a range that shares a shard.
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
     own = Range.parse(shards)
     experiment = resolve(config, overrides, seed)
@@ -87,7 +88,7 @@ def generate_shards(
     ranges.refuse_shared(folder, own, spec.shards)
     output_folder.check(folder, experiment, resume=True, overwrite=False)
     with refusals(folder), in_one_folder(spec):
-        place = folder.absolute() if customs(spec) else folder  # code may go to another folder
+        place = folder.absolute() if customs(spec) else folder  # custom code may change the current folder
         begun = origin.observe(spec, folder)
         with writing_to(place, shared, folder) as leaving, ranges.locked(place, own, spec.shards):
             output_folder.check(place, experiment, resume=True, overwrite=False)
@@ -95,8 +96,9 @@ def generate_shards(
             mine = own.of(spec.shards)
             rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
             if manifest.locate(place, manifest.PATH).is_file():
+                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
                 return Made(folder, len(mine), rows, 0)
-            leaving.callback(output_folder.abandon, place)  # which keeps what has receipts
+            leaving.callback(output_folder.abandon, place)
             try:
                 output_folder.begin_range(place, experiment, mine)
                 origin.begin_range(place, begun, folder)
@@ -112,10 +114,10 @@ def generate_shards(
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """Finish a dataset whose ranges `generate_shards` has made: check every shard and write the manifest.
 
-    No code of a policy is imported: what made the shards was noted when they were begun.
+    No code of a policy is imported, because its hashes were noted when the run began.
 
     Args:
-        folder: The folder of the dataset. One that is finished already is only opened.
+        folder: The folder of the dataset. A finished dataset is only opened.
 
     Raises:
         IbdataError: Shards are missing or are not what their receipts say.

@@ -16,7 +16,7 @@ Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
-    """A function that writes shards to a folder and yields each when it is there.
+    """A function that writes shards to a folder and yields each when it is written.
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
@@ -38,7 +38,7 @@ def _local(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import local
 
     if address is not None:
-        raise UsageError(f"address: found {address!r}, which goes with the engine ray only")
+        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
     return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, workers)
 
 

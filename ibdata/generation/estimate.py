@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ibdata.experiment import Experiment
+from ibdata.experiment import Experiment, as_recorded
 from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
@@ -37,20 +37,21 @@ def estimate(
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: What would be generated.
-        folder: Where it would be generated.
+        experiment: The experiment that would be generated.
+        folder: The folder in which it would be generated.
         workers: How many processes would be used; by default chosen by the work.
-        resume: As `generate` has it.
-        overwrite: As `generate` has it.
-        allow_code: As `generate` has it.
+        resume: As in `generate`.
+        overwrite: As in `generate`.
+        allow_code: As in `generate`.
 
     Returns:
         out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
 
     Raises:
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
     refuse_workers(workers)
+    experiment = as_recorded(experiment)
     out = Path(folder)
     spec = DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
@@ -78,7 +79,7 @@ def _sample(experiment: Experiment) -> tuple[float, float]:
     steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
     budget = max(1, SAMPLE_ROWS // steps)
     episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))
-    small = experiment.model_copy(update={"steps": steps, "episodes": episodes})
+    small = experiment.part(steps, episodes)
     total = episodes * len(experiment.cells)
     parts = 1 if total <= budget else min(PARTS, budget)
     width = min(total, budget) // parts

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Experiment, as_recorded, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -19,6 +19,7 @@ from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.origin import Origin
+from ibdata.generation.staging import discard
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
@@ -45,19 +46,18 @@ def generate(
     Args:
         config: A YAML file, the name of a shipped experiment, or an Experiment. A folder of experiments is
             for `generate_all`.
-        out: The folder of the dataset; by default data/<name>. Where it is a URL, as s3://bucket/name, the
+        out: The folder of the dataset; by default data/<name>. If it is a URL, such as s3://bucket/name, the
             dataset is made on this machine, then uploaded.
         workers: How many processes to use; by default chosen by the work.
         seed: Replaces the experiment's seed.
         overrides: Replace values of the YAML, as `key.sub=value`.
-        resume: Go on with a run that was stopped, or start one; upload what is missing at a URL.
-        overwrite: Replace a dataset, which stays whole until the new one is.
+        resume: Continue a run that was stopped, or start one. At a URL, upload the files that are missing.
+        overwrite: Replace a dataset, which stays complete until the new one is.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
-        allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust;
-            their bits are promised in the same environment only. A run is resumed with the code that it
-            began with.
+        allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust. They
+            give the same bits only in the same environment, and a run resumes only with the same code.
         engine: "local", or "ray" to run the shards on Ray.
-        address: Of Ray; by default one is started here.
+        address: The address of Ray; by default Ray is started on this machine.
 
     Returns:
         The finished dataset.
@@ -66,18 +66,20 @@ def generate(
         ConfigError: The experiment is not valid.
         UsageError: An argument is invalid, or the folder holds something else.
         BusyError: Another process writes to the folder.
-        IbdataError: The system refuses.
+        IbdataError: The system refuses to write, or a worker fails.
     """
     experiment = resolve(config, overrides, seed)
     run = select_engine(engine, workers, address)
     if is_url(out):
         remote = Remote(str(out))
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-        if uploading.refuse(remote, experiment, resume, overwrite):
-            return Dataset(remote.url)
         folder = uploading.work_folder(remote, experiment)
-        _generate(experiment, folder, run, True, False, progress)
-        return uploading.upload(remote, folder)
+        found = uploading.find(remote, experiment, folder, resume, overwrite)
+        if found.listed is not None:
+            origin.refuse_code_other_than(found.listed.code, DatasetSpec.of(experiment), remote.name)
+        if not found.finished:
+            _generate(experiment, folder, run, True, False, progress)
+        return uploading.upload(remote, experiment, folder, resume)
     folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     _generate(experiment, folder, run, resume, overwrite, progress)
@@ -92,13 +94,14 @@ def _generate(
     output_folder.check(folder, experiment, resume, overwrite)
     spec = DatasetSpec.of(experiment)
     with refusals(folder), in_one_folder(spec):
-        place = folder.absolute() if customs(spec) else folder  # code may go to another folder
-        begun = origin.observe(spec, folder)  # nothing is to be tidied yet: a signal may end the process
+        place = folder.absolute() if customs(spec) else folder  # custom code may change the current folder
+        begun = origin.observe(spec, folder)  # a signal may end the process, as nothing is written yet
         with writing_to(place, name=folder):
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
-                output_folder.end(place)  # a run that was killed when it had finished
+                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
+                output_folder.end(place)  # the run was killed after it had finished
             else:
                 _run(spec, root, run, overwrite, progress, begun, folder)
                 if root != place:
@@ -108,16 +111,17 @@ def _generate(
 def resolve(
     config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
 ) -> Experiment:
-    """The experiment that a config stands for; overrides go with a file or name only."""
+    """The experiment that a config names, with overrides and seed; a new object for each run."""
     if not isinstance(config, Experiment):
         return load(config, overrides, seed)
     if overrides:
-        raise UsageError("overrides: found an Experiment as config, expected a file or a name with them")
+        raise UsageError("overrides: found an Experiment as config, but they need a file or a name")
+    experiment = as_recorded(config)
     if seed is None:
-        return config
+        return experiment
     if not 0 <= seed < 2**64:
         raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
-    return config.model_copy(update={"seed": seed})
+    return experiment.model_copy(update={"seed": seed})
 
 
 def default_folder(experiment: Experiment) -> Path:
@@ -134,11 +138,11 @@ def _run(
     begun: Origin,
     folder: Path,
 ) -> None:
-    """Write the shards that have no receipt into root, then finish it; folder is what the caller calls it."""
+    """Write the missing shards into root and finish the dataset. Messages name it `folder`."""
     experiment = spec.experiments[0]
     try:
         if overwrite and origin.begun(root) != begun.note():
-            output_folder.discard(root)
+            discard(root)
         output_folder.begin(root, experiment, overwrite)
         origin.begin(root, begun, folder)
         written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)
@@ -152,7 +156,7 @@ def _run(
 def make(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
 ) -> list[WrittenShard]:
-    """Write the shards that have no receipt yet; return all of them."""
+    """Write the shards that have no receipt yet; return all shards."""
     written = [w for shard in shards if (w := receipt.get(root, identity, spec, shard)) is not None]
     done = {w.shard.number for w in written}
     missing = [shard for shard in shards if shard.number not in done]

@@ -1,4 +1,4 @@
-"""The local engine: shards are made in this process, or in a pool that survives a killed worker."""
+"""The local engine: shards are made in this process, or in a pool that survives the death of a worker."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ def run(
 ) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
-    A worker that dies costs the shards in work, which are done again; IbdataError after three deaths in a
-    row.
+    If a worker dies, the shards in progress are made again. Raises IbdataError after three deaths in a row.
     """
     division = divide(spec, shards, workers)
-    if division.processes == 1 or multiprocessing.current_process().daemon:  # which may not have children
+    if division.processes == 1 or multiprocessing.current_process().daemon:  # it may not have children
         at_once = min(division.threads, len(shards))
         if at_once > 1:
             yield from _side_by_side(spec, shards, root, identity, at_once)
@@ -89,7 +88,7 @@ def _one_after_the_other(
         for shard in shards:
             with ExitStack() as opened:
                 writer = filled(opened, spec, shard, root, threads)
-                made = before.result() if before else None  # so that no more than two are in memory
+                made = before.result() if before else None  # wait, so that at most two are in memory
                 before = finishing.submit(finish, writer, opened.pop_all(), root, identity)
             if made:
                 yield made

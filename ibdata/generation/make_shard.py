@@ -24,7 +24,7 @@ def write_shard(
     overlap: bool = True,
     stopped: threading.Event | None = None,
 ) -> WrittenShard:
-    """Simulate a shard and write it, and its receipt after it.
+    """Simulate a shard and write it, then its receipt.
 
     Args:
         spec: What the shard belongs to.
@@ -60,7 +60,7 @@ def filled(
 
 
 def finish(writer: ShardWriter, opened: ExitStack, root: Path, identity: str) -> WrittenShard:
-    """Commit a shard whose parts are all added, and then its receipt."""
+    """Commit a shard to which all parts were added, then its receipt."""
     with opened:
         made = writer.finish()
         refuse_moved(root, identity)

@@ -1,7 +1,7 @@
-"""The origin of a run: its policies' code and its machine's bits, noted for whoever goes on with it.
+"""The origin of a run: hashes of its policies' code, and of the bits that its machine computes.
 
-The note is written before the first shard, and whatever makes a shard must agree with it: another process,
-a worker, a range of an array job.
+It is noted before the first shard. Every process that makes a shard must have the same origin: one that
+resumes the run, a worker, a range of an array job.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, provenance
+from ibdata.experiment.custom_code import customs, forget_modules, in_one_folder, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
@@ -26,7 +26,7 @@ AGAIN = "or start again with --overwrite or another --out"
 
 
 class Origin(JsonObject):
-    """The hash of the known answer on the machine where a run began, and its custom policies' provenance."""
+    """The origin of a run: the hash of its machine's self-check, and the code of its custom policies."""
 
     known_answer: Sha256
     code: list[Code]
@@ -37,14 +37,14 @@ class Origin(JsonObject):
         return self.known_answer == self_check.SHA256
 
     def note(self) -> bytes:
-        """The bytes of its note."""
+        """The bytes of the file that notes it."""
         return as_json(self)
 
 
 def observe(spec: DatasetSpec, where: Path) -> Origin:
-    """Observe the origin of a run: its code is hashed before any of it runs, then all of it is imported.
+    """Determine the origin of a run: hash its code before any of it runs, then import all of it.
 
-    Raises UsageError where it changed meanwhile.
+    Raises UsageError if the code changed meanwhile.
     """
     folder = spec.experiments[0].folder
     code = provenance(spec, folder)
@@ -54,15 +54,15 @@ def observe(spec: DatasetSpec, where: Path) -> Origin:
 
 
 def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: Path) -> Origin:
-    """Import all policies; return the origin. Raises UsageError where their code changed meanwhile."""
+    """Import all policies; return the origin. Raises UsageError if their code changed meanwhile."""
     for policy in customs(spec):
         policy.load()
-    _refuse_other_code(code, provenance(spec, folder), where)
+    refuse_other_code(code, provenance(spec, folder), where)
     return Origin(known_answer=self_check.digest(), code=code)
 
 
 def begin(root: Path, origin: Origin, where: Path) -> None:
-    """Write the note of a run; UsageError where existing shards have another origin."""
+    """Note the origin of a run. Raises UsageError if existing shards have another origin."""
     if any((root / receipt.FOLDER).glob("*.receipt")):
         _refuse_other(get(root, where), origin, where)
     else:
@@ -70,13 +70,13 @@ def begin(root: Path, origin: Origin, where: Path) -> None:
 
 
 def begin_range(root: Path, origin: Origin, where: Path) -> None:
-    """As `begin`, while other ranges may begin: the first to begin decides, even before its first shard."""
+    """As `begin`, but other ranges may begin at the same time; the first one notes the origin for all."""
     if not create_or_compare(root, PATH, origin.note()):
         _refuse_other(get(root, where), origin, where)
 
 
 def begun(root: Path) -> bytes | None:
-    """The bytes of an unfinished run's note; None where there is none."""
+    """The bytes of an unfinished run's note; None if there is none."""
     path = root / PATH
     if not path.is_file():
         return None
@@ -87,53 +87,62 @@ def begun(root: Path) -> bytes | None:
 
 
 def get(root: Path, where: Path) -> Origin:
-    """Read the origin of an unfinished run; UsageError where its note is missing or damaged."""
+    """Read the origin of an unfinished run. Raises UsageError if its note is missing or damaged."""
     try:
         return parse(Origin, json.loads(begun(root) or b""))
     except ValueError:
         raise UsageError(
-            f"{where / PATH}: missing or damaged, so nobody knows what code made the shards; "
+            f"{where / PATH}: missing or damaged, so the code that made the shards is unknown; "
             "start again with ibdata generate --overwrite or another --out"
         ) from None
 
 
-_agreed: set[bytes] = set()  # notes with which this process has been compared
+_agreed: list[bytes] = []  # the note with which this process was compared last
 
 
 def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
-    """In a worker, before a shard: UsageError where its code or its bits are not those of the run.
+    """Raise UsageError if the origin of this worker is not that of the run.
 
-    Once a process: what it has imported stays. A folder without a note is one that proves shards otherwise.
+    Each run is compared once, because its process keeps what it has imported. Without a note, as in
+    `repair`, which compares the shards themselves, nothing is compared.
     """
     note = begun(root)
-    if note is None or note in _agreed:
+    if note is None or [note] == _agreed:
         return
     origin = get(root, root)
+    forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
     _refuse_other(origin, _imported(spec, folder, origin.code, root), root)
-    _agreed.add(note)
+    _agreed[:] = [note]
 
 
 def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
-    _refuse_other_code(began.code, here.code, where)
+    refuse_other_code(began.code, here.code, where)
     if began.known_answer != here.known_answer:
         raise UsageError(
-            f"{where}: found a machine that computes other bits than the one on which the run began; "
-            f"--resume on one like that, {AGAIN}"
+            f"{where}: this machine computes other bits than the one on which the run began; "
+            f"--resume on a machine like that one, {AGAIN}"
         )
 
 
-def _refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path) -> None:
+def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
+    """As `refuse_other_code`, before any of the code here is imported."""
+    with in_one_folder(spec):
+        refuse_other_code(began, provenance(spec, spec.experiments[0].folder), where)
+
+
+def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:
+    """UsageError where the code here is not that with which a run began."""
     was, found = _parts(began), _parts(here)
     changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
     if changed:
         raise UsageError(
             f"{where}: found other code than the run began with, in {printable(', '.join(changed[:8]))}; "
-            f"put back what was there and --resume, {AGAIN}"
+            f"restore it and --resume, {AGAIN}"
         )
 
 
 def _parts(code: Sequence[Code]) -> dict[str, str | None]:
-    """All hashes and versions that are compared, by a name for messages."""
+    """The hashes and versions that are compared, by the names that messages give them."""
     parts: dict[str, str | None] = {}
     for each in code:
         parts |= {each.target: each.sha256, **each.files}

@@ -1,10 +1,9 @@
-"""The output folder: what it holds, what may be written there, and what is removed again."""
+"""The output folder: checking it before a run, preparing it, and cleaning it up."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -13,24 +12,19 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
-from ibdata.generation import receipt
+from ibdata.generation import receipt, staging
+from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
-from ibdata.validation.validate import check_files
-from ibdata.writing.card import is_foreign, refuse_foreign
+from ibdata.validation.validate import check_files, strangers
+from ibdata.writing.card import refuse_foreign
 
-EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
+EXPERIMENT = staging.EXPERIMENT
 RANGE_LOCK = f"{lock.NAME}-"
-OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
-METADATA = {
-    manifest.FRESH,
-    manifest.REPLACED,
-    *(Path(path).name for path in (*manifest.METADATA, manifest.PATH)),
-}
 
 
 def identity(experiment: Experiment) -> str:
-    """The hash of all that a run must have in common with the one that it resumes."""
+    """The hash that a run must have in common with the run that it resumes."""
     return _hashed(as_yaml(experiment))
 
 
@@ -39,13 +33,13 @@ def _hashed(experiment: bytes) -> str:
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
-    """The output folder; `..` after a folder that does not exist leads back to where that would be."""
+    """The output folder. If its parent does not exist, each `..` is resolved in the text of the path."""
     folder = Path(out)
     return folder if os.path.exists(folder.parent) else Path(os.path.normpath(folder))
 
 
 def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
-    """The folder to write to: the output folder, or `.next` in it where a dataset is to be replaced.
+    """The folder to write to: the output folder, or `.next` in it if a dataset is to be replaced.
 
     Raises UsageError for a folder that may not be written to.
     """
@@ -59,32 +53,34 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     if not folder.is_dir():
         raise UsageError(f"{folder}: is a file, not a folder; choose another --out")
     refuse_links(folder)
-    empty = not any(_counts(path) for path in folder.iterdir())  # first: another range may begin meanwhile
+    empty = all(_is_leftover(path) for path in folder.iterdir())  # first: another range may begin meanwhile
     if (folder / EXPERIMENT).is_file() and not manifest.locate(folder, manifest.PATH).is_file():
         return _unfinished(folder, experiment, resume, overwrite)
-    if empty or os.path.lexists(folder / manifest.NEW):  # what it holds is known when that is settled
+    if empty or os.path.lexists(folder / manifest.NEW):  # an interrupted replacement is finished first
         return folder
     return _finished(folder, experiment, resume, overwrite)
 
 
-def _counts(path: Path) -> bool:
-    """Whether a path is more than a leftover of a run that was killed before it noted its experiment."""
+def _is_leftover(path: Path) -> bool:
+    """Whether a path was left by a run that was killed before it noted its experiment."""
     if path.name == receipt.FOLDER and path.is_dir():
-        return any(path.iterdir())
-    return path.name != lock.NAME and not path.name.startswith((RANGE_LOCK, TEMPORARY))
+        return not any(path.iterdir())
+    return path.name == lock.NAME or path.name.startswith((RANGE_LOCK, TEMPORARY))
 
 
 def refuse_links(folder: Path) -> None:
-    """UsageError where an inner folder is a link: it would lead writing and deleting out of the dataset."""
+    """Raise UsageError if an inner folder is a link: files elsewhere could be written or removed."""
     inner = ("data", "meta", "old-data", "old-meta", receipt.FOLDER)
     parts = [Path(), Path(manifest.NEXT), Path(manifest.NEW)]
     for path in (*parts[1:], *(part / name for part in parts for name in inner)):
         if (folder / path).is_symlink():
             raise UsageError(f"{folder / path}: found a link, expected a folder; remove it")
+    for part in parts[1:]:
+        staging.refuse_foreign(folder / part)
 
 
 def refuse_unsettled(folder: Path) -> None:
-    """UsageError where a replacement was interrupted, so that nobody knows what the folder holds."""
+    """Raise UsageError if a replacement was interrupted, which must be finished first."""
     if os.path.lexists(folder / manifest.NEW):
         raise UsageError(f"{folder}: a replacement was interrupted here; ibdata repair {folder} finishes it")
 
@@ -124,15 +120,15 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         )
     for problem in check_files(folder, listed):
         if problem.path in listed.entries():
-            raise DatasetError(f"{folder / problem.path}: damaged or missing; ibdata repair {folder}")
+            raise DatasetError(f"{folder / problem.path}: damaged or missing; run ibdata repair {folder}")
     return folder
 
 
 def _refuse_strangers(folder: Path, listed: Manifest) -> None:
     known = listed.entries()
-    for path in (folder / "data").glob("*"):
-        if f"data/{path.name}" not in known and not path.name.startswith("."):
-            raise UsageError(f"{path}: found a file that is not the dataset's; move it away")
+    for path in strangers(folder, known):
+        what = "folder" if path.is_dir() else "file"
+        raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
     for name in known:
         if (folder / name).is_dir():
@@ -148,6 +144,8 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
         or mine.read_bytes() != as_yaml(experiment)
     ):
         discard(root)
+    if root.name == manifest.NEXT:
+        staging.make(root)
     root.mkdir(exist_ok=True)
     remove_temporaries(root)
     if not mine.is_file():
@@ -155,9 +153,9 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
 
 
 def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
-    """As `begin`, for some shards while others may be written: only temporary files of these are removed.
+    """As `begin`, for some shards, while others may be written. Removes only temporary files of these shards.
 
-    Raises UsageError where another experiment was begun here meanwhile.
+    Raises UsageError if another experiment was begun here meanwhile.
     """
     sweep_shards(root, shards)
     if not create_or_compare(root, EXPERIMENT, as_yaml(experiment)):
@@ -165,7 +163,7 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
 
 
 def refuse_moved(root: Path, run: str) -> None:
-    """IbdataError where the folder is no longer that of the run: a file put there could be in another's."""
+    """Raise IbdataError if the folder is no longer that of the run: files could be put into another run's."""
     try:
         same = _hashed((root / EXPERIMENT).read_bytes()) == run
     except OSError:
@@ -191,7 +189,7 @@ def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def forget(root: Path, shards: Iterable[Shard]) -> None:
-    """Remove all files of shards that are to be written, also whole files that have no receipt."""
+    """Remove all files of shards that are to be written, even complete ones that have no receipt."""
     shards = list(shards)
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
@@ -201,59 +199,16 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
 
 
 def end(root: Path) -> None:
-    """Remove the receipts: the manifest has what they say."""
-    _empty(root / receipt.FOLDER)
+    """Remove the receipts, which the manifest replaces."""
+    empty_run(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
         left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:
-    """After a failure: keep what --resume can use, the shards that have receipts; else keep nothing."""
+    """Clean up after a failure. If shards have receipts, keep them for --resume; otherwise keep nothing."""
     if _is_lost(root):
         return
     remove_temporaries(root)
     if not list((root / receipt.FOLDER).glob("*.receipt")):
         discard(root)
-
-
-def discard(root: Path, keep: str = "") -> None:
-    """Remove an unfinished run, or the files of a dataset that `.next` holds except `keep`; nothing else.
-
-    Raises UsageError where `.next` holds something that ibdata did not write.
-    """
-    if not root.is_dir() or root.is_symlink():
-        return
-    staged = root.name == manifest.NEXT
-    remove_temporaries(root)
-    for part in ("data", "meta", *(["old-data", "old-meta"] if staged else [])):
-        folder = root / part
-        if folder.is_dir() and not folder.is_symlink():
-            for path in folder.iterdir():
-                if is_ours(path) and path.name != keep and (staged or path.name != Path(manifest.PATH).name):
-                    path.unlink()
-            if not any(folder.iterdir()):
-                folder.rmdir()
-    for name in (manifest.CARD, manifest.REPORT):
-        if staged or name != manifest.CARD or not is_foreign(root / name):
-            (root / name).unlink(missing_ok=True)
-    _empty(root / receipt.FOLDER)
-    if staged:
-        left = [path for path in sorted(root.rglob("*")) if not path.is_dir() or not any(path.iterdir())]
-        for path in left:
-            if path.name != keep:
-                raise UsageError(f"{path}: found something that ibdata did not write; move it away")
-        if not left:
-            root.rmdir()
-
-
-def is_ours(path: Path) -> bool:
-    """Whether a file in `data` or `meta` has a name that ibdata gives."""
-    return not path.is_dir() and (path.name in METADATA or OURS.fullmatch(path.name) is not None)
-
-
-def _empty(folder: Path) -> None:
-    if folder.is_dir() and not folder.is_symlink():
-        said = folder / Path(EXPERIMENT).name  # last: it says whose run this is while anything is left of it
-        for inner in (*(inner for inner in folder.iterdir() if inner != said), said):
-            inner.unlink(missing_ok=True)
-        folder.rmdir()

@@ -1,7 +1,8 @@
-"""Ranges of a dataset's shards that hosts make at the same time, unless they have a shard in common.
+"""Ranges of a dataset's shards. Hosts may make ranges at the same time if these have no shard in common.
 
-Each range holds a lock of its own. A process looks at the locks of the other ranges, and takes its own, while
-it holds a gate that admits one process at a time. A note says which ranges were begun.
+Each range has a lock of its own. Before a process takes it, it looks at the locks of the other ranges.
+Meanwhile it holds one more lock, the gate, which only one process can hold at a time. Notes tell which ranges
+were begun.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ibdata.writing.metadata import as_json
 
 MAX_PARTS = 100_000
 GATE = f"{output_folder.RANGE_LOCK}gate"
-GATE_PATIENCE = 60.0  # seconds; hundreds of hosts may come at once, and each stays for milliseconds
+GATE_PATIENCE = 60.0  # seconds; hundreds of hosts may start at once, and each holds the gate for milliseconds
 NAME = re.compile(re.escape(output_folder.RANGE_LOCK) + "([1-9][0-9]{0,8})-([1-9][0-9]{0,8})")
 
 
@@ -36,7 +37,7 @@ class Range(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Range:
-        """Parse `i/n`; UsageError for anything else."""
+        """Parse `i/n`. Raises UsageError for anything else."""
         part, slash, parts = text.partition("/")
         whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
         if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
@@ -46,14 +47,14 @@ class Range(NamedTuple):
         return cls(int(part), int(parts))
 
     def of(self, shards: list[Shard]) -> list[Shard]:
-        """The shards of the range: consecutive ones, as many as in the other parts or one more or less."""
+        """The consecutive shards of the range. The sizes of ranges differ by at most one shard."""
         n = len(shards)
         return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
 @contextmanager
 def locked(folder: Path, own: Range, shards: list[Shard]) -> Iterator[None]:
-    """Lock a range of these shards; BusyError where a range that shares some is being made."""
+    """Lock a range of these shards. Raises BusyError if a range with a common shard is being made."""
     with ExitStack() as stack:
         with lock.locked(folder, GATE, GATE_PATIENCE):
             refuse_shared(folder, own, shards)
@@ -63,15 +64,15 @@ def locked(folder: Path, own: Range, shards: list[Shard]) -> Iterator[None]:
 
 
 def refuse_shared(folder: Path, own: Range, shards: list[Shard]) -> None:
-    """BusyError where a range that shares some of the shards is being made; nothing is written."""
+    """Raise BusyError if a range with a common shard is being made; write nothing."""
     mine = own.of(shards)
     for path in folder.glob(f"{output_folder.RANGE_LOCK}*"):
         found = NAME.fullmatch(path.name)
         other = Range(*map(int, found.groups())) if found else None
         if other and other.part <= other.parts and _meet(mine, other.of(shards)) and lock.held(path):
             raise BusyError(
-                f"{folder}: found the range {other} being made, which has shards of {own} too; "
-                "wait for it, or choose one that shares none with it"
+                f"{folder}: the range {other} is being made, which has shards in common with {own}; "
+                "wait for it, or choose a range that has none"
             )
 
 

@@ -1,4 +1,4 @@
-"""The engine ray: shards are tasks of Ray, on this machine or on hosts that share a file system."""
+"""The Ray engine: shards are tasks of Ray, on this machine or on hosts that share a file system."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from ibdata.system.signals import STOPPING, check
 from ibdata.writing.shard_writer import WrittenShard
 
 MAX_DEATHS = 3  # of workers, at one shard
-POLL = 0.2  # seconds between looks for a signal
+POLL = 0.2  # seconds between checks for a signal
 
 
 def library() -> Any:
-    """Import Ray; MissingError where it is not installed."""
-    with _own_handlers():  # importing it takes SIGTERM
+    """Import Ray. Raises MissingError if it is not installed."""
+    with _own_handlers():  # the import replaces the handler of SIGTERM
         try:
             import ray
         except ImportError:
@@ -44,10 +44,11 @@ def run(
 ) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
-    Runs on the Ray that the process is connected to; else on the one at address or $RAY_ADDRESS; else on
-    one that is started here and ended afterwards. At most so many workers, or one a processor of Ray.
-    A worker that dies costs its shard, which is done again; IbdataError where that happens again and again,
-    or where no such Ray answers.
+    The shards run on the Ray to which this process is connected, else on the one at `address` or
+    $RAY_ADDRESS, else on one that is started here and stopped afterwards. There are at most `workers`
+    workers, by default one per processor of Ray. If a worker dies, its shard is made again.
+
+    Raises IbdataError if workers die repeatedly at one shard, or if Ray does not answer at its address.
     """
     ray = library()
     with _connected(ray, workers, address) as own:
@@ -70,9 +71,9 @@ def run(
             check()
             raise
         finally:
-            if running and not own:  # else its workers are ended with it
+            if running and not own:  # a Ray that was started here is stopped with its workers
                 for future in running:
-                    ray.cancel(future)  # by force, Ray 2.60 itself may crash
+                    ray.cancel(future)  # not by force, which may crash Ray 2.60 itself
                 ray.wait(list(running), num_returns=len(running), timeout=30)
 
 
@@ -90,26 +91,26 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
 
 
 def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> WrittenShard:
-    """Write a shard, in a worker."""
+    """Write a shard in a worker."""
     plain, root, identity, folder = job
     spec = DatasetSpec.from_plain(plain)
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
-    sweep_shards(root, [shard])  # of a worker that died at it
+    sweep_shards(root, [shard])  # left by a worker that died
     agree(root, spec, folder)
     return write_shard(spec, shard, root, identity)
 
 
 @contextmanager
 def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[bool]:
-    """Connect to Ray; yields whether it was started here, and is therefore ended afterwards."""
+    """Connect to Ray. Yields whether it was started here, and is therefore stopped afterwards."""
     if ray.is_initialized():
         yield False
         return
     place = address or os.environ.get("RAY_ADDRESS") or "local"
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if place == "local":
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # it would tell others of each start
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray would report each start to its makers
         quiet |= {"num_cpus": workers, "include_dashboard": False}
     try:
         with _own_handlers():
@@ -129,7 +130,7 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
 
 
 def _knock(place: str) -> None:
-    """OSError where nobody listens at host:port, at once: Ray itself would try for minutes."""
+    """Raise OSError at once if nothing listens at host:port; Ray itself would try for minutes."""
     host, colon, port = place.removeprefix("ray://").rpartition(":")
     if colon and port.isdigit():
         socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
@@ -137,7 +138,7 @@ def _knock(place: str) -> None:
 
 @contextmanager
 def _own_handlers() -> Iterator[None]:
-    """Keep the handlers of signals that Ray would replace with its own."""
+    """Restore the signal handlers that Ray replaces with its own."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

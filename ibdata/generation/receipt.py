@@ -1,6 +1,6 @@
-"""Receipts of the shards of an unfinished run, from which it is resumed.
+"""Receipts of the shards that an unfinished run has written, from which it is resumed.
 
-Only experiments are run like that, and those have no later splits.
+They name the content of each shard, which is read and compared when the run goes on.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ MAX_BYTES = 2**16
 
 
 def path_of(shard: Shard) -> str:
-    """The receipt's path inside the dataset's folder."""
+    """The path of a shard's receipt within the folder of the dataset."""
     return f"{FOLDER}/part-{shard.number:05d}.receipt"
 
 
 def put(folder: Path, identity: str, written: WrittenShard) -> None:
-    """Write the receipt of a shard that is on the disk."""
+    """Write the receipt of a shard whose file is on the disk."""
     header = {
         "identity": identity,
         "shard": list(written.shard),
@@ -43,7 +43,7 @@ def put(folder: Path, identity: str, written: WrittenShard) -> None:
 
 
 def get(folder: Path, identity: str, spec: DatasetSpec, shard: Shard) -> WrittenShard | None:
-    """Read a shard that has a receipt; None unless receipt and file are whole and of this experiment."""
+    """Read a shard that has a receipt. None unless receipt and file are undamaged and belong to this run."""
     try:
         data = plain_bytes(folder / path_of(shard), MAX_BYTES)
         if hashlib.sha256(data[32:]).digest() != data[:32]:

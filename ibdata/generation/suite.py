@@ -41,21 +41,21 @@ def generate_all(
     Args:
         config: A folder of YAML files, or the name of a shipped suite.
         out: The datasets go to out/<name>; by default out is data/<folder>.
-        workers: As `generate` has it.
+        workers: As in `generate`.
         seed: Replaces the seed of each experiment.
         overrides: Replace values of each YAML, as `key.sub=value`.
-        resume: Pass over the datasets that are finished, and go on with the rest.
-        overwrite: Replace datasets; each stays whole until the new one is.
-        progress: As `generate` has it.
-        allow_code: As `generate` has it.
-        engine: As `generate` has it.
-        address: As `generate` has it.
+        resume: Skip the datasets that are finished, and continue with the others.
+        overwrite: Replace datasets; each stays complete until the new one is.
+        progress: As in `generate`.
+        allow_code: As in `generate`.
+        engine: As in `generate`.
+        address: As in `generate`.
 
     Returns:
         The datasets by name.
 
     Raises:
-        IbdataError: As `generate` raises it.
+        IbdataError: As in `generate`.
     """
     experiments = load_all(config, overrides, seed)
     select_engine(engine, workers, address)
@@ -102,7 +102,7 @@ def estimate_all(
 def folders(
     config: str | os.PathLike[str], experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
 ) -> list[Path]:
-    """The folders of the datasets. Raises UsageError where out is a file or a URL."""
+    """The folders of the datasets. Raises UsageError if out is a file or a URL."""
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path(out) if out is not None else Path("data") / find(config).resolve().name

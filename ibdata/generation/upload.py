@@ -1,4 +1,8 @@
-"""Datasets at URLs: made in a folder of this machine, then uploaded, the manifest last."""
+"""Writing datasets to URLs: they are made in a folder on this machine, then uploaded, the manifest last.
+
+An upload first lists at the URL what it will put there, in `PENDING`. After an interruption, only files of an
+upload of the same experiment are written over or removed.
+"""
 
 from __future__ import annotations
 
@@ -7,65 +11,127 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.generation import output_folder
+from ibdata.system.atomic_files import plain_bytes
 from ibdata.system.cache_folders import cache_base
 from ibdata.system.object_store import Remote, first_line, readable
 from ibdata.system.signals import check, stoppable
 
-PENDING = "meta/pending.json"  # there from the first file to the last: what is being uploaded
+PENDING = "meta/pending.json"  # the manifest of what is being uploaded: the first file there, removed last
 
 
-def refuse(remote: Remote, experiment: Experiment, resume: bool, overwrite: bool) -> bool:
-    """Whether the experiment's dataset is at the URL already; UsageError where something else is."""
+class Found(NamedTuple):
+    """The files at a URL with their bytes, and the manifest that lists them; None where there are none."""
+
+    sizes: dict[str, int]
+    listed: Manifest | None
+    finished: bool
+
+
+def find(remote: Remote, experiment: Experiment, work: Path, resume: bool, overwrite: bool = False) -> Found:
+    """Find what is at the URL: nothing, or with `resume` the experiment's dataset or an upload of it.
+
+    Raises UsageError where something else is there; nothing is changed.
+    """
     if overwrite:
         raise UsageError(
             f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
         )
     with readable(remote, manifest.PATH):
-        if remote.size(manifest.PATH) is None or remote.size(PENDING) is not None:
-            if not resume and not remote.empty():
-                raise UsageError(
-                    f"{remote.name}: holds files, but no finished dataset; --resume to go on with an upload, "
-                    "or choose another --out"
-                )
-            return False
-        if not resume:
-            raise UsageError(f"{remote.name}: exists already; choose another --out")
-        if remote.read(manifest.EXPERIMENT) != as_yaml(experiment):
-            raise UsageError(f"{remote.name}: holds the dataset of another experiment; choose another --out")
-    return True
+        found = _found(remote, work)
+    if found.listed is None:
+        return found
+    if not resume:
+        raise UsageError(
+            f"{remote.name}: exists already; choose another --out"
+            if found.finished
+            else f"{remote.name}: holds an upload that was interrupted; --resume to go on with it, "
+            "or choose another --out"
+        )
+    recorded = found.listed.entries().get(manifest.EXPERIMENT)
+    same = recorded is not None and recorded.sha256 == hashlib.sha256(as_yaml(experiment)).hexdigest()
+    if not same or found.listed.data_version != manifest.DATA_VERSION:
+        what = "dataset" if found.finished else "interrupted upload"
+        other = "another data version" if same else "another experiment"
+        raise UsageError(f"{remote.name}: holds the {what} of {other}; choose another --out")
+    return found
+
+
+def _found(remote: Remote, work: Path) -> Found:
+    """Look at the URL; UsageError where a file there is no part of a dataset or of an upload."""
+    sizes = remote.sizes()
+    begun, ended = (remote.read(path) if path in sizes else None for path in (PENDING, manifest.PATH))
+    if ended is not None and begun in (None, ended):
+        return Found(sizes, _parsed(remote, manifest.PATH, ended), True)
+    listed, known = None, {PENDING}
+    if begun is not None and begun != (own := _manifest(work)) and own.startswith(begun):
+        listed = manifest.read(work)  # this upload was interrupted in its first file
+    elif begun is not None:
+        listed = _parsed(remote, PENDING, begun)
+        known |= {*listed.entries(), *([manifest.PATH] if begun.startswith(ended or b"") else [])}
+    for path in sorted(sizes.keys() - known):
+        raise UsageError(
+            f"{remote.name}: holds files, but no finished dataset; {path} is no part of an upload: "
+            "move it away, or choose another --out"
+        )
+    return Found(sizes, listed, False)
+
+
+def _manifest(work: Path) -> bytes:
+    """The manifest of the dataset that was made in a folder; empty where there is none yet."""
+    path = work / manifest.PATH
+    return plain_bytes(path, manifest.MAX_BYTES) if path.is_file() else b""
+
+
+def _parsed(remote: Remote, path: str, data: bytes) -> Manifest:
+    try:
+        return manifest.parsed(Path(path), data)
+    except DatasetError as error:
+        raise UsageError(f"{remote.name}/{error}; move it away, or choose another --out") from None
 
 
 def work_folder(remote: Remote, experiment: Experiment) -> Path:
-    """The folder in which the dataset is made before it is uploaded; the same run gets the same one."""
+    """The folder in which a dataset is made before it is uploaded; the same for a run that is resumed."""
     name = hashlib.sha256(f"{remote.url} {output_folder.identity(experiment)}".encode()).hexdigest()[:24]
     return Path(cache_base(), "uploads", name)
 
 
-def upload(remote: Remote, work: Path) -> Dataset:
-    """Upload the finished dataset in a folder, and remove the folder; IbdataError where that fails.
+def upload(remote: Remote, experiment: Experiment, work: Path, resume: bool) -> Dataset:
+    """Upload the finished dataset in a folder, and remove the folder. Raises IbdataError if that fails.
 
-    What an upload of the same files has left is kept, if it is whole. Until the last file, the manifest, is
-    there, there is no dataset at the URL.
+    Complete files from an earlier upload of the same files are kept, and those of another run are removed.
+    The URL holds no dataset until the manifest, the last file, is there.
     """
-    listed = work / manifest.PATH
     with _refusals(remote), stoppable():
-        same = remote.read(PENDING) == listed.read_bytes()
-        if not same:
-            remote.put(listed, PENDING)
-        for file in manifest.read(work).files:
-            if not (same and remote.size(file.path) == file.bytes):
-                remote.put(work / file.path, file.path)
-            check()
-        remote.put(listed, manifest.PATH)
-        remote.remove(PENDING)
-    shutil.rmtree(work)
+        found = find(remote, experiment, work, resume)  # again: to make the dataset took a while
+        if not found.finished:
+            _put_all(remote, found, work)
+        if PENDING in found.sizes or not found.finished:
+            remote.remove(PENDING)
+    shutil.rmtree(work, ignore_errors=True)
     return Dataset(remote.url)
+
+
+def _put_all(remote: Remote, found: Found, work: Path) -> None:
+    own = work / manifest.PATH
+    left = found.sizes if remote.read(PENDING) == own.read_bytes() else {}
+    if not left:
+        for path in sorted(found.sizes.keys() - {PENDING}):
+            remote.remove(path)
+            check()
+        remote.put(own, PENDING)
+    for file in manifest.read(work).files:
+        if left.get(file.path) != file.bytes:
+            remote.put(work / file.path, file.path)
+        check()
+    remote.put(own, manifest.PATH)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Compiling the simulator, once, before workers start; the first run on a machine says so."""
+"""Compiling the simulator once, before workers start."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ibdata.writing.statistics import moments, sums
 
 
 def warm_up(experiment: Experiment) -> bool:
-    """Run all compiled code of an experiment on two rows; whether this machine computes the right bits.
+    """Run all compiled code of an experiment on two rows. Return whether the machine computes the right bits.
 
-    If it does not, a line on stderr says so.
+    A line on stderr tells if the simulator is being compiled, and if the bits are not right.
     """
-    small = experiment.model_copy(update={"steps": 2, "episodes": 1})
+    small = experiment.part(steps=2, episodes=1)
     if not is_compiled():
         print(f"ibdata: compiling the simulator; {_how_often()}", file=sys.stderr, flush=True)
     floats = rollout(small, 0, 1)
@@ -27,7 +27,7 @@ def warm_up(experiment: Experiment) -> bool:
     check()
     if not right:
         print(
-            "ibdata: this machine computes other bits than others; the manifest says reproducible: false",
+            "ibdata: this machine computes other bits than expected; the manifest says reproducible: false",
             file=sys.stderr,
         )
     return right
@@ -37,6 +37,6 @@ def _how_often() -> str:
     if is_kept():
         return "this happens once and takes up to a minute"
     return (
-        "this takes up to a minute, each time: no cache folder can be written by this user alone; "
-        "set IBDATA_CACHE_DIR to one of your own"
+        "this takes up to a minute in every run, because there is no cache folder that only this user can "
+        "write to; set IBDATA_CACHE_DIR to one"
     )

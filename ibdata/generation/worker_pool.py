@@ -63,18 +63,18 @@ _job: list[Any] = []  # what the shards of a worker have in common, set once whe
 def _start(
     plain: dict[str, Any], root: Path, identity: str, overlap: bool, here: str, folder: Path | None
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal tells all; the parent decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(OSError):  # it was removed
-        os.chdir(here)  # a policy may have led the parent elsewhere
+    with suppress(OSError):  # the folder was removed
+        os.chdir(here)  # a policy may have changed the parent's current folder
     started_in.set(here)
     _job[:] = [DatasetSpec.from_plain(plain), root, identity, overlap, folder]
 
 
 def _end_with_parent() -> None:
-    """Executor workers would live on, and write on, when their parent is killed (cpython#111873)."""
+    """End this worker if its parent is killed; otherwise it would go on writing (cpython#111873)."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""A dataset's card, README.md, and its report, report.html, which needs the extra `plot` (matplotlib)."""
+"""Writing a dataset's card, README.md, and its report, report.html; the report needs matplotlib."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from ibdata.writing.metadata import unread_shards
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:
-    """Write README.md and report.html of a dataset, anew where they exist, and open it.
+    """Write the card README.md and the report report.html of a dataset, replacing old ones, and open it.
 
-    The report is one file that needs no network: pictures, returns, statistics, experiment, provenance. Both
-    files are listed in the manifest; no row and no other file changes. The same dataset gets the same bytes.
-    Without matplotlib only README.md is written, a report stays as it is, and a line on stderr says what to
-    install.
+    The report shows pictures, returns, statistics, experiment and provenance in one file that needs no
+    network. The manifest lists both files; no row and no other file changes. The same dataset gives the same
+    bytes. Without matplotlib only README.md is written, a report stays as it is, and a line on stderr says
+    what to install.
 
     Args:
         folder: The folder of the dataset.
 
     Raises:
-        UsageError: README.md or report.html is not ibdata's.
+        UsageError: ibdata did not write the README.md or report.html that is there.
         DatasetError: There is no finished dataset.
         BusyError: Another process writes to the dataset.
-        IbdataError: The system refuses; then nothing is changed.
+        IbdataError: The system refuses to write; nothing is changed.
     """
     path = Path(folder)
     dataset = Dataset(path)

@@ -1,4 +1,4 @@
-"""Merging datasets of equal columns into one."""
+"""Merging datasets with the same columns into one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.maintenance.rewrite import Source, sources, write_dataset
+from ibdata.maintenance.rewrite import Source, sources_of, write_dataset
 from ibdata.numerics.naming import exact
 from ibdata.policies.base import NAME_PATTERN
 from ibdata.simulation.variables import columns
@@ -20,31 +20,31 @@ from ibdata.simulation.variables import columns
 def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:
     """Merge datasets into a new one, with all their splits.
 
-    The episodes follow one another, numbered anew; they keep their digests, and the new content root is that
-    of all of them. Splits of the same name become one. Splits that were only labels get files of their own.
+    The episodes get new numbers and keep their digests; the new content root is that of all of them. Splits
+    with the same name are joined. Splits that were only labels get files of their own.
 
     Args:
-        folders: The folders of two or more datasets with equal columns.
+        folders: The folders of two or more datasets with the same columns.
         out: The folder of the new dataset.
 
     Raises:
-        UsageError: There are fewer than two datasets, columns differ, or two datasets hold the same episode,
-            or one the beginning of another's: such data would leak from one split into another.
-        DatasetError: A dataset is not what its manifest says.
+        UsageError: There are fewer than two datasets, columns differ, or two datasets share an episode or the
+            beginning of one, so that data could leak from one split into another.
+        DatasetError: A dataset does not match its manifest.
     """
     if len(folders) < 2:
         raise UsageError(f"merge: found {len(folders)} dataset, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
     recipes = [spec_in(d.path, d.manifest_model).all_declared() for d in datasets]
-    of = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources(d, spec)]
+    sources = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources_of(d, spec)]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
-    for b, y in zip(experiments[1:], of[1:], strict=True):
-        _refuse_other_columns(experiments[0], b, of[0], y)
-    _refuse_shared_episodes(experiments, of)
+    for b, y in zip(experiments[1:], sources[1:], strict=True):
+        _refuse_other_columns(experiments[0], b, sources[0], y)
+    _refuse_shared_episodes(experiments, sources)
     _refuse_equal_digests(datasets)
     name = Path(out).name
     return write_dataset(
-        DatasetSpec(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), of, out
+        DatasetSpec(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), sources, out
     )
 
 
@@ -64,12 +64,12 @@ def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) ->
         )
 
 
-def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Source]) -> None:
-    """Equal seed and cell give equal episodes; where the steps differ, one is the beginning of the other."""
-    home: dict[tuple[int, bytes], Source] = {}
-    for experiment, source in zip(experiments, of, strict=True):
+def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence[Source]) -> None:
+    """Refuse equal seeds and cells: their episodes are equal, or one is the beginning of the other."""
+    owners: dict[tuple[int, bytes], Source] = {}
+    for experiment, source in zip(experiments, sources, strict=True):
         for cell in experiment.cells:
-            known = home.setdefault((experiment.seed, cell.digest), source)
+            known = owners.setdefault((experiment.seed, cell.digest), source)
             if known is not source:
                 raise UsageError(
                     f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the same "
@@ -78,11 +78,12 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], of: Sequence[Sour
 
 
 def _refuse_equal_digests(datasets: list[Dataset]) -> None:
-    home: dict[bytes, Dataset] = {}
+    owners: dict[bytes, Dataset] = {}
     for dataset in datasets:
         for episode, digest in enumerate(dataset.digests):
-            if digest in home:
+            if digest in owners:
                 raise UsageError(
-                    f"{dataset.path}: episode {episode} is also in {home[digest].path}; leave one of them out"
+                    f"{dataset.path}: episode {episode} is also in {owners[digest].path}; "
+                    "leave one of the datasets out"
                 )
-            home[digest] = dataset
+            owners[digest] = dataset

@@ -1,4 +1,4 @@
-"""Repairing a dataset: what is damaged or missing is made again, and the manifest's digests prove it."""
+"""Repairing a dataset: damaged and missing files are made again and compared with the manifest's digests."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import os
 from pathlib import Path
 
 from ibdata.dataset import manifest
+from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
 from ibdata.experiment.custom_code import provenance, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -15,41 +16,43 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import warm_up
+from ibdata.maintenance.evidence import file_with, refuse_unproven
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
-from ibdata.validation.validate import check_files
+from ibdata.validation.validate import check_files, strangers
 from ibdata.version import __version__
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD, ShardSummary, content_of, describe, simulated
+from ibdata.writing.summary import UNREAD, content_of, describe, simulated
 
-NEEDS_CONTENT = {"meta/episodes.parquet", "meta/stats.json"}
+NEEDS_CONTENT = {EPISODES, "meta/stats.json"}
 
 
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the damaged and missing files of a dataset again, and only them.
 
-    They are replaced only if the rows that were made again, or from which metadata are made again, have the
-    content that the manifest lists. A damaged manifest is made again from meta/experiment.yaml, if the
-    shards prove that it is theirs. Where pyarrow writes other bytes than the version that made the dataset,
-    the manifest gets the new hashes. A damaged report.html is removed: `ibdata card` draws it again. A
-    replacement that was interrupted is finished.
+    A file is replaced only if its rows, or the rows that its metadata describe, have the content that the
+    manifest lists. A damaged manifest is made again from meta/experiment.yaml, if every shard that can be
+    read belongs to that experiment and, where shards are missing, neither the card nor the table of episodes
+    lists another content. If pyarrow writes other bytes than the version that made the dataset, the manifest
+    gets the new hashes. A damaged report.html is removed; `ibdata card` draws it again. A replacement that
+    was interrupted is finished.
 
     Args:
         folder: The folder of the dataset.
         workers: How many processes to use; by default chosen by the work.
-        allow_code: Allow custom policies, which run arbitrary Python code, where shards are to be made
-            again. They promise the same bits in the same environment only.
+        allow_code: Allow custom policies, which run arbitrary Python code, to make shards again. They give
+            the same bits only in the same environment.
 
     Returns:
         The paths of the files that were made again or removed.
 
     Raises:
-        DatasetError: There is no dataset, or what was made again is not what was there.
+        DatasetError: There is no dataset, or a file that was made again has another content.
     """
     path = Path(folder)
     refuse_workers(workers)
@@ -76,7 +79,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     if not damaged:
         return []
     replacement.refuse_folders(folder, damaged)
-    for problem in problems:  # before more files come beside them
+    for problem in problems:  # before any file is written
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     spec = spec_in(folder, listed)
@@ -85,7 +88,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
     lost = [path for path in damaged if path not in paths]
     if lost and listed.versions["ibdata"] != __version__:
-        lost = list(metadata_files(spec, [], ""))  # so that all of them are of one version
+        lost = list(metadata_files(spec, [], ""))  # so that one version writes all of them
     if wrong:
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
@@ -99,7 +102,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
             if w is None and NEEDS_CONTENT & set(lost):
                 content = stored_content(spec, shard, folder / one.path)
             if content is not UNREAD and content_of(content.digests) != one.content:
-                found = "found other content when made again, expected what the manifest lists"
+                found = "found other content when made again, expected the content that the manifest lists"
                 raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
             if w:
                 entries[one.path] = w.entry._replace(path=one.path)
@@ -109,14 +112,14 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:
-            del entries[manifest.REPORT]  # `ibdata card` makes it again; here nothing can draw
+            del entries[manifest.REPORT]  # only `ibdata card` can draw it
         _stage_manifest(folder, staged, listed, entries)
         _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
     return damaged
 
 
 def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
-    """Stage the manifest if files of `meta` or hashes change, and with it the files that stay."""
+    """Stage the manifest if files in `meta` or hashes change, together with the files that stay the same."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
     if staged_files or data != manifest.content(folder, manifest.PATH):
@@ -126,7 +129,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
 
 
 def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
-    """Move shards that were made again, and whose content is proven, to the places of damaged ones."""
+    """Move shards that were made again, and whose content was compared, to the places of damaged ones."""
     for source, path in files.items():
         (folder / "data").mkdir(exist_ok=True)
         (staged / source).replace(folder / path)
@@ -136,39 +139,36 @@ def _move(staged: Path, folder: Path, files: dict[str, str]) -> None:
 
 
 def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
-    """Make the manifest again, and the shards that do not have the experiment's content."""
-    spec = _told(folder)
+    """Make the manifest again, and the shards that cannot be read."""
+    spec = _spec_from_experiments(folder)
     require_consent(spec, folder, allow_code)
     reproducible = all([warm_up(experiment) for experiment in spec.experiments])
     whole: list[WrittenShard] = []
     wrong: list[Shard] = []
+    digests: list[tuple[Shard, list[bytes]]] = []
     for shard in spec.shards:
         content = describe(spec, shard, simulated(spec, shard))
-        path = _file_with(spec, shard, content, folder)
+        digests.append((shard, content.digests))
+        path = file_with(spec, shard, content, folder)
         if path is not None:
             entry = FileEntry(f"data/{path.name}", path.stat().st_size, file_sha256(path) or "")
             whole.append(WrittenShard(shard, entry, content))
         else:
             wrong.append(shard)
         check()
-    if not whole:
-        raise DatasetError(
-            f"{folder}: found no shard with the content of meta/experiment.yaml, expected at least one to "
-            "prove that it is the dataset's; nothing was changed"
-        )
+    damaged = list(strangers(folder, {w.entry.path for w in whole}))
+    refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         finish(spec, [*whole, *made.values()], staged, reproducible, provenance(spec))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
-        listed = {w.entry.path for w in (*whole, *made.values())}
-        for path in (folder / "data").iterdir():
-            if output_folder.is_ours(path) and f"data/{path.name}" not in listed:
-                path.unlink()  # damaged, and made again under another name
+        for path in damaged:
+            path.unlink()  # it was made again under another name
     return [manifest.PATH, *(made[shard.number].entry.path for shard in wrong)]
 
 
-def _told(folder: Path) -> DatasetSpec:
-    """The spec of a dataset without a manifest, from meta/experiment*.yaml; later splits are lost."""
+def _spec_from_experiments(folder: Path) -> DatasetSpec:
+    """The spec of a dataset without a manifest, from meta/experiment*.yaml. Splits made later are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
@@ -177,21 +177,10 @@ def _told(folder: Path) -> DatasetSpec:
 def _made_again(
     spec: DatasetSpec, shards: list[Shard], staged: Path, workers: int | None
 ) -> dict[int, WrittenShard]:
-    """Write the shards under `.next`; return them by number."""
+    """Write the shards to `.next`; return them by number."""
     first = spec.experiments[0]
     write(staged, output_folder.EXPERIMENT, as_yaml(first))
     identity = output_folder.identity(first)
     made = {w.shard.number: w for w in local.run(spec, shards, staged, identity, workers)}
     output_folder.end(staged)
     return made
-
-
-def _file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Path) -> Path | None:
-    """The file that holds a shard's episodes; None where no readable file does."""
-    for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
-        try:
-            if stored_content(spec, shard, path).digests == content.digests:
-                return path
-        except (IbdataError, ValueError):
-            continue
-    return None

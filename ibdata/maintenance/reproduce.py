@@ -12,7 +12,7 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.custom_code import consented_spec
+from ibdata.experiment.custom_code import consented_spec, in_one_folder
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import warm_up
@@ -28,13 +28,13 @@ def reproduce(
 ) -> tuple[int, list[Problem]]:
     """Make episodes again in memory and compare them with the digests that the dataset lists.
 
-    The content root is compared too: it must be that of the experiment's cells and of the listed digests.
+    The content root must also be that of the experiment's cells and the listed digests.
 
     Args:
         folder: The folder of the dataset; nothing is written to it.
         episodes: A number of episodes, which are spread evenly, or a range such as "500-600"; None means all.
-        allow_code: Allow custom policies, which run arbitrary Python code. They promise the same bits in the
-            same environment only.
+        allow_code: Allow custom policies, which run arbitrary Python code. They give the same bits only in
+            the same environment.
 
     Returns:
         How many episodes were made again, and a problem for each that differs.
@@ -49,20 +49,21 @@ def reproduce(
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
-    for experiment in spec.experiments:
-        warm_up(experiment)
     count, problems = 0, list(_root(spec, listed, digests))
     asked = _parts(spec, None if episodes is None else str(episodes), len(digests))
-    for part, floats in (made for run in asked for made in simulated(spec, run)):
-        experiment = spec.of_shard(part)
-        lengths = [experiment.steps] * (part.stop - part.first)
-        found = episode_digests(digest_runs(experiment, part, floats), lengths)
-        count += len(found)
-        for episode, digest in enumerate(found, part.first + part.offset):
-            if digest != digests[episode]:
-                message = f"episode {episode}: found other content when made again"
-                shard = listed.shards[shards[episode]].path
-                problems.append(Problem(shard, rows[episode], "reproduce", message))
+    with in_one_folder(spec):
+        for experiment in spec.experiments:
+            warm_up(experiment)
+        for part, floats in (made for run in asked for made in simulated(spec, run)):
+            experiment = spec.of_shard(part)
+            lengths = [experiment.steps] * (part.stop - part.first)
+            found = episode_digests(digest_runs(experiment, part, floats), lengths)
+            count += len(found)
+            for episode, digest in enumerate(found, part.first + part.offset):
+                if digest != digests[episode]:
+                    message = f"episode {episode}: found other content when made again"
+                    shard = listed.shards[shards[episode]].path
+                    problems.append(Problem(shard, rows[episode], "reproduce", message))
     return count, problems
 
 

@@ -1,4 +1,4 @@
-"""New datasets from the episodes of others: copied under other splits or numbers, and compared."""
+"""Writing a dataset from the episodes of others, and labelling the episodes of a dataset."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ from ibdata.system.atomic_files import FileEntry, file_sha256, write
 from ibdata.system.guard import writing_to
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
+from ibdata.validation.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.summary import describe
 
 
 class Source(NamedTuple):
-    """The source of an experiment's episodes: a dataset, and the number of the first of them in it."""
+    """The source of an experiment's episodes: a dataset, and the number that the first of them has in it."""
 
     dataset: Dataset
     first: int
 
 
-def sources(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
+def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
     """The source of each experiment of a dataset."""
     counts = [len(e.cells) * e.episodes for e in spec.experiments]
     return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
 
 
-def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[str]) -> Dataset:
-    """Write the dataset of a spec to a new folder, each experiment's episodes from its source.
+def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
+    """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
-    Raises UsageError where the folder is not new, DatasetError where what is read is not what the source
-    lists; then nothing is left behind. What a killed run left is taken away by the next.
+    Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
+    lists; nothing is left behind then. The files of a run that was killed are removed by the next run.
     """
     folder = output_folder.resolved(out)
     _refuse(folder)
@@ -58,9 +58,9 @@ def write_dataset(spec: DatasetSpec, of: list[Source], out: str | os.PathLike[st
         with replacement.staged(folder) as root:
             written = []
             for shard in spec.shards:
-                written.append(_copied(spec, shard, of[shard.experiment], root))
+                written.append(_copied(spec, shard, sources[shard.experiment], root))
                 check()
-            listed = list({id(source.dataset): source.dataset.manifest_model for source in of}.values())
+            listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
             code = [each for one in listed for each in one.code]
             clipped = sum(one.clipped_actions for one in listed)
             finish(spec, written, root, all(one.reproducible for one in listed), code, clipped)
@@ -83,12 +83,12 @@ def _refuse(folder: Path) -> None:
 
 
 def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
-    """Copy a shard's episodes from a source, and prove that they are those that it lists."""
+    """Copy a shard's episodes from a source, and check that they are those that it lists."""
     with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
         for part, floats in _parts(spec, shard, source):
             writer.add(part, floats)
         w = writer.finish()
-        _prove(w, source)
+        _refuse_changed(w, source)
     return w
 
 
@@ -96,12 +96,12 @@ def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Sh
     """Read the float columns of a shard's episodes from the files of the source that hold them."""
     experiment = spec.of_shard(shard)
     try:
-        for part, table in stored_parts(spec, shard, _batches(experiment, shard, source)):
-            yield part, float_columns(experiment, table)
+        for part, floats, _ in stored_parts(spec, shard, _batches(experiment, shard, source)):
+            yield part, floats
     except ValueError as error:
         if isinstance(error, IbdataError):
             raise
-        raise _changed(source) from None  # texts in the place of numbers
+        raise _changed(source) from None  # text instead of numbers
 
 
 def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
@@ -114,7 +114,7 @@ def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[p
             yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
 
 
-def _prove(w: WrittenShard, source: Source) -> None:
+def _refuse_changed(w: WrittenShard, source: Source) -> None:
     first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
     if w.content.digests != source.dataset.episode_table["digest"].slice(first, count).to_pylist():
         raise _changed(source)
@@ -126,11 +126,11 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Give a dataset the later splits of a spec, in its metadata; its rows are read, and do not change.
+    """Write the label splits of a spec into the metadata of a dataset. Its rows are read, but do not change.
 
-    A report is removed, as it shows the old splits.
+    A report is removed, because it shows the old splits.
 
-    Raises DatasetError where the rows are not what the dataset lists, BusyError where it is being written.
+    Raises DatasetError if the rows are not those that the dataset lists, BusyError if it is being written.
     """
     folder = dataset.path
     lock.refuse_busy(folder)
@@ -142,22 +142,22 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
         refuse_other_plan(spec, listed)
         _refuse_edits(folder, listed)
         entries = listed.entries()
-        of = sources(dataset, spec)
+        sources = sources_of(dataset, spec)
         paths = [shard.path for shard in listed.shards]
         written = [
-            _read(spec, shard, of[shard.experiment], entries[path])
+            _read(spec, shard, sources[shard.experiment], entries[path])
             for shard, path in zip(spec.shards, paths, strict=True)
         ]
         with replacement.staged(folder) as staged:
             for path, make in metadata_files(spec, written, listed.content_root).items():
                 entries[path] = write(staged, path, make())
-            entries.pop(manifest.REPORT, None)  # it shows the old splits
+            entries.pop(manifest.REPORT, None)
             write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
     return Dataset(folder)
 
 
 def _refuse_edits(folder: Path, listed: Manifest) -> None:
-    """UsageError where somebody has edited the card, which the new splits would change."""
+    """Raise UsageError if somebody has edited the card, which is written again with the new splits."""
     card = listed.entries()[manifest.CARD]
     if file_sha256(folder / manifest.CARD) not in (None, card.sha256):
         raise UsageError(
@@ -168,6 +168,6 @@ def _refuse_edits(folder: Path, listed: Manifest) -> None:
 def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:
     """Read a shard of the dataset and summarize its content."""
     w = WrittenShard(shard, entry, describe(spec, shard, _parts(spec, shard, source)))
-    _prove(w, source)
+    _refuse_changed(w, source)
     check()
     return w

@@ -13,7 +13,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.scalars import SplitName
-from ibdata.maintenance.rewrite import relabel, sources, write_dataset
+from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
 
 SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")
 
@@ -33,34 +33,34 @@ def split(
 ) -> Dataset:
     """Split a dataset by setpoint, episode or policy, and open it.
 
-    The splits label episodes: nothing is copied and no row changes. A split of the same name that was made
-    like this before is replaced.
+    The splits are labels on episodes: nothing is copied and no row changes. A split with the same name that
+    was made in this way before is replaced.
 
     Args:
         folder: A dataset, or its folder.
-        by: "setpoint", as scheme says; "episode", into fractions; "policy", a split for each label. With
-            materialize also None, for the splits that the dataset has.
-        scheme: One of
-            transfer: the setpoints source and target; what shots or transitions leave of a target cell is
+        by: What decides the split of an episode: "setpoint", by scheme; "episode", into fractions; "policy",
+            one split per label. None keeps the splits of the dataset, and needs materialize.
+        scheme: How setpoints are split:
+            transfer: source and target; the episodes of a target cell beyond shots or transitions are
                 target-rest
             leave-one-out: train-p and test-p for every setpoint p
             interpolation, extrapolation: train and test, with inner or with the outermost setpoints held out
-            distance: the setpoints source, and the others near or far from them
-        source: Setpoints, for transfer and distance.
-        target: Setpoints, for transfer.
-        shots: Limits the episodes of each target cell, for transfer.
-        transitions: Limits the rows of each target cell, for transfer.
-        within: The largest distance from a source that is near, for distance.
-        fractions: Of every cell, in order: train, validation and test; two are train and test.
-        materialize: A folder for a copy with the same content root, in which every split is whole files; the
-            dataset itself stays as it is.
+            distance: source, and the other setpoints as near and far
+        source: The setpoints of the split source, for transfer and distance.
+        target: The setpoints of the split target, for transfer.
+        shots: The largest number of episodes from each target cell, for transfer.
+        transitions: The largest number of rows from each target cell, for transfer.
+        within: The largest distance of a near setpoint from a source setpoint, for distance.
+        fractions: The shares of every cell for train, validation and test, or for train and test.
+        materialize: The folder for a copy with the same content root, in which every split consists of whole
+            files; the dataset itself does not change.
 
     Returns:
         The dataset, or the copy.
 
     Raises:
         UsageError: An argument is invalid.
-        DatasetError: The dataset is not whole.
+        DatasetError: The dataset is damaged.
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
     spec = spec_in(dataset.path, dataset.manifest_model)
@@ -77,7 +77,7 @@ def split(
     labelled = DatasetSpec(spec.name, spec.experiments, {**spec.later, **new})
     if materialize is None:
         return relabel(dataset, labelled)
-    return write_dataset(labelled.all_declared(), sources(dataset, spec), Path(materialize))
+    return write_dataset(labelled.all_declared(), sources_of(dataset, spec), Path(materialize))
 
 
 def _by_setpoint(

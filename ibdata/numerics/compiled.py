@@ -41,7 +41,20 @@ def compiled(function: F) -> F:
     threads can encode and hash meanwhile. numba's check for division by zero is off, because it prevents
     loops from being vectorized; no equation divides by zero.
     """
-    made: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    return _compiled(function)
+
+
+def inlined(function: F) -> F:
+    """As `compiled`, with its machine code repeated in its callers'.
+
+    For functions that handle many arrays: a call counts references to each, which takes longer than the work
+    on one lane.
+    """
+    return _compiled(function, inline=True)
+
+
+def _compiled(function: F, inline: bool = False) -> F:
+    made: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     if made is not function:
         made._cache = CodeCache(function, PLACES)  # what cache=True does with numba's own cache
     return cast(F, made)

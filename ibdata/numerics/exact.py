@@ -141,6 +141,9 @@ def normals(u: npt.NDArray[np.float64]) -> None:
 
     A vectorized loop applies the formula of the middle to all of them; then the tails are computed again.
     """
+    if u.shape[0] == 1:
+        u[0] = normal(u[0])
+        return
     tails, lanes = np.empty(u.shape[0]), np.empty(u.shape[0], dtype=np.int64)
     count = 0
     for i in range(u.shape[0]):

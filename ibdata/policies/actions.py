@@ -9,6 +9,13 @@ from ibdata.numerics.compiled import compiled
 
 
 @compiled
+def clipped_and_rounded(x: float) -> np.float32:
+    """A component of an action, clipped to [-1, 1] and rounded to float32; -0.0 becomes 0.0, NaN stays."""
+    bounded = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x
+    return np.float32(bounded) + np.float32(0.0)
+
+
+@compiled
 def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float32]) -> int:
     """Write proposed actions (n, 3), clipped to [-1, 1] and rounded to float32, into out (n, 3).
 
@@ -23,8 +30,7 @@ def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float3
             if broken < 0 and not np.isfinite(x):
                 broken = i
             outside = outside or abs(x) > 1.0
-            bounded = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x
-            out[i, j] = np.float32(bounded) + np.float32(0.0)
+            out[i, j] = clipped_and_rounded(x)
         clipped += outside
     return clipped if broken < 0 else -1 - broken
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Annotated, Any, ClassVar
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ibdata.policies.actions import applied
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 History = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
@@ -45,6 +49,17 @@ class FrozenModel(BaseModel):
     """An immutable model of a YAML block, in which unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy that is checked as a new block is, and takes over nothing that was computed.
+
+        Raises pydantic's ValidationError where the options are not valid.
+        """
+        return self.model_validate({**super().model_copy(deep=deep).options(), **(update or {})})
+
+    def options(self) -> dict[str, Any]:
+        """The options of the block by name, as they are."""
+        return {name: getattr(self, name) for name in type(self).model_fields}
 
 
 class Policy(FrozenModel, ABC):

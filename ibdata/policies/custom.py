@@ -9,6 +9,7 @@ from contextlib import redirect_stdout
 from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
+from threading import RLock
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-
 
 # The current folder at the start of a run.
 started_in: ContextVar[str | None] = ContextVar("started_in", default=None)
+importing = RLock()  # held while modules of policies are imported or taken out of sys.modules
 
 
 class CustomError(IbdataError):
@@ -112,7 +114,7 @@ class Custom(Adapter):
         module, _, name = self.target.partition(":")
         find_modules_here()
         try:
-            with redirect_stdout(sys.stderr):  # stdout is for a command's results
+            with importing, redirect_stdout(sys.stderr):  # stdout is for a command's results
                 found = getattr(import_module(module), name)
                 own = found(**self.params) if callable(found) else found
         except (Exception, SystemExit) as error:

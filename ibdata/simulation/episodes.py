@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State, Variant, initial_state
-from ibdata.dynamics.variants import Parameters
 from ibdata.experiment.fields import BurnIn
 from ibdata.experiment.start import burn_in_steps, steerings
 from ibdata.numerics.philox import Raw
@@ -25,6 +24,7 @@ Lanes = npt.NDArray[np.int64]  # numbers of lanes; a lane is one of the episodes
 Draw = Callable[[Lanes, Purpose, int, int, int], Raw]
 
 NO_RECORD = np.empty((0, 0, 0), dtype=np.float32)
+NO_DRIFT = np.empty((0, DRIFT_SLOTS, 0), dtype=np.uint64)
 NO_ROWS = np.empty(0, dtype=np.int64)
 
 
@@ -37,12 +37,12 @@ class Episodes(NamedTuple):
 
     start: Any  # "default", "uniform" or a BurnIn
     drifting: bool
-    parameters: Parameters
+    parameters: Floats  # of the variant, see `kernel.packed`
 
     @classmethod
     def of(cls, start: Any, drifting: bool, variant: Variant) -> Episodes:
         """Settings from a start, whether the setpoints move, and the dynamics."""
-        return cls(start, drifting, variant.parameters())
+        return cls(start, drifting, kernel.packed(variant.parameters()))
 
     def begin(self, draw: Draw, lanes: Lanes, setpoints: Floats) -> State:
         """The first recorded state of some lanes, after the start, the zero-action step and the burn-in."""
@@ -81,11 +81,11 @@ class Episodes(NamedTuple):
     ) -> tuple[Raw, Raw]:
         """Draw integers (steps, 8, lanes) for the dynamics, and (steps, 4, lanes) for moving setpoints.
 
-        For constant setpoints the second array is empty, (0, 4, lanes).
+        For constant setpoints the second array is empty.
         """
         raw = draw(lanes, dynamics, step, steps, DYNAMICS_SLOTS)
         if not self.drifting:
-            return raw, np.empty((0, DRIFT_SLOTS, len(lanes)), dtype=np.uint64)
+            return raw, NO_DRIFT
         return raw, draw(lanes, drift, step, steps, DRIFT_SLOTS)
 
     def advance(
@@ -102,7 +102,7 @@ class Episodes(NamedTuple):
         """Advance every lane by actions (steps, n, 3), in place; see `kernel.simulate` for the arguments."""
         if history is None:
             history = np.empty((actions.shape[1], 0, 6), dtype=np.float32)
-        kernel.simulate(state, actions, raw, drift, self.parameters, history, record, rows, first)
+        kernel.simulate(*state, actions, raw, drift, self.parameters, history, record, rows, first)
 
 
 def draw_uniforms(draw: Draw, lanes: Lanes, purpose: Purpose, step: int, steps: int, draws: int) -> Floats:

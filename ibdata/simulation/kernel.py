@@ -13,7 +13,8 @@ from ibdata.dynamics.variables import FLOATS
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
-from ibdata.simulation.noise import compiled_blank_noise, drift_noise, standard_noise
+from ibdata.policies.actions import clipped_and_rounded
+from ibdata.simulation.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
@@ -22,13 +23,28 @@ Ints = npt.NDArray[np.int64]
 FLOAT_ROWS = len(FLOATS)
 
 
+def packed(k: Parameters) -> Floats:
+    """Put the parameters of the dynamics into an array for `simulate`: a tuple takes 2 µs a call."""
+    return np.hstack(k)
+
+
+@compiled
+def unpacked(x: Floats) -> Parameters:
+    """Return the parameters of the dynamics from the array that `packed` made."""
+    return Parameters(
+        x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], (x[10], x[11], x[12], x[13], x[14]),
+        x[15], x[16], x[17], x[18], x[19], x[20], x[21],
+    )  # fmt: skip
+
+
 @compiled
 def simulate(
-    state: State,
+    floats: Floats,
+    integers: Ints,
     actions: Float32s,
     raw: Raw,
     drift: Raw,
-    k: Parameters,
+    parameters: Floats,
     history: Float32s,
     record: AnyFloats,
     rows: Ints,
@@ -37,25 +53,71 @@ def simulate(
     """Advance every lane by several steps, in place.
 
     Args:
-        state: n lanes.
+        floats: the floats of a `State` of n lanes.
+        integers: the integers of that state.
         actions: (steps, n, 3).
         raw: random integers (steps, 8, n).
-        drift: random integers (steps, 4, n) for moving setpoints; (0, 4, n) for constant ones.
-        k: the parameters of the dynamics.
+        drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
+        parameters: the parameters of the dynamics, see `packed`.
         history: the latest observations (n, length, 6), newest first; each step adds one.
         record: (variables, times, n), into which the state after step t is written at `first + t`.
         rows: the variables to record, as rows of a state's floats followed by its integers.
         first: see `record`.
     """
-    noise = compiled_blank_noise(actions.shape[1])
+    noise = np.zeros((NOISE_ROWS, actions.shape[1]))
+    state, k, named = State(floats, integers), unpacked(parameters), fields(noise)
     for t in range(actions.shape[0]):
         standard_noise(raw[t], noise)
         if drift.shape[0] > 0:
             drift_noise(drift[t], noise)
-        advance(state, actions[t], noise, k)
-        _observe(state.floats, history)
+        advance(state, actions[t], named, k)
+        _observe(floats, history)
         for j in range(rows.shape[0]):
             _record(state, rows[j], record[j, first + t])
+
+
+@compiled
+def simulate_lane(
+    floats: Floats,
+    integers: Ints,
+    dv: float,
+    dg: float,
+    dh: float,
+    raw: Raw,
+    parameters: Floats,
+    history: Float32s,
+    rows: Ints,
+    out: Floats,
+) -> None:
+    """Advance a single lane by one step, in place, with few arguments: a call takes as long as the equations.
+
+    Args:
+        floats: the floats of a `State` of one lane.
+        integers: the integers of that state.
+        dv: the action on velocity, a finite number.
+        dg: the action on gain.
+        dh: the action on shift.
+        raw: 8 random integers, and 4 more for a moving setpoint.
+        parameters: the parameters of the dynamics, see `packed`.
+        history: the latest observations (1, length, 6), newest first; the step adds one.
+        rows: the variables to read after the step, see `simulate`.
+        out: their values; a whole number is written as the bits of an int64.
+    """
+    action, noise = np.empty((1, 3), dtype=np.float32), np.zeros((NOISE_ROWS, 1))
+    action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
+    action[0, 2] = clipped_and_rounded(dh)
+    column = raw.reshape(raw.shape[0], 1)
+    standard_noise(column[:DYNAMICS_SLOTS], noise)
+    if raw.shape[0] > DYNAMICS_SLOTS:
+        drift_noise(column[DYNAMICS_SLOTS:], noise)
+    advance(State(floats, integers), action, fields(noise), unpacked(parameters))
+    _observe(floats, history)
+    whole = out.view(np.int64)
+    for j in range(rows.shape[0]):
+        if rows[j] < FLOAT_ROWS:
+            out[j] = floats[rows[j], 0]
+        else:
+            whole[j] = integers[rows[j] - FLOAT_ROWS, 0]
 
 
 @compiled

@@ -1,1 +1,1 @@
-"""Files, locks, signals and storage: everything that the operating system must promise."""
+"""Files, locks, signals, processes and storage: what the package needs from the operating system."""

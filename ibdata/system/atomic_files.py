@@ -1,4 +1,4 @@
-"""Files that are whole or not there: temporary file, fsync, rename, fsync of the folder."""
+"""Writing files that are complete or absent: temporary file, fsync, rename, fsync of the folder."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import errno
 import hashlib
 import io
 import os
+import re
 import secrets
 import stat
 from collections.abc import Container, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-TEMPORARY = ".tmp-"
-TOKEN = "{token}"
+from ibdata.system.lock import locked
+
+TEMPORARY = ".tmp-"  # the prefix of temporary files
+TOKEN = "{token}"  # stands for random digits in a path
 BLOCK = 2**20
+PATIENCE = 60.0  # seconds; hundreds of hosts may come at once, and each stays for milliseconds
 
 
 class FileEntry(NamedTuple):
@@ -36,7 +40,7 @@ class HashingFile(io.RawIOBase):
         self.size = 0
 
     def write(self, data: Any) -> int:
-        """Write and hash."""
+        """Write data and hash them."""
         self._hasher.update(data)
         written = self._raw.write(data)
         self.size += written
@@ -60,10 +64,10 @@ class HashingFile(io.RawIOBase):
         return self.size
 
     def close(self) -> None:
-        """Nothing: whoever opened the raw file closes it."""
+        """Do nothing; whoever opened the raw file closes it."""
 
     def writable(self) -> bool:
-        """Always."""
+        """True."""
         return True
 
 
@@ -71,7 +75,7 @@ class HashingFile(io.RawIOBase):
 def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
     """Write a new file, folder/path, that appears under its name only if the block ends without an error.
 
-    `TOKEN` in the path stands for random digits: nobody who listed other files opens this one by their names.
+    `TOKEN` in the path stands for random digits, so that a reader never takes this file for an older one.
     """
     temporary = _temporary(folder, path)
     try:
@@ -87,14 +91,14 @@ def atomic_write(folder: Path, path: str) -> Iterator[HashingFile]:
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
-    """Write a small file, whole or not at all."""
+    """Write a small file completely or not at all."""
     with atomic_write(folder, path) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
 
 
 def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
-    """Write a small file unless it exists; whether it then holds these bytes."""
+    """Write a small file unless it exists. Return whether the file holds these bytes."""
     target, temporary = folder / path, _temporary(folder, path)
     if not target.is_file():
         try:
@@ -102,8 +106,7 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
                 file = HashingFile(raw)
                 file.write(data)
                 file.sync()
-            with suppress(FileExistsError):
-                os.link(temporary, target)
+            _name(temporary, target)
         finally:
             temporary.unlink(missing_ok=True)
         sync_folder(target.parent)
@@ -113,10 +116,22 @@ def create_or_compare(folder: Path, path: str, data: bytes) -> bool:
         return False
 
 
-def _temporary(folder: Path, path: str) -> Path:
-    """The path of a new file until it is whole: not beside the data, and under a name that no data file has.
+def _name(temporary: Path, target: Path) -> None:
+    """Give a whole file its name, unless another has it; of several that do so at a time, one succeeds."""
+    try:
+        os.link(temporary, target)
+    except FileExistsError:
+        pass
+    except OSError:  # a file system without links
+        with locked(target.parent, f".lock-{target.name}", PATIENCE):
+            if not os.path.lexists(target):
+                temporary.rename(target)
 
-    The folder of the file is made if it is missing.
+
+def _temporary(folder: Path, path: str) -> Path:
+    """The path of a new file until it is complete. It is not in a folder of data, nor named like a data file.
+
+    The folder of the complete file is made if it is missing.
     """
     (folder / path).parent.mkdir(exist_ok=True)
     name = Path(path.partition(f"-{TOKEN}")[0]).name
@@ -124,7 +139,7 @@ def _temporary(folder: Path, path: str) -> Path:
 
 
 def file_sha256(path: Path) -> str | None:
-    """The hex hash of a regular file, or of one that a link leads to; None where it cannot be read."""
+    """The hex hash of a regular file, also through a link; None if it cannot be read."""
     hasher = hashlib.sha256()
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -139,7 +154,7 @@ def file_sha256(path: Path) -> str | None:
 
 
 def plain_bytes(path: Path, most: int) -> bytes:
-    """Read a regular file; OSError where it is larger, or something else, such as a pipe without end."""
+    """Read a regular file. Raises OSError if it is larger than `most` bytes, or not a regular file."""
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -152,16 +167,16 @@ def plain_bytes(path: Path, most: int) -> bytes:
 def remove_temporaries(folder: Path, names: Container[str] | None = None) -> None:
     """Remove the temporary files of writers that were killed: all, or those of files with these names.
 
-    The name of a shard's file is given without its token. Call it only where nobody writes the files.
+    The name of a shard's file is given without its token. No process may be writing these files.
     """
     for temporary in folder.glob(f"{TEMPORARY}*"):
-        name = temporary.name.removeprefix(TEMPORARY).partition("-")[2].removesuffix(".part")
-        if names is None or name in names:
+        found = re.fullmatch(re.escape(TEMPORARY) + r"[0-9a-f]{12}-(.*)\.part", temporary.name, re.DOTALL)
+        if found and (names is None or found[1] in names):
             temporary.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the names in a folder are on the disk."""
+    """Wait until the list of files in a folder is on the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

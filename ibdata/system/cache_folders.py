@@ -11,14 +11,14 @@ from contextlib import suppress
 
 from ibdata.system.private_files import make, opened, resolved, write
 
-PASSING = "IBDATA_PASSING_CACHE"  # names the passing folder to worker processes
+PASSING = "IBDATA_PASSING_CACHE"  # holds the path of the temporary folder, for worker processes
 
 
 class Places:
-    """Folders of one name, in the bases that this user alone can write to; the last is where more is kept.
+    """The cache folders with one name, each in a base folder to which no other user can write.
 
-    Those before it can be read only, as in the image of a container. Where none can be written, or writing
-    fails, a passing folder serves; where that fails too, nothing is kept.
+    Only the last one may be writable; those before it are read-only, as in a container image. If none is
+    writable, or writing fails, a temporary folder is used; if that fails too, nothing is kept.
     """
 
     def __init__(self, name: str) -> None:
@@ -31,11 +31,11 @@ class Places:
                 if self.lasting:
                     break
         if PASSING in os.environ or not self.lasting:
-            self._take_passing()
+            self._take_temporary()
 
     def keep(self, name: str, content: bytes) -> None:
-        """Put a file into the first folder that takes it."""
-        if not self._put(name, content) and self._take_passing():
+        """Write a file to the first folder that can be written to."""
+        if not self._put(name, content) and self._take_temporary():
             self._put(name, content)
 
     def _put(self, name: str, content: bytes) -> bool:
@@ -46,7 +46,7 @@ class Places:
         return False
 
     def _take(self, base: str) -> bool:
-        """Add the folder in a base, which must be this user's alone; whether it can be written to."""
+        """Add the folder in a base; return whether it is writable."""
         make(base)
         with opened(base) as at, suppress(FileExistsError):
             os.mkdir(self.name, 0o700, dir_fd=at)
@@ -55,32 +55,33 @@ class Places:
             self.folders.append(folder)
         return os.access(folder, os.W_OK)
 
-    def _take_passing(self) -> bool:
-        """Add the passing folder; whether that is new and can be written to."""
+    def _take_temporary(self) -> bool:
+        """Add the temporary folder; return whether it is new and writable."""
         with suppress(OSError):
-            return os.path.join(_passing(), self.name) not in self.folders and self._take(_passing())
+            base = _temporary_base()
+            return os.path.join(base, self.name) not in self.folders and self._take(base)
         return False
 
 
 def cache_base() -> str:
-    """The first base that can be written, where whole folders may be kept."""
+    """The first base folder that is writable, or else a temporary one, for whole folders."""
     for base in _bases():
         with suppress(OSError):
             make(base)
             with opened(base):
                 if os.access(base, os.W_OK):
                     return base
-    return _passing()
+    return _temporary_base()
 
 
 def _bases() -> Iterator[str]:
-    """The folders that are asked for, then the user's cache, as absolute paths without links."""
+    """The base folders that the environment names, then the user's cache, as absolute paths without links."""
     for variable in ("IBDATA_CACHE_DIR", "NUMBA_CACHE_DIR"):
         asked = os.path.expanduser(os.environ.get(variable, ""))
-        if asked and not asked.startswith("~"):  # it stays where there is neither HOME nor such a user
+        if asked and not asked.startswith("~"):  # a ~ stays if there is no HOME, or no such user
             yield from _resolved(asked)
     own = os.path.expanduser(os.path.join(os.environ.get("XDG_CACHE_HOME") or "~/.cache", "ibdata"))
-    if os.path.isabs(own):  # one in the folder that ibdata is called from may be anybody's
+    if os.path.isabs(own):  # a relative path may lead to anybody's folder
         yield from _resolved(own)
 
 
@@ -89,8 +90,8 @@ def _resolved(base: str) -> Iterator[str]:
         yield resolved(base)
 
 
-def _passing() -> str:
-    """A folder that goes when this process ends, of which worker processes know from the environment."""
+def _temporary_base() -> str:
+    """A folder that is removed when this process ends; worker processes find it through the environment."""
     if PASSING not in os.environ:
         folder = tempfile.mkdtemp(prefix="ibdata-")
         atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The guard around everything that writes to a folder: one writer, signals, and errors in one line."""
+"""The context for everything that writes to a folder: a lock, signals as exceptions, one-line errors."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def writing_to(
     """Write to a folder, which is made if it is missing, as its only writer.
 
     Args:
-        folder: Where the block writes; if it is new and empty afterwards, it is removed.
-        lock: How the folder is locked: `locked`, or `shared` with writers of other parts.
-        name: What messages call the folder.
+        folder: The folder to which the block writes; if it is new and empty afterwards, it is removed.
+        lock: How to lock the folder: `locked`, or `shared` with writers of other parts.
+        name: The folder's name in messages; by default its path.
 
     Raises:
         BusyError: Another process writes to the folder.
         Interrupted: A signal asked to stop.
-        IbdataError: The system refuses, or memory is too short.
+        IbdataError: The system refuses to write, or there is not enough memory.
     """
     with refusals(name or folder), stoppable(), made_folder(folder), lock(folder) as held:
         yield held
@@ -47,7 +47,7 @@ def refusals(folder: Path) -> Iterator[None]:
         raise IbdataError(f"{folder}: cannot be written: {error.strerror or error}") from error
     except MemoryError:
         raise IbdataError(
-            f"{folder}: memory is too short; use fewer --workers, or a smaller output.shard_rows"
+            f"{folder}: out of memory; use fewer --workers, or a smaller output.shard_rows"
         ) from None
 
 
@@ -62,5 +62,5 @@ def made_folder(folder: Path) -> Iterator[None]:
         yield
     finally:
         for path in missing:
-            with suppress(OSError):  # it was not made, or is not empty, maybe since now
+            with suppress(OSError):  # it was not made, or is not empty
                 path.rmdir()

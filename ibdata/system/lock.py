@@ -1,7 +1,7 @@
-"""Locks on folders, for one writer or for several that write different parts; they end with their process.
+"""Locks on folders, for one writer or for several that write different parts.
 
-All are those of flock: they belong to the open file, so that they hold between threads too, and end with a
-process however it ends; where NFS keeps locks, it keeps these.
+They use flock. Such a lock belongs to an open file, so it also works between threads, and it ends with its
+process, however that ends. It works on NFS if the mount has locks.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from pathlib import Path
 from ibdata.errors import BusyError, IbdataError
 
 NAME = ".lock"
-PATIENCE = 1.0  # seconds; whoever leaves holds the folder for a moment alone
+PATIENCE = 1.0  # seconds; a process that gives up a shared lock holds the folder alone for a moment
 _mine: dict[Path, int] = {}  # the descriptors of the locks that this process holds
 NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 
 class _NoLocksError(IbdataError):
-    """The file system keeps no locks."""
+    """The file system has no locks."""
 
 
 @contextmanager
 def locked(folder: Path, name: str = NAME, patience: float = 0.0) -> Iterator[None]:
-    """Hold the folder's lock; BusyError where another process holds it, at once or after some seconds.
+    """Hold the folder's lock. Raises BusyError if another process still holds it after `patience` seconds.
 
-    Raises IbdataError where the file system keeps no locks; nothing is left behind.
+    Raises IbdataError if the file system has no locks; nothing is left behind.
     """
     path = folder / name
     descriptor = _acquire(path, fcntl.LOCK_EX, patience)
@@ -42,9 +42,10 @@ def locked(folder: Path, name: str = NAME, patience: float = 0.0) -> Iterator[No
 
 @contextmanager
 def shared(folder: Path) -> Iterator[ExitStack]:
-    """Share the folder's lock with others that do; BusyError where another process has it for itself.
+    """Share the folder's lock. Raises BusyError if another process holds it alone.
 
-    What is pushed onto the stack is done by the last that leaves, when nobody else is there.
+    At the end, the callbacks of the yielded stack are called, but only if no other process shares the lock
+    then.
     """
     path = folder / NAME
     descriptor = _acquire(path, fcntl.LOCK_SH, PATIENCE)
@@ -52,7 +53,7 @@ def shared(folder: Path) -> Iterator[ExitStack]:
     try:
         yield leaving
     finally:
-        if _try(folder, descriptor):  # this gives up the shared lock, also where others have theirs still
+        if _try_lock(folder, descriptor):  # gives up the shared lock, even if others still hold theirs
             leaving.close()
             _leave(path, descriptor)
         else:
@@ -61,7 +62,7 @@ def shared(folder: Path) -> Iterator[ExitStack]:
 
 
 def refuse_busy(folder: Path) -> None:
-    """BusyError where another process holds the folder's lock; nothing is written."""
+    """Raise BusyError if another process holds the folder's lock; write nothing."""
     if held(folder / NAME, fcntl.LOCK_EX):
         raise _busy(folder)
 
@@ -75,19 +76,19 @@ def is_locked(folder: Path) -> bool:
 
 
 def is_lost(folder: Path) -> bool:
-    """Whether a lock that this process holds has lost its file: the folder then belongs to another."""
+    """Whether the file of a lock that this process holds is gone: the folder then belongs to another one."""
     descriptor = _mine.get(folder / NAME)
-    return descriptor is not None and not _is(folder / NAME, descriptor)
+    return descriptor is not None and not _is_file_of(folder / NAME, descriptor)
 
 
 def held(path: Path, kind: int = fcntl.LOCK_SH) -> bool:
-    """Whether another process holds a lock that excludes one of this kind; nothing is written."""
+    """Whether another process holds a lock that excludes one of this kind. Writes nothing."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError):
         return False
     try:
-        return not _try(path.parent, descriptor, kind)
+        return not _try_lock(path.parent, descriptor, kind)
     finally:
         os.close(descriptor)
 
@@ -98,16 +99,16 @@ def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
         new = not os.path.lexists(path)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
-            got = _try(path.parent, descriptor, kind)
+            got = _try_lock(path.parent, descriptor, kind)
         except _NoLocksError:
             os.close(descriptor)
             if new:
                 path.unlink(missing_ok=True)
             raise
-        if got and _is(path, descriptor):
+        if got and _is_file_of(path, descriptor):
             _mine[path] = descriptor
             return descriptor
-        os.close(descriptor)  # where it was got, its holder removed the file in between; take the new one
+        os.close(descriptor)  # a lock that was acquired is on a file that was removed meanwhile: try again
         if not got and time.monotonic() >= until:
             raise _busy(path.parent)
         if not got:
@@ -116,13 +117,13 @@ def _acquire(path: Path, kind: int, patience: float = 0.0) -> int:
 
 def _leave(path: Path, descriptor: int) -> None:
     """Remove the lock's file, if it is still that of this lock, then release it."""
-    if _is(path, descriptor):
-        path.unlink(missing_ok=True)  # before it is released: nobody can hold a lock that has no name
+    if _is_file_of(path, descriptor):
+        path.unlink(missing_ok=True)  # before the release, so that no other process gets a lock on this file
     _mine.pop(path, None)
     os.close(descriptor)
 
 
-def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
+def _try_lock(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -131,13 +132,13 @@ def _try(folder: Path, descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
         if error.errno not in NO_LOCKS:
             raise
         raise _NoLocksError(
-            f"{folder}: the file system keeps no locks ({error.strerror}); choose a folder elsewhere, or "
-            "have it mounted with locks (Lustre: -o flock)"
+            f"{folder}: the file system has no locks ({error.strerror}); choose a folder elsewhere, or "
+            "mount it with locks (Lustre: -o flock)"
         ) from None
     return True
 
 
-def _is(path: Path, descriptor: int) -> bool:
+def _is_file_of(path: Path, descriptor: int) -> bool:
     try:
         return os.path.samestat(os.lstat(path), os.fstat(descriptor))
     except FileNotFoundError:

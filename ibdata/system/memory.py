@@ -8,7 +8,7 @@ from ibdata.errors import UsageError
 
 
 def refuse_too_much(what: str, size: int) -> None:
-    """UsageError where a request takes more bytes than the machine has."""
+    """Raise UsageError if a request needs more bytes than the machine's memory has."""
     most = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if size > most:
         raise UsageError(

@@ -1,7 +1,7 @@
-"""Datasets at URLs, as s3://bucket/name: read through a folder here that is filled as files are asked for.
+"""Datasets at URLs, such as s3://bucket/name. They are read through a temporary folder on this machine.
 
-pyarrow's file systems come first, then fsspec's. Nothing relies on renaming, and a write that fails may leave
-part of an object: so whole files are put, and the manifest last.
+pyarrow's file systems are tried first, then fsspec's. An object store cannot rename, and a write that fails
+may leave part of an object. So files are uploaded whole, and the manifest last.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 import re
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -28,9 +29,9 @@ def is_url(place: str | os.PathLike[str] | None) -> bool:
 
 
 class Remote:
-    """The files of a dataset at a URL. OSError where the storage refuses.
+    """The files of a dataset at a URL. Methods raise OSError if the storage refuses.
 
-    `name` is the URL without the credentials in it, for people; `url` may hold some.
+    `name` is the URL without credentials, for messages; `url` may contain credentials.
     """
 
     def __init__(self, url: str) -> None:
@@ -44,19 +45,21 @@ class Remote:
             )
 
     def size(self, path: str) -> int | None:
-        """Bytes of a file; None where there is none."""
+        """The size of a file in bytes; None if there is none."""
         info = self._files.get_file_info(f"{self._base}/{path}")
         return info.size if info.is_file else None
 
-    def empty(self) -> bool:
-        """Whether there is nothing at the URL."""
+    def sizes(self, folder: str = "") -> dict[str, int]:
+        """The bytes of every file by its path: at the URL, or in a folder there."""
         from pyarrow.fs import FileSelector
 
-        below = FileSelector(self._base, allow_not_found=True, recursive=True)
-        return not any(info.is_file for info in self._files.get_file_info(below))
+        top = f"{self._base}/{folder}".rstrip("/")
+        found = self._files.get_file_info(FileSelector(top, allow_not_found=True, recursive=True))
+        base = self._base.strip("/")
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in found if info.is_file}
 
     def read(self, path: str) -> bytes | None:
-        """Read a file; None where there is none."""
+        """Read a file; None if there is none."""
         if self.size(path) is None:
             return None
         with self._files.open_input_stream(f"{self._base}/{path}") as source:
@@ -68,17 +71,17 @@ class Remote:
         if self.size(path) is None:
             return
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = target.with_name(f".tmp-{target.name}")
-        with self._files.open_input_stream(f"{self._base}/{path}") as source, part.open("wb") as file:
+        part = target.with_name(f".tmp-{secrets.token_hex(6)}-{target.name}")  # each thread has its own
+        with self._files.open_input_stream(f"{self._base}/{path}") as source, part.open("xb") as file:
             shutil.copyfileobj(source, file, BLOCK)
         part.replace(target)
 
     def put(self, source: Path, path: str) -> None:
-        """Upload a file; where that fails, part of it may be there."""
+        """Upload a file. If that fails, part of it may be there."""
         target = f"{self._base}/{path}"
         try:
             stream = self._files.open_output_stream(target)
-        except FileNotFoundError:  # no object store: it has folders
+        except FileNotFoundError:  # a file system with folders
             self._files.create_dir(target.rpartition("/")[0], recursive=True)
             stream = self._files.open_output_stream(target)
         with source.open("rb") as file, stream:
@@ -90,7 +93,7 @@ class Remote:
 
 
 def _file_system(url: str) -> tuple[Any, str]:
-    """pyarrow's file system for a URL and the path in it; fsspec's where pyarrow knows none."""
+    """The file system of a URL, and the path in it: pyarrow's, or fsspec's if pyarrow has none."""
     from pyarrow import ArrowException, ArrowNotImplementedError
     from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
@@ -98,7 +101,7 @@ def _file_system(url: str) -> tuple[Any, str]:
     try:
         found: tuple[Any, str] = FileSystem.from_uri(url)
         return found
-    except ImportError:  # pyarrow leaves some schemes, as hf://, to fsspec itself
+    except ImportError:  # for some schemes, such as hf://, pyarrow itself imports fsspec
         pass
     except (ArrowException, OSError) as error:
         if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
@@ -118,7 +121,7 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 def first_line(error: BaseException) -> str:
     """The first line of an error's message, without credentials."""
-    line = hidden((str(error).splitlines() or [""])[0])  # before it is cut
+    line = hidden((str(error).splitlines() or [""])[0])  # hides credentials before the line is cut
     return (printable(line) or type(error).__name__)[:300]
 
 
@@ -126,7 +129,7 @@ _mirrors: dict[Path, Remote] = {}
 
 
 def local_copy(place: str | os.PathLike[str]) -> Path:
-    """A folder itself; of a URL, a folder of this process that gets each file when it is first asked for."""
+    """The folder itself, or for a URL a temporary folder to which files are downloaded when first needed."""
     if not is_url(place):
         return Path(place)
     remote = Remote(str(place))
@@ -138,20 +141,28 @@ def local_copy(place: str | os.PathLike[str]) -> Path:
 
 
 def name_of(folder: Path) -> str:
-    """The URL that a folder stands for, without credentials, or its own path."""
+    """The URL that a temporary folder stands for, without credentials, or a folder's own path."""
     return _mirrors[folder].name if folder in _mirrors else str(folder)
 
 
 def fetch_if_missing(folder: Path, path: str) -> None:
-    """Download a file of a dataset at a URL, unless it is here; DatasetError where it cannot be read."""
+    """Download a file of a dataset at a URL, unless it is here. Raises DatasetError if it cannot be read."""
     if folder in _mirrors and not os.path.lexists(folder / path):
         with readable(_mirrors[folder], path):
             _mirrors[folder].fetch(path, folder / path)
 
 
+def files_in_data(folder: Path) -> list[str]:
+    """The paths of what is in `data`, in order; of a dataset at a URL, of all files below it."""
+    if folder not in _mirrors:
+        return sorted(f"data/{path.name}" for path in (folder / "data").glob("*"))
+    with readable(_mirrors[folder], "data"):
+        return sorted(_mirrors[folder].sizes("data"))
+
+
 @contextmanager
 def readable(remote: Remote, path: str) -> Iterator[None]:
-    """Turn errors of the storage into one line."""
+    """Turn errors of the storage into a DatasetError of one line."""
     try:
         yield
     except OSError as error:

@@ -1,8 +1,8 @@
-"""Files in folders to which nobody but this user, or root, can write, each with a checksum.
+"""Files with checksums, in folders to which only this user or root can write.
 
-What is kept here is run, so a file that somebody else may have written must not be read, nor a damaged one.
-Folders and files are opened first, without following a link, and what was opened is looked at: nothing can
-be put in its place in between.
+These files hold machine code that will be run, so a file that is damaged, or that another user may have
+written, must not be read. Folders and files are first opened, without following links, and then the open file
+is checked, so that nothing can be put in its place in between.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def resolved(folder: str) -> str:
-    """The absolute path without links; OSError where somebody else made the link that the folder is."""
+    """The absolute path without links. Raises OSError if the folder is a link that another user made."""
     if os.path.islink(folder):
         _refuse_owner(os.lstat(folder), folder)
     return os.path.realpath(folder)
 
 
 def make(folder: str) -> None:
-    """Make a folder and its parents as far as they are missing, for this user alone, whatever the umask."""
+    """Make a folder and its missing parents, accessible to this user only, whatever the umask is."""
     if not os.path.isdir(folder):
         make(os.path.dirname(folder))
         with suppress(FileExistsError):
@@ -37,7 +37,7 @@ def make(folder: str) -> None:
 
 @contextmanager
 def opened(folder: str) -> Iterator[int]:
-    """A descriptor of a folder; OSError where others can write to it."""
+    """Open a folder and yield its descriptor. Raises OSError if other users can write to it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         _refuse_others(os.fstat(descriptor), folder)
@@ -48,9 +48,10 @@ def opened(folder: str) -> Iterator[int]:
 
 @contextmanager
 def verified(folder: str, name: str) -> Iterator[int]:
-    """A descriptor of a file, at what follows its checksum; OSError where others can write to it, or did.
+    """Open a file and yield its descriptor, positioned after the checksum.
 
-    The checksum is no secret: it finds damage, and the owner and mode keep others away.
+    Raises OSError if the file is damaged, or if other users can write to it. The checksum finds damage only;
+    the owner and mode keep other users away.
     """
     with opened(folder) as at:
         descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=at)
@@ -67,7 +68,7 @@ def verified(folder: str, name: str) -> Iterator[int]:
 
 
 def write(folder: str, name: str, content: bytes) -> None:
-    """Put a file there, whole or not at all; OSError where that fails, or others can write to the folder."""
+    """Write a file, completely or not at all. Raises OSError if others can write to the folder."""
     temporary = f".tmp-{uuid4().hex}"
     with opened(folder) as at:
         try:
@@ -88,10 +89,10 @@ def _content(descriptor: int) -> bytes:
 
 def _refuse_owner(status: os.stat_result, path: str) -> None:
     if status.st_uid not in (0, os.geteuid()):
-        raise PermissionError(errno.EPERM, "another user's, not one's own or root's", path)
+        raise PermissionError(errno.EPERM, "belongs to another user", path)
 
 
 def _refuse_others(status: os.stat_result, path: str) -> None:
     _refuse_owner(status, path)
     if status.st_mode & OTHERS_MAY_WRITE:
-        raise PermissionError(errno.EPERM, "others may write to it, not its owner alone", path)
+        raise PermissionError(errno.EPERM, "other users can write to it", path)

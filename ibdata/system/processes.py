@@ -1,4 +1,4 @@
-"""Worker processes that import nothing of the script that starts them, so it needs no `__main__` guard."""
+"""Worker processes that do not import the script that starts them, so that it needs no `__main__` guard."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _lock = threading.Lock()
 def _nameless_main() -> Iterator[None]:
     """Replace `__main__` by a module that has neither a name nor a file, as in a notebook.
 
-    multiprocessing has a spawned process import the one of its parent first. That would start the run once
-    more in a script without a guard, and fail in one that came through stdin.
+    multiprocessing makes a spawned process import the `__main__` of its parent first. That would start the
+    run again in a script without a guard, and fail for a script that was read from stdin.
     """
     with _lock:
         main = sys.modules["__main__"]
@@ -38,6 +38,9 @@ class _Process(SpawnProcess):
 
 
 class Spawning(SpawnContext):
-    """As multiprocessing's context `spawn`. A forked child would inherit threads, open files and locks."""
+    """multiprocessing's context `spawn` without the import of `__main__`.
+
+    Processes are not forked, because a forked child would inherit threads, open files and locks.
+    """
 
     Process = _Process

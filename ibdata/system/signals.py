@@ -1,4 +1,4 @@
-"""Signals that ask to stop, as exceptions, so that every `finally` runs."""
+"""Turning signals that ask to stop into exceptions, so that every `finally` runs."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from ibdata.errors import Interrupted
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _arrived: list[int] = []
-_held: list[int] = []  # an entry for each `held` that is entered
+_held: list[int] = []  # one entry for each block of `held` that has not ended
 
 
 def check() -> None:
-    """Raise Interrupted for a signal that arrived where exceptions are swallowed, as in callbacks from C."""
+    """Raise Interrupted for a signal that arrived where exceptions are lost, such as in a callback from C."""
     if _arrived:
         raise Interrupted(_arrived[0])
 
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Make signals wait until the block ends, also for processes that it starts.
+    """Delay signals until the block ends, also in processes that it starts.
 
-    A mask is not enough: another thread, of a library, may take the signal, and Python's handler runs here.
+    A signal mask is not enough, because a library's thread may receive the signal, and Python then calls the
+    handler in the main thread.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     _held.append(0)
@@ -41,9 +42,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Raise Interrupted where SIGINT, SIGTERM or SIGHUP arrive; in the main thread only, as Python has it.
+    """Raise Interrupted when SIGINT, SIGTERM or SIGHUP arrives. Does nothing outside the main thread.
 
-    A second signal, during the cleaning up, is ignored: what is left to do is short.
+    A second signal is ignored, because cleaning up does not take long.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -58,12 +59,12 @@ def stoppable() -> Iterator[None]:
             raise Interrupted(number)
 
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # nohup, or a shell's background job
+        if handler is not signal.SIG_IGN:  # as under nohup, or in a shell's background job
             signal.signal(number, stop)
     try:
         yield
     except Exception as error:
-        if _arrived and not isinstance(error, Interrupted):  # some code takes every error for its own
+        if _arrived and not isinstance(error, Interrupted):  # some code turns every exception into its own
             raise Interrupted(_arrived[0]) from error
         raise
     finally:

@@ -1,4 +1,4 @@
-"""Check that the files beside the shards follow from the experiment and the rows."""
+"""Check that manifest, metadata and card follow from the experiments and the rows."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.validation.rows import foreign_metadata
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card
@@ -31,14 +32,14 @@ INFO, STATS = "meta/info.json", "meta/stats.json"
 
 
 def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
-    """Whether the shards, files and code in a manifest follow from its experiments.
+    """Check that the shards, files and code that a manifest lists follow from its experiments.
 
     Args:
         spec: The experiments and splits that the manifest lists.
         listed: The manifest.
 
     Returns:
-        The problems; of each kind the first.
+        The first problem of each kind.
     """
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     files = sorted(file.path for file in listed.files if file.path != manifest.REPORT)
@@ -55,7 +56,7 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
         message = f"data_version: found {listed.data_version}, expected at most {manifest.DATA_VERSION}"
         yield Problem(manifest.PATH, None, "versions", message)
     if listed.clipped_actions > listed.rows:
-        message = f"clipped_actions: found {listed.clipped_actions}, expected at most one a row"
+        message = f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
         yield Problem(manifest.PATH, None, "counts", message)
     if listed.code and listed.reproducible is True:
         message = 'reproducible: found true, expected "same-environment" or false for custom policies'
@@ -63,13 +64,13 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
-    """Raise DatasetError where the manifest lists other files or episodes than its experiments have."""
+    """Raise DatasetError if what a manifest lists does not follow from its experiments."""
     for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
 
 
 def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:
-    """The content root of the rows if those of all shards keep every rule; else the listed one."""
+    """The content root of the rows if all shards keep every rule; otherwise the listed one."""
     if len(written) < len(spec.shards):
         return listed.content_root
     return root_of(spec, ((w.shard, w.content.digests) for w in written))
@@ -78,17 +79,17 @@ def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]
 def checks(
     folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
-    """The checks of the files beside the shards.
+    """The checks of the metadata and the card.
 
     Args:
-        folder: The dataset's folder.
+        folder: The folder of the dataset.
         listed: Its manifest.
-        spec: What the manifest says it is made of.
+        spec: The experiments and splits that the manifest lists.
         written: The shards whose rows keep every rule.
         root: The content root.
 
     Returns:
-        The path of each file, and the problems with it.
+        For each file its path, and an iterator over its problems.
     """
     shards = unread_shards(spec, listed)
     yield EPISODES, _episodes(folder, listed, spec, written)
@@ -102,7 +103,7 @@ def checks(
 
 
 def _same_version(listed: Manifest, *of: str) -> bool:
-    """Whether these packages have the versions that wrote the dataset; else texts or digits may differ."""
+    """Whether these packages have the versions that wrote the dataset; if not, texts or digits may differ."""
     return all(listed.versions.get(name) == versions()[name] for name in of)
 
 
@@ -115,7 +116,7 @@ def _info(folder: Path, listed: Manifest, expected: Info) -> Iterator[Problem]:
 
 
 def _differing(path: str, *compared: tuple[str, Any, Any]) -> Iterator[Problem]:
-    """A problem for each rule whose JSON data, found and expected, differ."""
+    """Yield a problem for each (rule, found, expected) whose JSON data differ."""
     for rule, found, expected in compared:
         message = _difference(found, expected)
         if message is not None:
@@ -123,7 +124,7 @@ def _differing(path: str, *compared: tuple[str, Any, Any]) -> Iterator[Problem]:
 
 
 def _difference(found: Any, expected: Any, *keys: object) -> str | None:
-    """The first place at which JSON data differ; `keys` lead there."""
+    """Describe the first difference of JSON data, which are at `keys`; None if they are equal."""
     place = f"{'.'.join(map(str, keys))}: " if keys else ""
     pairs: Iterable[tuple[object, Any, Any]] = ()
     if isinstance(found, dict) and isinstance(expected, dict):
@@ -143,19 +144,19 @@ def _difference(found: Any, expected: Any, *keys: object) -> str | None:
 def _shown(value: Any) -> str:
     if isinstance(value, list):
         return f"{len(value)} values"
-    return f"{json.dumps(value)[:60]}"
+    return json.dumps(value)[:60]
 
 
 def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
     if manifest.listed_content(folder, listed, manifest.CARD) != expected:
-        message = f"found another card than that of the dataset; ibdata card {folder} writes it again"
+        message = f"found a card that does not fit the dataset; ibdata card {folder} writes it again"
         yield Problem(manifest.CARD, None, "card", message)
 
 
 def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experiment) -> Iterator[Problem]:
     data = manifest.listed_content(folder, listed, path)
     same = data == as_yaml(experiment)
-    if not same and not _same_version(listed, "ibdata"):  # another version may write it in other words
+    if not same and not _same_version(listed, "ibdata"):  # another version may format it differently
         with suppress(StrictYamlError, ValidationError):
             same = Experiment.model_validate(Document(data).data) == experiment
     if not same:
@@ -166,6 +167,8 @@ def _episodes(
     folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
+    if more := foreign_metadata(found.schema):
+        yield Problem(EPISODES, None, "schema", more)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)
@@ -183,7 +186,7 @@ def _episodes(
 
 
 def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
-    """Compare all columns of episodes.parquet but digest and return."""
+    """Compare all columns of episodes.parquet except digest and return."""
     for name in expected.column_names:
         a, b = (_plain(table[name]) for table in (found, expected))
         if name not in ("digest", "return") and not a.equals(b):
@@ -193,7 +196,7 @@ def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:
 
 
 def _plain(column: pa.ChunkedArray) -> pa.Array:
-    """A column as one array, without a dictionary of its texts."""
+    """A column as one array, with its texts instead of dictionary numbers."""
     texts = pa.types.is_dictionary(column.type)
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 

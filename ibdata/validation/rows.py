@@ -1,14 +1,14 @@
-"""Check the rows of a shard against every rule, part by part, and summarize them on the way."""
+"""Check the rows of a shard against every rule, part by part, and summarize them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import parquet
@@ -16,12 +16,13 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import Column, columns
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.validation.stored import BATCH_ROWS, float_columns, stored_parts
+from ibdata.validation.stored import Part, stored_parts
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
+
+PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
 
 
 def check_shard(
@@ -30,13 +31,13 @@ def check_shard(
     """Check the rows of a shard.
 
     Args:
-        spec: What the dataset is made of.
+        spec: The experiments and splits of the dataset.
         shard: The shard.
         path: Its file.
         listed: The path under which the manifest lists it.
 
     Returns:
-        The summary of the rows, or None where they break a rule or cannot be read; and the problems.
+        The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     try:
@@ -47,11 +48,15 @@ def check_shard(
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
-        batches = parquet.batches(path, None, BATCH_ROWS)
-        with ThreadPoolExecutor(1) as describing:  # it releases the interpreter's lock
-            for row, own in _described(spec, shard, batches, account, describing, found):
-                for name, rule in RULES.items():
-                    found.add(name, row, rule(own))
+        batches = parquet.batches(path, None, PART_ROWS, threads=False)
+        with ThreadPoolExecutor(1) as checking:  # while the next part is read
+            before: Future[None] | None = None
+            for part in stored_parts(spec, shard, batches, PART_ROWS):
+                if before:
+                    before.result()
+                before = checking.submit(_check, experiment, shard, part, account, found)
+            if before:
+                before.result()
     except DatasetError as error:
         return None, [Problem.of(error, listed, path, "parquet")]
     problems = found.problems()
@@ -59,14 +64,14 @@ def check_shard(
 
 
 class _Found:
-    """The broken rules of a shard. Parts that break the same rule in the same column are one problem."""
+    """The broken rules of a shard. Parts that break the same rule in the same column make one problem."""
 
     def __init__(self, path: str) -> None:
         self._path = path
         self._broken: dict[tuple[str, str], Broken] = {}
 
     def add(self, rule: str, row: int, broken: Iterable[Broken]) -> None:
-        """Add the rules that a part breaks whose first row is `row` of the shard."""
+        """Add what breaks a rule in the part that begins at row `row` of the shard."""
         for each in broken:
             key = (rule, each.message.partition(":")[0])
             first = self._broken.get(key, Broken(row + each.row, each.message, 0))
@@ -80,67 +85,58 @@ class _Found:
         ]
 
 
-def _described(
-    spec: DatasetSpec,
-    shard: Shard,
-    batches: Iterable[pa.RecordBatch],
-    account: ShardSummarizer,
-    describing: ThreadPoolExecutor,
-    found: _Found,
-) -> Iterator[tuple[int, Rows]]:
-    """The parts of a shard, each with its first row; the next is read while one is summarized in a thread."""
-    experiment, before = spec.of_shard(shard), None
-    for part, table in stored_parts(spec, shard, batches):
-        row = (part.first - shard.first) * experiment.steps
-        missing = list(nulls(table))
+def _check(experiment: Experiment, shard: Shard, part: Part, account: ShardSummarizer, found: _Found) -> None:
+    """Add a part to the summary, and the rules that it breaks to those found."""
+    first = row = (part.episodes.first - shard.first) * experiment.steps
+    whole = True
+    for batch in part.others:
+        missing = list(nulls(batch))
         found.add("nulls", row, missing)
-        if missing:
-            continue
-        floats = float_columns(experiment, table)
-        after = row, part, table, floats, describing.submit(account.add, part, floats)
-        if before:
-            yield before[0], _rows(experiment, *before[1:])
-        before = after
-    if before:
-        yield before[0], _rows(experiment, *before[1:])
+        whole, row = whole and not missing, row + batch.num_rows
+    if whole:
+        own = _rows(experiment, part, account.add(part.episodes, part.floats))
+        for name, rule in RULES.items():
+            found.add(name, first, rule(own))
 
 
-def _rows(
-    experiment: Experiment, part: Shard, table: pa.Table, floats: Columns, described: Future[Moments]
-) -> Rows:
-    whole = described.result()
-    known = dict(zip(floats.names, floats.table, strict=True))
+def _rows(experiment: Experiment, part: Part, described: Moments) -> Rows:
+    known = dict(zip(part.floats.names, part.floats.table, strict=True))
     for name in ("episode", "step", "terminated", "truncated"):
-        known[name] = table[name].to_numpy()
-    known["policy"] = _labels(table["policy"], experiment.labels)
+        known[name] = pa.chunked_array([batch[name] for batch in part.others]).to_numpy()
+    known["policy"] = np.concatenate([_labels(batch["policy"], experiment.labels) for batch in part.others])
     ranges = {
-        name: (float(whole.low[i]), float(whole.high[i]))
-        for i, name in enumerate(floats.names)
-        if np.isfinite(whole.squares[i])
+        name: (float(described.low[i]), float(described.high[i]))
+        for i, name in enumerate(part.floats.names)
+        if np.isfinite(described.squares[i])
     }
-    return Rows(experiment, part, columns(experiment), known, ranges)
+    return Rows(experiment, part.episodes, columns(experiment), known, ranges)
 
 
-def _labels(column: pa.ChunkedArray, labels: tuple[str, ...]) -> Any:
-    """The labels' numbers; -1 for a text that is not a label."""
-    import pyarrow.compute as pc  # takes 0.04 s, and generating needs it not
+def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
+    """The number of the label in each row; -1 for a text that is not a label."""
+    import pyarrow.compute as pc  # takes 0.04 s, and generating does not need it
 
+    column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
     texts = pa.array(labels, pa.string())
-    parts = []
-    for chunk in column.chunks:
-        chunk = chunk if pa.types.is_dictionary(chunk.type) else chunk.dictionary_encode()
-        number = pc.fill_null(pc.index_in(chunk.dictionary.cast(pa.string()), value_set=texts), -1).to_numpy()
-        parts.append(number[chunk.indices.to_numpy()])
-    return np.concatenate(parts)
+    number = pc.fill_null(pc.index_in(column.dictionary.cast(pa.string()), value_set=texts), -1).to_numpy()
+    found: npt.NDArray[np.int32] = number[column.indices.to_numpy()]
+    return found
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """The first column that differs from the expected one."""
+    """Describe the first column that differs from the expected one, or metadata of the schema; else None."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
-    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
+    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else foreign_metadata(found)
+
+
+def foreign_metadata(found: pa.Schema) -> str | None:
+    """The metadata of a schema, of which ibdata writes none: pandas would name columns by them."""
+    own = [("the file", found.metadata), *((f"column {field.name}", field.metadata) for field in found)]
+    where, keys = next(((where, keys) for where, keys in own if keys), ("", None))
+    return f"found metadata {sorted(keys)[0]!r} of {where}, expected none" if keys else None
 
 
 def _plain_type(kind: pa.DataType) -> str:

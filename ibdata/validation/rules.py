@@ -1,4 +1,4 @@
-"""The rules that the rows of a dataset keep; each yields the columns that break it."""
+"""The rules for the rows of a dataset; each yields the columns that break it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Problem(NamedTuple):
 
     @classmethod
     def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
-        """The problem that an error reports, without the name of the file, which `path` gives."""
+        """The problem that an error describes, without the name of the file in its message."""
         message = re.sub("[,;] see ibdata validate", "", str(error).removeprefix(f"{file}: "))
         return cls(path, None, rule, message)
 
@@ -60,8 +60,8 @@ class Rows(NamedTuple):
     experiment: Experiment
     part: Shard
     described: list[Column]
-    columns: dict[str, Array]  # (rows,) each; of the policy, numbers of the experiment's labels
-    ranges: dict[str, tuple[float, float]]  # of the columns of floats that are finite
+    columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
+    ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
 
     def group(self, role: str) -> list[str]:
         """The names of the columns with a role."""
@@ -71,20 +71,21 @@ class Rows(NamedTuple):
         """The columns with a role (rows, columns)."""
         return np.stack([self.columns[name] for name in self.group(role)], axis=1)
 
-    @property
-    def inner(self) -> Array:
-        """Whether each row but the last has its successor in the next one (rows - 1,)."""
-        steps = np.arange(len(self.columns["step"]) - 1) % self.experiment.steps
-        return steps < self.experiment.steps - 1
+    def changed(self, before: str, after: str) -> Array:
+        """The rows in which `before` is not what `after` is in the next row of the episode (k,)."""
+        x, y = (self.columns[name].reshape(-1, self.experiment.steps) for name in (before, after))
+        found = np.flatnonzero(x[:, :-1] != y[:, 1:])
+        rows: Array = found + found // max(1, self.experiment.steps - 1)
+        return rows
 
     @property
     def tolerance(self) -> float:
-        """The greatest difference that rounding to the stored type makes between values in [0, 100]."""
+        """The largest difference that rounding to the stored type can make to values in [0, 100]."""
         return 2.0**-16 if self.experiment.output.dtype == "float32" else 2.0**-44
 
 
 def finite(rows: Rows) -> Found:
-    """Every float is finite; action_log_prob may be NaN, where a custom policy knows no density."""
+    """Every float is finite, except action_log_prob of a custom policy that does not know its density."""
     for column in rows.described:
         name = column.name
         if column.dtype.startswith("float") and column.role != "log_prob" and name not in rows.ranges:
@@ -105,7 +106,7 @@ def bounds(rows: Rows) -> Found:
 
 
 def indices(rows: Rows) -> Found:
-    """Episodes follow each other whole, and steps count from 0 within each."""
+    """Whole episodes follow one another, and steps count from 0 within each."""
     expected = index_columns(rows.experiment, rows.part)
     for name, text in (
         ("episode", "the episode of episodes.parquet"),
@@ -115,7 +116,7 @@ def indices(rows: Rows) -> Found:
 
 
 def flags(rows: Rows) -> Found:
-    """terminated is never set; truncated is set on the last row of an episode, and there only."""
+    """terminated is never set; truncated is set exactly on the last row of each episode."""
     expected = index_columns(rows.experiment, rows.part)
     for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
         yield from _where(rows.columns[name] != expected[name], name, rows, text)
@@ -137,12 +138,12 @@ def policy(rows: Rows) -> Found:
 def continuity(rows: Rows) -> Found:
     """The values at t + 1 in one row are those at t in the next row of the episode."""
     for name in rows.group("next_observation") + rows.group("next_latent"):
-        after, now = rows.columns[name][:-1], rows.columns[name.removeprefix("next_")][1:]
-        yield from _where((after != now) & rows.inner, name, rows, "the next row's value at t")
+        wrong = rows.changed(name, name.removeprefix("next_"))
+        yield from _at(wrong, name, rows, "the next row's value at t")
 
 
 def reward(rows: Rows) -> Found:
-    """reward = -c - 3 f of the next observation, but for the rounding of float32."""
+    """reward = -c - 3 f of the next observation, up to rounding in float32."""
     c, f, r = (
         rows.columns[name].astype(np.float64)
         for name in ("next_obs_consumption", "next_obs_fatigue", "reward")
@@ -174,22 +175,20 @@ def steering(rows: Rows) -> Found:
             for column in (f"obs_{name}", f"act_{name}", f"next_obs_{name}")
         )
         wrong = np.abs(np.clip(x + size * action, 0.0, 100.0) - after) > rows.tolerance
-        yield from _where(wrong, f"next_obs_{name}", rows, f"what follows from act_{name}")
+        yield from _where(wrong, f"next_obs_{name}", rows, f"the value that follows from act_{name}")
 
 
 def shift_register(rows: Rows) -> Found:
-    """The operational cost of k steps ago is, a step later, that of k + 1 steps ago."""
+    """The operational cost of k steps ago is that of k + 1 steps ago in the next row."""
     if "latent_theta_1" not in rows.columns:
         return
     for lag in range(2, 10):
-        name = f"latent_theta_{lag}"
-        before, now = rows.columns[f"latent_theta_{lag - 1}"][:-1], rows.columns[name][1:]
-        wrong = np.r_[False, (before != now) & rows.inner]
-        yield from _where(wrong, name, rows, f"latent_theta_{lag - 1} of the row before")
+        before, name = (f"latent_theta_{k}" for k in (lag - 1, lag))
+        yield from _at(rows.changed(before, name) + 1, name, rows, f"{before} of the row before")
 
 
 def density(rows: Rows) -> Found:
-    """The log density of the action is the policy's, which is not checked for custom policies."""
+    """action_log_prob is the log density of the action under the policy; custom policies are not checked."""
     experiment, steps = rows.experiment, rows.experiment.steps
     policies = policy_numbers(experiment, rows.part)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
@@ -200,19 +199,21 @@ def density(rows: Rows) -> Found:
             own = slice(low * steps, high * steps)
             found = rows.columns["action_log_prob"][own]
             expected = _log_prob(behaviour, rows, own).astype(found.dtype)
-            wrong[own] = ~np.isclose(found, expected, rtol=1e-6, atol=1e-6, equal_nan=True)
+            odd = np.flatnonzero(found != expected)
+            far = ~np.isclose(found[odd], expected[odd], rtol=1e-6, atol=1e-6, equal_nan=True)
+            wrong[own.start + odd[far]] = True
     yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
 
 
 def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
     """The log densities of the actions of whole episodes of one policy."""
-    observations, after = (
-        rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
-    )
     actions = rows.stack("action")[own].astype(np.float32)
     n, frames = len(actions), behaviour.history_length
     if not frames:
         return behaviour.log_prob(np.empty((n, 0, 6), dtype=np.float32), actions)
+    observations, after = (
+        rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
+    )
     step = np.arange(n) % rows.experiment.steps
     seen = stacked(observations, after, step, frames)[0]
     return behaviour.log_prob(np.ascontiguousarray(seen).reshape(n, frames, 6), actions)
@@ -227,17 +228,21 @@ RULES: dict[str, Callable[[Rows], Found]] = {
 }  # fmt: skip
 
 
-def nulls(table: pa.Table) -> Found:
+def nulls(batch: pa.RecordBatch) -> Found:
     """No value is missing."""
-    for name in table.column_names:
-        if table[name].null_count:
-            row = int(np.argmax(table[name].is_null().to_numpy()))
-            yield Broken(row, f"{name}: found null, expected a value", table[name].null_count)
+    for name, column in zip(batch.schema.names, batch.columns, strict=True):
+        if column.null_count:
+            row = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
+            yield Broken(row, f"{name}: found null, expected a value", column.null_count)
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:
     """The first row in which a column breaks a rule, and the number of such rows."""
-    count = int(np.count_nonzero(broken))
-    if count:
-        row = int(np.argmax(broken))
-        yield Broken(row, f"{name}: found {rows.columns[name][row]}, expected {expected}", count)
+    return _at(np.flatnonzero(broken), name, rows, expected)
+
+
+def _at(broken: Array, name: str, rows: Rows, expected: str) -> Found:
+    """As `_where`, given the numbers of the rows."""
+    if len(broken):
+        row = int(broken[0])
+        yield Broken(row, f"{name}: found {rows.columns[name][row]}, expected {expected}", len(broken))

@@ -1,16 +1,16 @@
-"""Read stored rows in the parts in which they were simulated, which bounds memory."""
+"""Read stored rows in the parts in which they were simulated, so that memory is bounded."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
-from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.rollout import Columns, parts
@@ -20,49 +20,58 @@ from ibdata.writing.summary import ShardSummary, describe
 BATCH_ROWS = 65_536
 
 
+class Part(NamedTuple):
+    """Stored rows of whole episodes of a shard."""
+
+    episodes: Shard
+    floats: Columns
+    others: list[pa.RecordBatch]  # the other columns; all columns of batches in which a value is missing
+
+
 def stored_parts(
-    spec: DatasetSpec, shard: Shard, batches: Iterable[pa.RecordBatch]
-) -> Iterator[tuple[Shard, pa.Table]]:
-    """Cut the rows of a shard into the parts in which they were simulated.
+    spec: DatasetSpec, shard: Shard, batches: Iterable[pa.RecordBatch], most: int | None = None
+) -> Iterator[Part]:
+    """Cut the rows of a shard into parts.
 
     Args:
-        spec: What the dataset is made of.
+        spec: The experiments and splits of the dataset.
         shard: The shard.
-        batches: All its rows, in order.
+        batches: All its rows, in order. None is kept after it was copied.
+        most: At most so many rows a part, but at least an episode; by default the parts are those in which
+            the shard was simulated, on which the last bits of its statistics depend.
 
     Raises:
         DatasetError: There are fewer rows than the shard has.
     """
-    steps, source = spec.of_shard(shard).steps, iter(batches)
-    waiting: list[pa.RecordBatch] = []
-    for first, stop in parts(spec.of_shard(shard), shard.first, shard.stop):
-        rows = (stop - first) * steps
-        while sum(batch.num_rows for batch in waiting) < rows:
-            batch = next(source, None)
-            if batch is None:
-                raise DatasetError(f"{shard.stem}: found fewer rows than listed; see ibdata validate")
-            waiting.append(batch)
-        table = pa.Table.from_batches(waiting)
-        yield shard._replace(first=first, stop=stop), table.slice(0, rows)
-        waiting = table.slice(rows).to_batches()
-
-
-def float_columns(experiment: Experiment, table: pa.Table) -> Columns:
-    """The float columns of a table, in the form that a rollout returns."""
-    names = layout(experiment).names
-    values = np.empty((len(names), table.num_rows), dtype=experiment.output.dtype)
-    for out, name in zip(values, names, strict=True):
+    experiment, source = spec.of_shard(shard), iter(batches)
+    names, rest = layout(experiment).names, pa.record_batch({})
+    if most is None:
+        cuts = parts(experiment, shard.first, shard.stop)
+    else:
+        count = max(1, most // experiment.steps)
+        cuts = ((i, min(shard.stop, i + count)) for i in range(shard.first, shard.stop, count))
+    for first, stop in cuts:
+        rows, others = (stop - first) * experiment.steps, list[pa.RecordBatch]()
+        table = np.empty((len(names), rows), dtype=experiment.output.dtype)
         row = 0
-        for chunk in table[name].chunks:
-            out[row : row + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
-            row += len(chunk)
-    return Columns(names, values, 0)
+        while row < rows:
+            if not rest.num_rows:
+                batch = next(source, None)
+                if batch is None:
+                    raise DatasetError(f"{shard.stem}: found fewer rows than listed; see ibdata validate")
+                rest = batch
+            own, rest = rest.slice(0, rows - row), rest.slice(rows - row)
+            for out, name in zip(table, names, strict=True):
+                out[row : row + own.num_rows] = own[name].to_numpy(zero_copy_only=False)
+            whole = not any(column.null_count for column in own.columns)
+            others.append(own.drop_columns(list(names)) if whole else own)
+            row += own.num_rows
+        yield Part(shard._replace(first=first, stop=stop), Columns(names, table, 0), others)
 
 
 def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
-    """The summary of a shard that is in a file. Raises DatasetError where it cannot be read as that shard."""
+    """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)
-    made = ((part, float_columns(experiment, table)) for part, table in stored_parts(spec, shard, batches))
-    return describe(spec, shard, made)
+    return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))

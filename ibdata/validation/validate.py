@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Container, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 from ibdata.dataset import manifest
@@ -24,27 +25,28 @@ from ibdata.writing.summary import content_of
 
 THREADS = os.cpu_count() or 1
 TRIES = 5  # while the dataset is being replaced
-LATE = (manifest.CARD, manifest.REPORT)  # in a replacement they take their places after the manifest
+LATE = (manifest.CARD, manifest.REPORT)  # a replacement moves them to their places after the manifest
+Hashes = dict[str, "Future[str | None]"]  # the SHA-256 of files, by path
 PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
 def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
     """Find every problem of a dataset, without running any code of the dataset.
 
-    The SHA-256 of every file is compared; then every rule of the rows is checked (schema, no nulls, finite,
-    bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational costs,
-    densities), the episode digests, the content root, and whether all other files follow from the experiment
-    and the rows. Files that are not listed are problems too, except at a URL.
+    First, the SHA-256 of every file is compared. Then every rule of the rows is checked (schema, no nulls,
+    finite, bounds, order, flags, policies, continuity, reward identity, setpoints, steering, operational
+    costs, densities), and the episode digests and the content root are compared. All other files must follow
+    from the experiment and the rows. Files in `data` that are not listed are problems too.
 
     Args:
         folder: A folder or a URL.
         quick: Compare only the SHA-256 of the files.
 
     Returns:
-        The problems; none where the dataset is whole.
+        The problems; empty if there are none.
 
     Raises:
-        BusyError: The dataset was being replaced each time that it was read.
+        BusyError: The dataset was being replaced each time it was read.
     """
     path = object_store.local_copy(folder)
     for _ in range(TRIES):
@@ -75,7 +77,7 @@ def _wait_for_moves(folder: Path) -> None:
 
 
 def _replacement_begun(folder: Path) -> bool:
-    return os.path.lexists(folder / manifest.NEW)
+    return os.path.lexists(folder / manifest.NEW / manifest.MARK)
 
 
 def _interrupted(folder: Path) -> Iterator[Problem]:
@@ -86,39 +88,70 @@ def _interrupted(folder: Path) -> Iterator[Problem]:
 
 def _problems(folder: Path, listed: Manifest, quick: bool) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
-        message = "found the content in other bytes, expected those that ibdata writes"
+        message = "found other bytes than ibdata writes for this content"
         yield Problem(manifest.PATH, None, "manifest", message)
         return
-    problems = list(check_files(folder, listed))
-    yield from problems
-    if not quick:
-        late = LATE if _replacement_begun(folder) else ()
-        yield from _contents(folder, listed, {*late, *(problem.path for problem in problems)})
+    with _hashing(folder, listed) as hashes:  # meanwhile the rows are checked
+        contents = [] if quick else list(_contents(folder, listed, hashes))
+        yield from _wrong_files(folder, listed, hashes)
+    yield from contents
+
+
+@contextmanager
+def _hashing(folder: Path, listed: Manifest) -> Iterator[Hashes]:
+    """The SHA-256 of the listed files, made in threads; hashing releases the interpreter's lock."""
+    late = LATE if _replacement_begun(folder) else ()
+    paths = [entry.path for entry in listed.files if entry.path not in late]
+    with ThreadPoolExecutor(THREADS) as threads:
+        try:
+            yield {path: threads.submit(file_sha256, manifest.locate(folder, path)) for path in paths}
+        finally:
+            threads.shutdown(cancel_futures=True)
 
 
 def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
-    late = LATE if _replacement_begun(folder) else ()
-    entries = [entry for entry in listed.files if entry.path not in late]
-    paths = [manifest.locate(folder, entry.path) for entry in entries]
-    with ThreadPoolExecutor(THREADS) as threads:  # hashing lets go of Python's lock
-        hashes = list(threads.map(file_sha256, paths))
-    for entry, found in zip(entries, hashes, strict=True):
-        if found is None:
-            yield Problem(entry.path, None, "file", "found no file that can be read; ibdata repair makes it")
-        elif found != entry.sha256:
-            message = f"found {found[:12]}…, expected {entry.sha256[:12]}… as the manifest lists"
-            yield Problem(entry.path, None, "hash", message)
-    if _replacement_begun(folder):
-        return  # files in data/ may be those of the new dataset
+    with _hashing(folder, listed) as hashes:
+        yield from _wrong_files(folder, listed, hashes)
+
+
+def _wrong_files(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Problem]:
     known = listed.entries()
-    for path in sorted((folder / "data").glob("*")):
-        name = f"data/{path.name}"
-        if name not in known and not path.name.startswith("."):
-            yield Problem(name, None, "file", "found a file that the manifest does not list; move it away")
+    for path, future in hashes.items():
+        found, expected = future.result(), known[path].sha256
+        if found is None:
+            yield Problem(path, None, "file", "found no file that can be read; ibdata repair makes it")
+        elif found != expected:
+            message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"
+            yield Problem(path, None, "hash", message)
+    if _replacement_begun(folder):
+        return  # unlisted files in data/ may belong to the new dataset
+    for file in strangers(folder, known):
+        what = "folder" if file.is_dir() else "file"
+        message = f"found a {what} that the manifest does not list; move it away"
+        yield Problem(str(file.relative_to(folder)), None, "file", message)
 
 
-def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Problem]:
+def strangers(folder: Path, known: Container[str]) -> Iterator[Path]:
+    """The files and folders in `data` that are not among these paths and that a reader could take."""
+    for name in object_store.files_in_data(folder):
+        if name not in known and is_stranger(folder / name):
+            yield folder / name
+
+
+def is_stranger(path: Path) -> bool:
+    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
+    hidden = path.name.startswith(".")
+    return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
+
+
+def _contents(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Problem]:
+    """The problems with what whole files hold."""
+    entries = listed.entries()
+
+    def damaged(path: str) -> bool:
+        return path not in hashes or hashes[path].result() != entries[path].sha256
+
     try:
         spec = spec_in(folder, listed)
     except DatasetError as error:
@@ -129,11 +162,14 @@ def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Pro
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
     written: list[WrittenShard] = []
-    entries = listed.entries()
     for shard, one in zip(spec.shards, listed.shards, strict=True):
-        if one.path in damaged:
+        try:
+            content, problems = check_shard(spec, shard, manifest.locate(folder, one.path), one.path)
+        except Exception:  # whatever a damaged file leads to
+            if not damaged(one.path):
+                raise
+        if damaged(one.path):
             continue
-        content, problems = check_shard(spec, shard, manifest.locate(folder, one.path), one.path)
         yield from problems
         if content is not None:
             written.append(WrittenShard(shard, entries[one.path], content))
@@ -145,12 +181,12 @@ def _contents(folder: Path, listed: Manifest, damaged: set[str]) -> Iterator[Pro
         message = f"found {listed.content_root}, expected {root}"
         yield Problem(manifest.PATH, None, "content root", message)
     for path, check in checks(folder, listed, spec, written, root):
-        if path not in damaged:
+        if not damaged(path):
             yield from _read(folder, path, check)
 
 
 def _read(folder: Path, path: str, check: Iterator[Problem]) -> Iterator[Problem]:
-    """The problems that a check finds; one where it cannot read its file."""
+    """Yield the problems that a check finds, or one problem if it cannot read its file."""
     try:
         yield from check
     except manifest.ReplacedError:

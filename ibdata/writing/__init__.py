@@ -1,1 +1,1 @@
-"""A dataset's columns and metadata, written to files."""
+"""Writing a dataset's columns and metadata to files."""

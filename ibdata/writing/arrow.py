@@ -73,7 +73,7 @@ def arrow_table(experiment: Experiment, shard: Shard, floats: Columns) -> pa.Tab
 
 
 def arrow_texts(numbers: npt.NDArray[np.int32], texts: Sequence[str]) -> pa.DictionaryArray:
-    """A column of texts, given their numbers."""
+    """A dictionary column that holds, in each row, the text with this number."""
     return pa.DictionaryArray.from_arrays(arrow_array(numbers), arrow_strings(texts))
 
 
@@ -85,7 +85,7 @@ def arrow_strings(texts: Sequence[str]) -> pa.StringArray:
 
 
 def digest_runs(experiment: Experiment, shard: Shard, floats: Columns) -> list[Run]:
-    """A shard's columns but `episode` as `digest.episode_digests` takes them."""
+    """A shard's columns except `episode`, in the form that `digest.episode_digests` takes."""
     texts = [text(label) for label in experiment.labels]
     others: dict[str, Run] = {name: x.reshape(1, -1) for name, x in index_columns(experiment, shard).items()}
     others["policy"] = [texts[i] for i in policy_numbers(experiment, shard).tolist()]

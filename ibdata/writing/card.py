@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from ibdata.errors import UsageError
@@ -22,7 +23,7 @@ LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether the file in the place of the card was not written by ibdata; a link is not foreign."""
+    """Whether there is a file in the place of the card that ibdata did not write; a link does not count."""
     if path.is_symlink() or not path.is_file():
         return False
     with path.open("rb") as file:
@@ -30,13 +31,22 @@ def is_foreign(path: Path) -> bool:
 
 
 def refuse_foreign(path: Path) -> None:
-    """Raise UsageError where a text that ibdata did not write is in the place of the card."""
+    """Raise UsageError if a text that ibdata did not write is in the place of the card."""
     if is_foreign(path):
         raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
 
 
+def listed_root(path: Path) -> str | None:
+    """The content root that a card lists; None where there is none that can be read."""
+    try:
+        found = re.search(rb"^\| content root \| `([0-9a-f]{64})` \|$", path.read_bytes(), re.MULTILINE)
+    except OSError:
+        return None
+    return found[1].decode() if found else None
+
+
 def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
-    """The bytes of the card. It needs the files of the shards, but not their content."""
+    """The bytes of the card. The shards need their file entries, but not their content."""
     return f"{_front_matter(spec, written)}\n{_text(spec, written, root)}".encode()
 
 

@@ -1,4 +1,4 @@
-"""Finish a dataset: write its card, its metadata and, last, the manifest."""
+"""Finishing a dataset: write its card, its metadata and, last, the manifest."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ibdata.writing.card import card, refuse_foreign
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
-UNSEALED = "0" * 64  # in the place of the checksum, until all else is known
+UNSEALED = "0" * 64  # stands for the checksum until all else is known
 
 
 def finish(
@@ -37,15 +37,15 @@ def finish(
     code: Sequence[Code] = (),
     clipped: int | None = None,
 ) -> Manifest:
-    """Commit the files beside the shards, with the manifest last.
+    """Write all files of a dataset other than its shards, with the manifest last.
 
     Args:
-        spec: What the dataset is made of.
-        written: Its shards, in any order.
-        folder: Where the shards are.
-        reproducible: Whether this machine computes the same bits as any other.
+        spec: The experiments and splits of the dataset.
+        written: The shards that were written, in any order.
+        folder: The folder of the dataset.
+        reproducible: Whether the machine computes the same bits as all others.
         code: The code of the custom policies.
-        clipped: Actions that were clipped; by default the sum over the shards.
+        clipped: The number of clipped actions; by default the sum over the shards.
 
     Returns:
         The manifest.
@@ -87,7 +87,7 @@ def finish(
 
 
 def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
-    """What the manifest lists of a shard, but for its path and its content."""
+    """The manifest's entry for a shard, without its path and its content."""
     return {
         "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,
         "experiment": shard.experiment,
@@ -99,7 +99,10 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
 def metadata_files(
     spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> dict[str, Callable[[], bytes]]:
-    """Functions that make the files beside the shards; only episodes and stats need the shards' content."""
+    """Functions that make the files other than shards and manifest, by path.
+
+    Only those for episodes.parquet and stats.json need the content of the shards.
+    """
     return {
         "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
@@ -110,7 +113,7 @@ def metadata_files(
 
 
 def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
-    """The experiments by the paths of their files; a merged dataset has several."""
+    """The experiments by path; a merged dataset has several."""
     if len(spec.experiments) == 1:
         return {manifest.EXPERIMENT: spec.experiments[0]}
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
@@ -125,7 +128,7 @@ def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry], **cha
 
 
 def versions() -> dict[str, str]:
-    """The versions on which the bytes of files may depend; the content does not depend on them."""
+    """The versions on which the bytes of the files may depend, but not the content."""
     return {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",

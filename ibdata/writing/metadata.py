@@ -32,7 +32,7 @@ def as_json(data: Any) -> bytes:
 
 
 def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
-    """info.json: columns with their meaning, groups of columns, counts, splits."""
+    """Make info.json: columns with their meaning, groups of columns, counts, splits."""
     described_columns = [Column(**c.form()) for c in columns(spec.experiments[0])]
     groups: dict[str, list[str]] = {}
     for column in described_columns:
@@ -59,12 +59,12 @@ def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
 
 
 def _common(values: list[Any]) -> Any:
-    """The value that all have; None where they differ."""
+    """The value of all, or None if they differ."""
     return values[0] if all(value == values[0] for value in values) else None
 
 
 def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, SplitCounts]:
-    """Episodes, rows and files of each split; no files where its episodes only have a label."""
+    """Episodes, rows and files of each split; `files` is None if its episodes are only labelled."""
     files: dict[str, list[str]] = {name: [] for name in spec.declared}
     episodes, rows = Counter[str](), Counter[str]()
     for w in written:
@@ -82,7 +82,7 @@ def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, Spli
 
 
 def unread_shards(spec: DatasetSpec, listed: Manifest) -> list[WrittenShard]:
-    """The shards of a finished dataset, without what is in them: enough for its card and info.json."""
+    """The shards of a finished dataset without their content, as its card and info.json need them."""
     entries = listed.entries()
     pairs = zip(spec.shards, listed.shards, strict=True)
     return [WrittenShard(shard, entries[listed_shard.path], UNREAD) for shard, listed_shard in pairs]
@@ -97,7 +97,7 @@ def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
 
 
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
-    """The table of episodes, which has a row for each."""
+    """The table of episodes, with one row per episode."""
     shards = [w.shard for w in written]
     experiments = [spec.of_shard(shard) for shard in shards]
     numbers = [np.arange(shard.first, shard.stop) for shard in shards]
@@ -106,7 +106,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     cells = {cell.digest.hex(): None for e in spec.experiments for cell in e.cells}
 
     def of_cells(value: Callable[[Cell], Any], known: Iterable[str] | None = None) -> npt.NDArray[Any]:
-        """A value of the cell of each episode; of texts, their numbers among those known."""
+        """A value of each episode's cell, or its number among `known` values."""
         number = None if known is None else {text: np.int32(i) for i, text in enumerate(known)}
         values = [
             np.array([value(cell) if number is None else number[value(cell)] for cell in e.cells])
@@ -137,7 +137,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
 
 
 def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
-    """Each list of texts, as often as its count says."""
+    """A column that repeats each list of texts as often as its count says."""
     lengths = np.repeat([len(texts) for texts in lists], counts)
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
@@ -150,7 +150,7 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
 
 
 def stats(spec: DatasetSpec, written: list[WrittenShard]) -> Stats:
-    """stats.json: statistics of every float column, over all rows and over each split."""
+    """Make stats.json: statistics of every float column, over all rows and over each split."""
     names = layout(spec.experiments[0]).names
     parts = [(w.content.moments, [w.content.sample]) for w in written]
     declared = {

@@ -23,7 +23,7 @@ from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writ
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
-WAITING = 2  # parts
+WAITING = 2  # parts that may be in progress
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ class WrittenShard(NamedTuple):
 
 
 class Threads(NamedTuple):
-    """The threads that work for a writer; two writers may share them."""
+    """The threads of a writer, which two writers may share."""
 
     encoding: Executor
     summarizing: Executor
@@ -65,7 +65,7 @@ class ShardWriter:
         self._rest: list[pa.Table] = []  # rows that do not fill a row group yet
 
     def add(self, part: Shard, floats: Columns) -> None:
-        """Hand over the next part; waits while two parts are in work, which bounds the memory.
+        """Hand over the next part. To bound memory, this waits while two parts are in progress.
 
         Args:
             part: The episodes of the part, which follow those of the part before.
@@ -84,7 +84,7 @@ class ShardWriter:
         )
 
     def finish(self) -> WrittenShard:
-        """Write what is left. The file gets its name when the context of `shard_writer` is left.
+        """Write the remaining rows. The file gets its name at the end of the context of `shard_writer`.
 
         Raises:
             IbdataError: A value is not finite.
@@ -99,12 +99,12 @@ class ShardWriter:
         return WrittenShard(self._shard, entry, self._summarizer.content())
 
     def _wait(self) -> None:
-        """Wait for the oldest part in work; raise the error that it met."""
+        """Wait for the oldest part in progress, and raise its error if it failed."""
         for future in self._waiting.popleft():
             future.result()
 
     def _encode(self, part: Shard, floats: Columns) -> None:
-        """Write the row groups that are full; all but the last of a shard are of equal length."""
+        """Write the row groups that are full, and keep the rows that are left for the next part."""
         rows = pa.concat_tables([*self._rest, arrow_table(self._experiment, part, floats)])
         whole = len(rows) - len(rows) % ROW_GROUP_ROWS
         for start in range(0, whole, ROW_GROUP_ROWS):
@@ -119,7 +119,7 @@ class ShardWriter:
 def shard_writer(spec: DatasetSpec, shard: Shard, folder: Path, threads: Threads) -> Iterator[ShardWriter]:
     """Write a shard of a dataset to a new file in its folder.
 
-    The file appears when the block ends after `finish`; a block that ends with an error leaves nothing.
+    The file appears when the block ends after `finish`. A block that raises leaves nothing behind.
     """
     with (
         atomic_write(folder, file_of(shard)) as file,
@@ -129,7 +129,7 @@ def shard_writer(spec: DatasetSpec, shard: Shard, folder: Path, threads: Threads
             yield ShardWriter(spec, shard, file, parquet, threads)
         except BaseException:
             for each in threads:
-                each.submit(int).result()  # after all that was submitted for this shard
+                each.submit(int).result()  # wait for all that was submitted for this shard
             raise
 
 
@@ -158,7 +158,7 @@ class AtOnce(Executor):
 
 @contextmanager
 def thread() -> Iterator[ThreadPoolExecutor]:
-    """A thread that does what is submitted to it, in order; all of it is waited for."""
+    """An executor with one thread. The end of the block waits for all that was submitted."""
     executor = ThreadPoolExecutor(1)
     try:
         with held():  # a signal's exception while the thread starts would leave it running
@@ -169,7 +169,7 @@ def thread() -> Iterator[ThreadPoolExecutor]:
 
 
 def file_of(shard: Shard) -> str:
-    """The path of a shard's file, with `TOKEN` for the digits that no other file of the shard has."""
+    """The path of a shard's file, with `TOKEN` in place of the random digits that each file gets."""
     return f"{shard.stem}-{TOKEN}.parquet"
 
 
@@ -179,6 +179,6 @@ def _parquet_writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWrit
 
 
 def encode(experiment: Experiment, shard: Shard, floats: Columns, file: HashingFile) -> None:
-    """Write a whole shard as Parquet, in one piece."""
+    """Write a whole shard as Parquet at once."""
     with _parquet_writer(experiment, file) as writer:
         writer.write_table(arrow_table(experiment, shard, floats), row_group_size=ROW_GROUP_ROWS)

@@ -1,4 +1,4 @@
-"""Statistics of columns that merge: moments of each part, and quantiles of an even sample of rows."""
+"""Statistics of columns that can be merged: moments, and quantiles of an evenly spaced sample of rows."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 SAMPLE_ROWS = 100_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
+BLOCK = 1024  # values that are summed at a time; a multiple of 4
 QUANTILES = tuple(float(q) for q in get_args(Quantile))
 
 
@@ -29,22 +30,22 @@ class Moments(NamedTuple):
 
 
 def moments(table: Table) -> Moments:
-    """The moments of the rows of a table (columns, rows), summed in a fixed order; NaN where it has none."""
+    """The moments of a table (columns, rows), summed in a fixed order; NaN if it has no rows."""
     mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
     if table.shape[1]:
         _moments(table, mean, squares, low, high)
-        odd = np.isnan(squares)  # whether a NaN reaches the extremes depends on its place
+        odd = np.isnan(squares)  # min and max miss a NaN in some places
         low[odd] = high[odd] = np.nan
     return Moments(table.shape[1], mean, squares, low, high)
 
 
 def joined(parts: list[Moments]) -> Moments:
-    """The moments of the columns of all parts, which have the same rows."""
+    """Join the moments of different columns of the same rows."""
     return Moments(parts[0].rows, *(np.concatenate(of) for of in list(zip(*parts, strict=True))[1:]))
 
 
 def merged(a: Moments, b: Moments) -> Moments:
-    """The moments of the rows of both (Chan, Golub and LeVeque 1983)."""
+    """Merge the moments of two sets of rows (Chan, Golub and LeVeque 1983)."""
     rows = a.rows + b.rows
     delta = b.mean - a.mean
     return Moments(
@@ -57,9 +58,9 @@ def merged(a: Moments, b: Moments) -> Moments:
 
 
 def sample_stride(rows: int, total: int) -> int:
-    """The distance of sampled rows in a shard of so many rows, of a dataset with so many in total.
+    """The distance between sampled rows in a shard of `rows` rows, in a dataset of `total` rows.
 
-    1 where the dataset has at most SAMPLE_ROWS rows, beyond that an odd number.
+    It is 1 if the dataset has at most SAMPLE_ROWS rows, and otherwise an odd number.
 
     >>> sample_stride(10_000, 10_000), sample_stride(1_000_000, 1_000_000), sample_stride(1000, 10**9)
     (1, 11, 5)
@@ -72,9 +73,9 @@ def sample_stride(rows: int, total: int) -> int:
 def described(
     names: tuple[str, ...], parts: Moments, samples: list[Table], rows: list[int]
 ) -> dict[str, Statistic]:
-    """count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
+    """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
-    A sample stands for the rows of its shard. None takes the place of what is not a number.
+    A sample stands for all rows of its shard. A value that is not finite becomes None.
     """
     sample = np.concatenate(samples, axis=1)
     weights = np.concatenate(
@@ -95,14 +96,14 @@ def described(
 
 
 def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
-    """QUANTILES (quantiles, columns) of a sample, each a value that is in it."""
+    """The QUANTILES (quantiles, columns) of a sample; each is a value of the sample."""
     if weights is not None:
         found: npt.NDArray[Any] = np.quantile(
             sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
         )
         return found
     ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf")
-    ordered = np.sort(sample, axis=1)  # a fraction of the time of np.quantile, which selects
+    ordered = np.sort(sample, axis=1)  # much faster than np.quantile on the sample
     return np.where(np.isnan(ordered[:, -1]), np.nan, ordered[:, ranks.astype(np.int64)].T)
 
 
@@ -111,7 +112,7 @@ def _number(x: float) -> float | None:
 
 
 def sums(rows: Table, lengths: int) -> Floats:
-    """The sum of every `lengths` values of a column (rows,), in a fixed order."""
+    """The sum of each run of `lengths` values of a column (rows,), in a fixed order."""
     out = np.empty(len(rows) // lengths)
     _sums(rows, lengths, out)
     return out
@@ -119,28 +120,44 @@ def sums(rows: Table, lengths: int) -> Floats:
 
 @compiled
 def _moments(table: Table, mean: Floats, squares: Floats, low: Floats, high: Floats) -> None:
-    n = table.shape[1]
     for c in range(table.shape[0]):
         x = table[c]
-        s0 = s1 = s2 = s3 = 0.0
-        least = greatest = x[0]
-        o = np.float64(x[0])  # taken away first, so that a constant has no spread
-        whole = n - n % 4
+        o = np.float64(x[0])  # subtracted first, so that a constant column has no spread
+        mean[c] = o + _summed(x, o, False) / len(x)
+        squares[c] = _summed(x, mean[c], True)
+        low[c], high[c] = _extremes(x)
+
+
+@compiled
+def _summed(x: Table, o: float, squared: bool) -> float:
+    """The sum of x - o, or of its square. The differences come first, because that loop is vectorized."""
+    d = np.empty(BLOCK)
+    s0 = s1 = s2 = s3 = 0.0
+    for start in range(0, len(x), BLOCK):
+        part = x[start : start + BLOCK]
+        for i in range(len(part)):
+            d[i] = part[i] - o
+        if squared:
+            for i in range(len(part)):
+                d[i] = d[i] * d[i]
+        whole = len(part) - len(part) % 4
         for i in range(0, whole, 4):
-            s0, s1, s2, s3 = s0 + (x[i] - o), s1 + (x[i + 1] - o), s2 + (x[i + 2] - o), s3 + (x[i + 3] - o)
-        for i in range(n):
-            least = min(least, x[i])
-            greatest = max(greatest, x[i])
-        for i in range(whole, n):
-            s0 = s0 + (x[i] - o)
-        m = o + ((s0 + s1) + (s2 + s3)) / n
-        s0 = s1 = s2 = s3 = 0.0
-        for i in range(0, whole, 4):
-            d0, d1, d2, d3 = x[i] - m, x[i + 1] - m, x[i + 2] - m, x[i + 3] - m
-            s0, s1, s2, s3 = s0 + d0 * d0, s1 + d1 * d1, s2 + d2 * d2, s3 + d3 * d3
-        for i in range(whole, n):
-            s0 = s0 + (x[i] - m) * (x[i] - m)
-        mean[c], squares[c], low[c], high[c] = m, (s0 + s1) + (s2 + s3), least, greatest
+            s0, s1, s2, s3 = s0 + d[i], s1 + d[i + 1], s2 + d[i + 2], s3 + d[i + 3]
+        for i in range(whole, len(part)):
+            s0 = s0 + d[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+@compiled
+def _extremes(x: Table) -> tuple[float, float]:
+    """The smallest and the greatest value; every BLOCK-th has its own, so that the loop is vectorized."""
+    low, high = np.full(BLOCK, x[0]), np.full(BLOCK, x[0])
+    for start in range(0, len(x), BLOCK):
+        part = x[start : start + BLOCK]
+        for i in range(len(part)):
+            low[i] = min(low[i], part[i])
+            high[i] = max(high[i], part[i])
+    return low.min(), high.max()
 
 
 @compiled

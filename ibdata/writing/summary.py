@@ -20,17 +20,17 @@ from ibdata.writing.statistics import SAMPLE_ROWS, Floats, Moments, merged, mome
 
 
 class ShardSummary(NamedTuple):
-    """The content of a shard, whatever file holds it."""
+    """A summary of a shard's content, which does not depend on its file."""
 
     digests: list[bytes]  # of the episodes
     returns: Floats  # of the episodes, undiscounted
     moments: Moments  # of the float columns
     sample: Table  # of the float columns, for quantiles
     clipped: int
-    labelled: dict[str, tuple[Moments, list[Table]]]  # of splits that are not whole files; samples in parts
+    labelled: dict[str, tuple[Moments, list[Table]]]  # of splits that are labels; samples in parts
 
 
-# In place of the content of a shard that was not read.
+# Stands for the content of a shard that was not read.
 UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0, {})
 
 
@@ -40,7 +40,7 @@ def content_of(digests: list[bytes]) -> str:
 
 
 def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Columns]]) -> ShardSummary:
-    """Summarize a shard that has these parts. Raises IbdataError where a value is not finite."""
+    """Summarize a shard from its parts. Raises IbdataError if a value is not finite."""
     account = ShardSummarizer(spec, shard)
     for part, floats in made:
         account.add(part, floats)
@@ -84,7 +84,7 @@ class ShardSummarizer:
         return own
 
     def _of_splits(self, part: Shard, table: Table) -> dict[str, list[Table]]:
-        """The rows of a part that have a label, run by run; runs that have ended are forgotten."""
+        """The rows of a part that belong to each labelled split; drops the runs that end in the part."""
         steps, found = self.experiment.steps, dict[str, list[slice]]()
         while self._runs and self._runs[0][0] < part.stop:
             first, stop, names = self._runs[0]
@@ -103,7 +103,7 @@ class ShardSummarizer:
         return {name: [table[:, rows] for rows in own] for name, own in found.items()}
 
     def content(self) -> ShardSummary:
-        """The summary of all parts. Raises IbdataError where a value is not finite."""
+        """The summary of all parts. Raises IbdataError if a value is not finite."""
         whole, samples = self._all.found()
         names = layout(self.experiment).names
         finite = np.isfinite(whole.squares)
@@ -120,7 +120,7 @@ class ShardSummarizer:
 
 
 class _Rows:
-    """Moments, and an even sample, of rows that come in parts."""
+    """Moments and an evenly spaced sample of rows that are added in parts."""
 
     def __init__(self, rows: int, total: int) -> None:
         self._stride, self._seen = sample_stride(rows, total), 0
@@ -129,7 +129,7 @@ class _Rows:
         self._samples: list[Table] = []
 
     def add(self, *tables: Table) -> Moments:
-        """Add rows; return their moments. Where all rows are sampled, views are kept instead of copies."""
+        """Add rows; return their moments. If all rows are sampled, views are kept instead of copies."""
         table = tables[0] if len(tables) == 1 else np.concatenate(tables, axis=1)
         own = moments(np.ascontiguousarray(table))
         self._moments = own if self._moments is None else merged(self._moments, own)

@@ -1,1 +1,1 @@
-"""Modules that the scripts beside this folder share: measurements, and documents that hold their results."""
+"""Modules that several scripts share: measurements, and the documents that hold their results."""

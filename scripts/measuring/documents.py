@@ -1,4 +1,4 @@
-"""Documents in docs/ whose middle, between two markers, a script writes."""
+"""Documents in docs/ in which a script writes the lines between two markers."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ def replaced(document: str, block: str) -> str:
 
 
 def write_or_compare(path: Path, block: str, check: bool) -> int:
-    """Write the lines between the markers; with check, only compare them: exit code 1 if they differ."""
+    """Write the lines between the markers, or with `check` compare them; return 1 if they differ."""
     old = path.read_text(encoding="utf-8")
     new = replaced(old, block)
     if not check:

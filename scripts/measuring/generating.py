@@ -1,4 +1,4 @@
-"""How long it takes to make a dataset, against other ways, and by its size."""
+"""Measure the time to generate a dataset, compared with other programs and by the size of the dataset."""
 
 import importlib.util
 import json
@@ -46,7 +46,7 @@ print((time.process_time() - start) / 10_000)
 
 
 def speed(scratch: Scratch) -> list[Row]:
-    """One processor against programs that call a simulator once a transition; then all processors."""
+    """One processor compared with loops that call a simulator for each transition; then all processors."""
     one = pinned(scratch, MILLION)
     recorded, stepped = (
         statistics.median(scratch.script(PUBLISHED, kind, "1000") for _ in range(3))
@@ -84,7 +84,7 @@ def pinned(scratch: Scratch, rows: int) -> float:
 
 
 def all_processors(scratch: Scratch) -> list[Row]:
-    """The default number of workers against each other number, and against one processor."""
+    """The default number of workers compared with each other number and with one processor."""
     rows: list[Row] = []
     for size in (10_000, 100_000, MILLION, 4 * MILLION, 10 * MILLION):
         numbers = (None, *range(1, (os.cpu_count() or 1) + 1))
@@ -113,7 +113,7 @@ def all_processors(scratch: Scratch) -> list[Row]:
 
 
 def files(scratch: Scratch) -> list[Row]:
-    """One file against four."""
+    """One file compared with four."""
     one, four = paired(
         lambda: scratch.generate(described(MILLION)), lambda: scratch.generate(described(4 * MILLION))
     )
@@ -128,7 +128,7 @@ def files(scratch: Scratch) -> list[Row]:
 
 
 def start_up(scratch: Scratch) -> list[Row]:
-    """The command from nothing, and the paper's protocol against the published package's."""
+    """The start-up of the command, and the paper's protocol compared with the published package."""
     help_seconds, ten, paper, theirs = paired(
         lambda: subprocess.run([COMMAND, "--help"], check=True, capture_output=True),
         lambda: _command(scratch, "--set", "steps=1"),
@@ -158,7 +158,7 @@ def _command(scratch: Scratch, *arguments: str) -> None:
 
 
 def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, float, float]]]:
-    """Seconds and peak memory, by transitions."""
+    """Time and peak memory, by the number of transitions."""
     points = []
     for rows in (10_000, 100_000, MILLION, 10 * MILLION, *([100 * MILLION] if full else [])):
         found = scratch.child(described(rows))
@@ -179,7 +179,7 @@ def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, fl
 
 
 def sizes(scratch: Scratch) -> list[Row]:
-    """Bytes a row of each kind of latent state."""
+    """Bytes per row for each kind of latent state."""
     targets = {True: "≤ 81", "full": "≤ 105"}
     found: list[Row] = []
     for latent in (False, True, "full", "next"):

@@ -1,4 +1,4 @@
-"""When the fatigue runs away under uniform random actions, for the README and docs/errata.md."""
+"""Measure when the fatigue runs away under uniform random actions, for the README and docs/errata.md."""
 
 from typing import Any
 

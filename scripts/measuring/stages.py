@@ -1,4 +1,4 @@
-"""How long each stage of a run takes alone."""
+"""Measure the time of each stage of a run alone."""
 
 import io
 import os
@@ -12,7 +12,7 @@ from ibdata.experiment.plan import plan
 from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
-from ibdata.simulation.noise import blank_noise, standard_noise
+from ibdata.simulation.noise import NOISE_ROWS, standard_noise
 from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
 from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
@@ -21,12 +21,12 @@ from measuring.timing import MILLION, Row, described, paired
 
 
 def stages() -> list[Row]:
-    """(c): ns a transition, each stage alone."""
+    """The time of each stage, in ns per transition."""
     return simulating() + writing()
 
 
 def simulating() -> list[Row]:
-    """The stages from random integers to columns, of one chunk of one block."""
+    """The stages from random integers to columns, for one chunk of one block."""
     experiment = described(MILLION)
     block = Block(experiment, 0, LANES)
     n, count = LANES, CHUNK
@@ -36,7 +36,7 @@ def simulating() -> list[Row]:
     policy_raw = block.draw(block.lanes, Purpose.POLICY, 0, count, slots(draws))
     u, actions = np.empty((count, n, draws)), np.zeros((count, n, 3), dtype=np.float32)
     u_rows, action_rows = u.reshape(count * n, draws), actions.reshape(count * n, 3)
-    seen, blank = np.empty((count * n, 0, 6), dtype=np.float32), blank_noise(n)
+    seen, blank = np.empty((count * n, 0, 6), dtype=np.float32), np.zeros((NOISE_ROWS, n))
     places = layout(experiment)
     record = np.zeros((len(places.rows), count + 1, n), dtype=np.float32)
     table = np.empty((len(places.names), n * experiment.steps), dtype=np.float32)
@@ -76,7 +76,7 @@ def simulating() -> list[Row]:
 
 
 def writing() -> list[Row]:
-    """The stages from columns to a file on the disk, of a million rows."""
+    """The stages from columns to a file on the disk, for a million rows."""
     experiment = described(MILLION)
     (shard,) = plan(experiment)
     floats = rollout(experiment, 0, shard.stop)

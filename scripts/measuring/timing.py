@@ -1,4 +1,4 @@
-"""Experiments to measure with, clocks, and a folder for datasets that are measured and thrown away."""
+"""Experiments for measurements, timers, and a temporary folder for datasets."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ Row = tuple[str, str, str, str]  # what, measured, target, remark
 
 
 def described(rows: int, **changes: Any) -> Experiment:
-    """Ten setpoints, episodes of 1000 steps, so many rows."""
+    """An experiment with ten setpoints, episodes of 1000 steps and this number of rows."""
     plain = {
         "name": "benchmark",
         "setpoints": {"start": 10, "stop": 100, "step": 10},
@@ -46,14 +46,14 @@ def described(rows: int, **changes: Any) -> Experiment:
 
 
 def timed(call: Callable[[], Any]) -> float:
-    """Seconds that a call takes."""
+    """The duration of a call in seconds."""
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
 
 
 def paired(*calls: Callable[[], Any], times: int = TIMES) -> list[float]:
-    """Median seconds of each call; they take turns, after one round that does not count."""
+    """The median duration of each call in seconds. The calls take turns; a first round does not count."""
     for call in calls:
         call()
     rounds = [[timed(call) for call in calls] for _ in range(times)]
@@ -69,18 +69,18 @@ class Child(NamedTuple):
 
 
 class Scratch:
-    """A folder for what is measured."""
+    """Runs in a temporary folder."""
 
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
 
     def generate(self, experiment: Experiment, workers: int | None = 1, name: str = "x") -> ibdata.Dataset:
-        """The dataset, made anew."""
+        """Generate a dataset, replacing an older one."""
         shutil.rmtree(self.folder / name, ignore_errors=True)
         return ibdata.generate(experiment, self.folder / name, workers=workers)
 
     def script(self, text: str, *arguments: str) -> float:
-        """The number that a script prints."""
+        """Run a script and return the number that it prints last."""
         done = subprocess.run(
             [sys.executable, "-W", "ignore", "-c", text, *arguments],
             cwd=self.folder,

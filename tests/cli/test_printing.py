@@ -1,4 +1,4 @@
-"""What commands print: nothing of a dataset, an experiment or a URL reaches the terminal as it is."""
+"""Commands print no control characters of datasets, experiments and URLs, and no credentials."""
 
 from __future__ import annotations
 

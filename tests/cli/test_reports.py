@@ -1,4 +1,4 @@
-"""`ibdata info`, `head`, `stats` and `config`, and what holds of every command."""
+"""`ibdata info`, `head`, `stats` and `config`, and rules for all commands."""
 
 from __future__ import annotations
 

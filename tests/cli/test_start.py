@@ -12,6 +12,7 @@ import pytest
 import ibdata
 from ibdata.cli import cli, main
 from ibdata.experiment.template import template
+from ibdata.plots import names, plots
 from ibdata.policies import POLICIES
 
 pytestmark = pytest.mark.slow
@@ -35,7 +36,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
     code, out, _ = run("init", "mine.yaml")
-    assert (code, out) == (0, "mine.yaml: change it, then: ibdata generate --config mine.yaml --dry-run\n")
+    assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate --config mine.yaml --dry-run\n")
     experiment = ibdata.load(tmp_path / "mine.yaml")
     assert experiment.name == "mine"
     assert set(experiment.splits) == {"source", "target"}
@@ -83,6 +84,12 @@ def test_help_has_examples_of_the_command_itself(run, name):
     code, out, _ = run(name, "--help")
     assert code == 0
     assert f"  ibdata {name}" in out.replace("Usage: ibdata", "")
+
+
+@pytest.mark.parametrize(("name", "listed"), [("figure", names), ("plot", plots)])
+def test_help_lists_every_picture(run, name, listed):
+    _, out, _ = run(name, "--help")
+    assert all(f"\n  {each} " in out for each in listed())
 
 
 def test_the_shell_completes_commands_and_options(command):

@@ -1,4 +1,4 @@
-"""Datasets to damage, and the words in which the cases say how."""
+"""Datasets to damage, and the commands by which the cases damage them."""
 
 from __future__ import annotations
 

@@ -1,11 +1,17 @@
-"""Every case of *.txt: an input, what the command says of it, and its exit code.
+"""Run every case in *.txt: an input, the expected output of the command, and its exit code.
 
-A case begins with `== title`. `| …` are the lines of x.yaml, `|*` those of a small experiment, `@ …` its
-encoding. `! …` makes a file or damages the dataset d (see conftest.py). `$ 2: …` runs ibdata in this process
-and expects exit code 2, `% 2: …` runs a shell in which $IBDATA is the command; {a,b} stands for one after the
-other. `> …` is a line on stderr, `>> …` one on stdout; there are as many as are given, and a bare mark allows
-any. data/part-00000.parquet stands for the file of the first shard of d, … for anything. \xff is a byte,
-\u2603 a character, ⟦a×3⟧ is aaa. A config without a run is validated and generated from.
+A case begins with `== title`. The lines after it begin with a mark:
+
+    | …       a line of x.yaml; `|*` stands for the lines of a small experiment
+    @ …       the encoding of x.yaml
+    ! …       makes a file, or damages the dataset d (see conftest.py)
+    $ 2: …    runs ibdata in this process and expects exit code 2; {a,b} runs it with a, then with b
+    % 2: …    the same in a shell, in which $IBDATA is the command
+    > …       an expected line on stderr; these are all lines, but a bare mark allows any
+    >> …      an expected line on stdout, likewise
+
+In a line, … stands for any text, data/part-00000.parquet for the file of the first shard of d, \xff for a
+byte, \u2603 for a character, and ⟦a×3⟧ for aaa. A case without a run validates x.yaml and generates from it.
 """
 
 from __future__ import annotations

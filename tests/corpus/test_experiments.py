@@ -1,4 +1,4 @@
-"""Experiments by the thousand: valid ones come back as they were, all others are errors of one line."""
+"""Thousands of generated experiments: valid ones are read back unchanged, others give one line of error."""
 
 from __future__ import annotations
 

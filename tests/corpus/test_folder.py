@@ -1,4 +1,4 @@
-"""A dataset's folder through any story: runs, faults, damage, repair. What counts as finished is whole."""
+"""Random sequences of runs, faults, damage and repair in one folder: a finished dataset is never corrupt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON files with one thing wrong in them and every hash made right again: an answer or a refusal, no bug."""
+"""JSON files with one wrong value but correct hashes give an answer or an error, never a traceback."""
 
 from __future__ import annotations
 

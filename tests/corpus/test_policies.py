@@ -1,4 +1,4 @@
-"""Policies that misbehave: an error that names policy, episode and step, or the data of a good one."""
+"""Misbehaving policies give an error that names policy, episode and step, or the data of a correct policy."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ class Odd(Policy):
 @pytest.fixture
 def experiment():
     """An experiment of four episodes with that policy."""
-    return Experiment.model_validate(PLAIN).model_copy(update={"policies": [Odd(name="rogue")]})
+    options = Experiment.model_validate(PLAIN).options()
+    return Experiment.model_construct(**{**options, "policies": [Odd(name="rogue")]})
 
 
 @pytest.fixture

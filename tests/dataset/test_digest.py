@@ -1,4 +1,4 @@
-"""Digests and content roots name the values, not the files, and differ where any bit does."""
+"""Digests and content roots depend on the values, not on the files, and differ if any bit differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders that are not whole: the error says which file, in one line, and no wrong data are returned."""
+"""Damaged datasets give an error of one line that names the file, and never wrong data."""
 
 from __future__ import annotations
 
@@ -132,4 +132,4 @@ def test_damaged_metadata_are_an_error_that_names_the_file(copied, name, damage)
     found = {"missing": "missing", "empty": "found other content than the manifest lists"}[damage]
     with pytest.raises(DatasetError) as error:
         calls[name](dataset)
-    assert str(error.value) == f"{path}: {found}; ibdata repair {copied}"
+    assert str(error.value) == f"{path}: {found}; run ibdata repair {copied}"

@@ -1,4 +1,4 @@
-"""pandas, polars and duckdb read the data folder as it is, and agree bit for bit."""
+"""pandas, polars and duckdb read the folder `data` directly, with equal bits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference returns are what the policies get, and the scale that they make."""
+"""The reference returns are those of the policies, and give the scale of the scores."""
 
 from __future__ import annotations
 

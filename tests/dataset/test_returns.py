@@ -1,4 +1,4 @@
-"""How good the behaviour of a dataset was, and on which scale."""
+"""Returns and scores of a dataset's behaviour."""
 
 from __future__ import annotations
 

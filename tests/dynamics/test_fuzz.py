@@ -1,4 +1,4 @@
-"""Whatever is done, every field of a state stays in its range."""
+"""Every field of a state stays in its range under any actions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A field of a variant moves the outputs listed for it, and not one bit of any other."""
+"""A field of a variant changes the outputs that are listed for it, and no bit of any other."""
 
 from __future__ import annotations
 

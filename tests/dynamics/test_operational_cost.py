@@ -1,4 +1,4 @@
-"""Operational cost: θ, its history, and the convolution that delays and blurs it."""
+"""Operational cost: θ, its history and its convolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `step` refuses, with the place, what was found and what was expected."""
+"""Errors of `step`, with the place, the found value and the expected one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steering: what an action does to velocity, gain and shift."""
+"""Steering: the effect of an action on velocity, gain and shift."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two systems as data: every value, every check, and a user's own variant."""
+"""The two variants as data: every value, every check, and a variant of a user."""
 
 from __future__ import annotations
 

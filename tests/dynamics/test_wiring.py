@@ -1,4 +1,4 @@
-"""Inside a step: which draw and which past value goes where."""
+"""Which draws and which past values each part of a step uses."""
 
 from __future__ import annotations
 

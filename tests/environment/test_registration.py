@@ -1,4 +1,4 @@
-"""The environment is registered with Gymnasium, and nothing else of Python is touched."""
+"""The environment registers with Gymnasium on import, with no other side effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an environment can be told, and what it says of the rest."""
+"""The settings of an environment, and the errors for invalid ones."""
 
 from __future__ import annotations
 

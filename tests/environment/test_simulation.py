@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
+from ibdata.environment.lane import Lane, checked_action
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation, checked_actions
 from ibdata.errors import UsageError
@@ -81,6 +85,43 @@ def test_a_lane_is_the_same_alone_and_among_others_that_rest_or_start_again(setp
                 assert value[0] == together.latent()[name][lane]
 
 
+@pytest.mark.parametrize("start", STARTS, ids=str)
+@pytest.mark.parametrize("setpoint", [70, "drifting"])
+def test_the_lane_of_the_environment_is_a_simulation_of_one_lane_bit_for_bit(setpoint, start):
+    given = settings(setpoint=setpoint, start=start, history=3, reward_scale=0.1)
+    lane, simulation, tape, other = Lane(given), Simulation(given, 1), random_tape(1), random_tape(1)
+    actions = np.random.default_rng(0).uniform(-1.2, 1.2, (60, 3))
+    for t, action in enumerate(actions):
+        if t % 20 == 0:
+            lane.reset(lane.everyone, tape)
+            simulation.reset(simulation.everyone, other)
+        action = action if t % 2 else action.astype(np.float32)
+        seen, reward, info = lane.move(checked_action(action), tape(lane.everyone, lane.draws)[0])
+        simulation.step(simulation.everyone, checked_actions([action], np.array([True])), other)
+        assert seen.dtype == np.float32
+        assert seen.tolist() == simulation.observations()[0].tolist()
+        assert (type(reward), reward) == (float, simulation.rewards()[0])
+        expected = {name: values[0].item() for name, values in simulation.latent().items()}
+        assert list(info.items()) == list(expected.items())
+        assert [type(value) for value in info.values()] == [type(value) for value in expected.values()]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize("kind", [Lane, lambda given: Simulation(given, 1)])
+def test_a_copy_goes_on_by_itself(kind, copied):
+    one, tape = kind(settings(setpoint="drifting")), random_tape(1)
+    one.reset(one.everyone, tape)
+    other, tapes, action = copied(one), copied(tape), np.ones((1, 3), dtype=np.float32)
+    for _ in range(3):
+        other.step(other.everyone, action, tapes)
+    assert other.latent() != one.latent()
+    for _ in range(3):
+        one.step(one.everyone, action, tape)
+    assert other.latent() == one.latent()
+    assert other.rewards() == one.rewards()
+    assert other.observations().tolist() == one.observations().tolist()
+
+
 def test_history_is_the_last_observations_newest_first_the_first_one_repeated():
     long, short = (Simulation(settings(setpoint=70, history=frames), 2) for frames in (4, 1))
     tapes = random_tape(2), random_tape(2)
@@ -120,6 +161,22 @@ def test_actions_are_clipped_and_rounded_and_those_of_resting_lanes_are_not_read
         [np.float32(0.1), -1, 1],
         [0] * 3,
     ]
+
+
+@pytest.mark.parametrize(
+    "given", [[0.1, -7, 2], (0, 0, 0), np.array([1, -1, 0]), np.array([1e308] * 3), np.ones(3, "f4")[::-1]]
+)
+def test_the_action_of_the_only_lane_is_what_those_of_many_are(given):
+    numbers = np.array([checked_action(given)])
+    assert {type(x) for x in checked_action(given)} == {float}
+    every = np.array([True])
+    assert checked_actions(numbers, every).tolist() == checked_actions([given], every).tolist()
+
+
+@pytest.mark.parametrize("given", [[0, 0, np.nan], np.array([0, np.inf, -np.inf]), [0, 0], "left", None])
+def test_what_is_no_action_of_the_only_lane_is_refused(given):
+    with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers"):
+        checked_action(given)
 
 
 @pytest.mark.parametrize("given", [[[0, 0, np.nan]], [[0, 0]], [0, 0, 0], "left", [[None, 0, 0]]], ids=repr)

@@ -1,4 +1,4 @@
-"""Returns of fresh episodes: what is summed up, on which random numbers, and what is said of it."""
+"""Evaluation: returns, their random numbers, differences, scores and errors."""
 
 from __future__ import annotations
 

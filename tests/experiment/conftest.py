@@ -1,4 +1,4 @@
-"""Experiments from text, and what is wrong with them."""
+"""Fixtures that load experiments from text and list their problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a module imports, as its source says."""
+"""The imports of a module, as found in its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loading an experiment: every problem in one run, each as file:line:column: key: found, expected."""
+"""Loading an experiment reports all problems at once, each as file:line:column: key: found, expected."""
 
 from __future__ import annotations
 

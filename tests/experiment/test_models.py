@@ -1,10 +1,10 @@
-"""Cells: their order, labels, setpoints and variants, and the digest that their random numbers hang on.
+"""Cells: their order, labels, setpoints and variants, and the digests on which their random numbers depend.
 
-The golden digests are the SHA-256 of the forms beside them, by
+The golden digests are the SHA-256 of the forms beside them, printed by
 
     printf %s 'FORM' | sha256sum
 
-and must never change, nor may the forms: every dataset that was made hangs on them.
+Neither the digests nor the forms may ever change, because the random numbers of all datasets depend on them.
 """
 
 from __future__ import annotations
@@ -275,6 +275,33 @@ def test_an_experiment_never_changes():
         made.seed = 1
     with pytest.raises(ValidationError, match="frozen"):
         made.output.latent = False
+
+
+CHANGES = {
+    "dynamics": "paper",
+    "setpoints": [10.0, 30.0],
+    "policies": [{"kind": "safe"}],
+    "start": "uniform",
+    "steps": 7,
+    "output": {"dtype": "float64"},
+}
+
+
+@pytest.mark.parametrize("key", CHANGES)
+def test_a_changed_copy_is_the_experiment_with_the_change(key):
+    plain = {"name": "x", "setpoints": [20.0], "policies": [RANDOM]}
+    used, fresh = (Experiment.model_validate({**plain, **change}) for change in ({}, {key: CHANGES[key]}))
+    _ = used.cells, used.variant, used.labels, used.drifting  # kept from now on
+    changed = used.model_copy(update={key: CHANGES[key]})
+    assert changed == fresh
+    assert (changed.cells, changed.variant, changed.labels) == (fresh.cells, fresh.variant, fresh.labels)
+
+
+@pytest.mark.parametrize("change", [{"steps": 0}, {"unknown": 1}, {"splits": {"a": {"episodes": 9}}}])
+def test_a_changed_copy_is_checked(change):
+    experiment = Experiment.model_validate({"name": "x", "setpoints": 70, "policies": [RANDOM]})
+    with pytest.raises(ValidationError):
+        experiment.model_copy(update=change)
 
 
 def test_two_equal_cells_are_refused():

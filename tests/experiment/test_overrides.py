@@ -1,4 +1,4 @@
-"""`--set key.sub=value` and `--seed`: the same scalars, the same models, and errors that name the option."""
+"""`--set key.sub=value` and `--seed`: read and checked as in YAML, with errors that name the option."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The resolved experiment is read back as it was, and the JSON Schema agrees with the loader."""
+"""A resolved experiment is read back unchanged, and the JSON Schema agrees with the loader."""
 
 from __future__ import annotations
 

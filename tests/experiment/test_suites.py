@@ -1,4 +1,4 @@
-"""Folders of experiments: which files they are, and what is wrong with any of them."""
+"""Folders of experiments: their files, and the errors in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strict YAML: plain data, its places, and one kind of error for everything else."""
+"""Strict YAML: plain data with their places in the file, and one kind of error for everything else."""
 
 from __future__ import annotations
 

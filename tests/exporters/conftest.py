@@ -1,4 +1,4 @@
-"""A dataset with everything an export can meet, and its transitions by a plain second implementation."""
+"""A dataset with all cases for an export, and a second, simple implementation of its transitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What holds of every format: all or nothing, checked, refusing what cannot be meant."""
+"""Rules for every format: exports are complete or absent, can be verified, and refuse invalid arguments."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_the_help_names_the_formats_of_other_packages_without_importing_them(add
     done = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | variables, capture_output=True, text=True, check=True
     )
-    assert "Of mine_rewards." in done.stdout
+    assert "Added by mine_rewards." in done.stdout
 
 
 def test_without_verify_nothing_is_read_back(dataset, tmp_path, to, monkeypatch):
@@ -305,11 +305,11 @@ def test_a_folder_that_may_not_be_written_is_one_line(dataset, tmp_path, ibdata)
 def test_the_help_has_what_each_format_works_around(ibdata):
     text = " ".join(ibdata("export", "--help").stdout.split())
     for words in (
-        "sequence_dataset takes every dataset to have rows",
+        "sequence_dataset expects rows in every HDF5 dataset",
         "Parquet corrupt episodes of 32,768 steps or more",
         "would lose the last transition",
-        "a vector a row",
-        "puts a 0 in front of `index`",
+        "one vector per row",
+        "the loader puts a 0 in front of it",
     ):
         assert words in text
 

@@ -1,4 +1,4 @@
-"""Value by value: what each format holds, by its own reader or by the rules of that reader."""
+"""Every value in each format, read by the format's own reader or by its rules."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import ibdata
+from ibdata import Experiment
 from ibdata.errors import UsageError
 from ibdata.exporters import d3rlpy, neorl
 
@@ -174,6 +175,23 @@ def test_csv_gives_every_float_again(dataset, tmp_path, name):
             equal(found[column].astype("float64"), expected[column])
         else:
             assert found[column].tolist() == expected[column].tolist()
+
+
+def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
+    labels = ["nan", "007", "null", "true", "1e5", "2020-01-01", "na"]
+    policies = [
+        {"kind": "constant", "action": [0, i / 8, 0], "name": label} for i, label in enumerate(labels)
+    ]
+    experiment = Experiment(name="x", setpoints=70, policies=policies, steps=3)
+    dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
+    names: dict = {}
+    for history in (1, 2):
+        made = ibdata.export(dataset, "csv", tmp_path / f"{history}.csv", history=history, verify=True)
+        exec(made.snippet, names)
+        expected = dataset.to_pandas()
+        assert names["data"]["policy"].tolist() == expected["policy"].tolist()
+        for column in expected.columns.drop("policy"):
+            equal(names["data"][column].astype(expected[column].dtype), expected[column])
 
 
 def test_csv_of_float32_gives_every_float_again_with_its_history(tmp_path):

@@ -1,4 +1,4 @@
-"""What the fault tests share: experiments with many shards, runs, what must hold after them, the shim."""
+"""Fixtures for fault tests: experiments with many shards, runs, checks after them, the shim."""
 
 import contextlib
 import hashlib

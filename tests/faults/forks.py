@@ -1,8 +1,9 @@
-"""Run `ibdata …` in forks of one process that has everything loaded: a run takes milliseconds.
+"""Run `ibdata …` in forks of one process that has loaded everything, so that a run takes milliseconds.
 
-Reads requests as JSON lines on stdin: args, folder, at, mode, log, user (whose rights it has; 0: its own),
-megabytes (of memory; 0: all), exchange (whether two folders can change places in one system call), readers
-(whether a replacement waits for those who have listed the old folder); answers with code and output.
+Reads requests as JSON lines on stdin, and answers with code and output. The keys of a request are args,
+folder, at, mode, log, user (whose rights the run has; 0 for its own), megabytes (of memory; 0 for all),
+exchange (whether two folders can be exchanged in one system call) and readers (whether a replacement waits
+for readers).
 """
 
 import ctypes
@@ -35,7 +36,7 @@ def load(config: str) -> None:
 def child(request: dict[str, Any], output: int) -> int:
     """The exit code of one run, in a fork of its own."""
     from ibdata.cli import main
-    from ibdata.generation import replacement
+    from ibdata.generation import division, replacement
 
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -44,6 +45,7 @@ def child(request: dict[str, Any], output: int) -> int:
         shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
         folder, mode, log = (request[name].encode() for name in ("folder", "mode", "log"))
         shim.shim_arm(folder, ctypes.c_long(request["at"]), mode, log)
+    division.available_processors = lambda: 1  # shards in order, so that an operation's number names it
     if not request["readers"]:
         replacement.PAUSE = 0.0
     if not request["exchange"]:

@@ -1,4 +1,4 @@
-"""The writer that everybody writes first: skip what exists, write in place, the manifest at the end.
+"""A naive writer: it skips files that exist, writes in place, and writes the manifest at the end.
 
 It is kept as a control: the tests that kill `ibdata generate` must find torn shards when they kill this.
 """

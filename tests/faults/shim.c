@@ -1,10 +1,12 @@
-/* Fails, kills at, or records the k-th operation on paths under one folder. Preload it; then either set
-   SHIM_FOLDER, SHIM_AT, SHIM_MODE and SHIM_LOG before the program starts, or call shim_arm from within.
+/* A library to preload. It lets the k-th operation on paths under one folder fail, kills the process at it, or
+   records the operations. Set SHIM_FOLDER, SHIM_AT, SHIM_MODE and SHIM_LOG before the program starts, or call
+   shim_arm in the program.
 
-   Modes: ENOSPC, EIO (that operation fails), full (it and all later writes and creations fail with ENOSPC),
-   before, after (killed there), half (half of a write, then killed), none (only records).
-   A record is a line "operation path", of a rename "rename source path", written when it has been done; one
-   that the system refused begins with "-". With SHIM_NO_EXCHANGE set, two paths cannot change places. */
+   Modes: ENOSPC, EIO (the operation fails), full (it and all later writes and creations fail with ENOSPC),
+   before, after (the process is killed there), half (half of a write is done, then it is killed), none (operations
+   are only recorded).
+   A record is a line "operation path", or "rename source path", which is written after the operation; it begins
+   with "-" if the system refused. With SHIM_NO_EXCHANGE set, two paths cannot be exchanged. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>

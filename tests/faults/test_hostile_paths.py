@@ -1,4 +1,4 @@
-"""F9: folders that cannot be written, planted symlinks, long names: one line, nothing touched outside."""
+"""F9: unwritable folders, planted symlinks and long names give one line, and nothing outside is touched."""
 
 import os
 import shutil

@@ -72,7 +72,7 @@ def test_a_run_killed_at_random_moments_shows_no_torn_shard_and_ends_with_the_un
     def begin(run: int) -> tuple[Path, subprocess.Popen[str]]:
         if len(made) == len(finished):
             made.append(tools.where / f"out-{run}")
-        return made[-1], tools.start(tools.many, made[-1], "--resume", "--workers", 2 + run % 3)
+        return made[-1], tools.start(tools.many, made[-1], "--resume", "--workers", 1 + run % 3)
 
     def end(folder: Path) -> None:
         assert tools.root(folder) == root

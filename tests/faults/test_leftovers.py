@@ -1,4 +1,4 @@
-"""What a killed run left behind, met by the next: the same experiment, another one, a reader."""
+"""Leftovers of a killed run, found by the next run of the same or another experiment, or by a reader."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""F7: what must be on the disk before what, from the recorded operations of whole runs."""
+"""F7: the order in which files reach the disk, from the recorded operations of whole runs."""
 
 import os
 import re

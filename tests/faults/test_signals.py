@@ -1,4 +1,4 @@
-"""F4: SIGTERM, SIGINT and SIGHUP at random moments, also while starting; and what is left of a killed run."""
+"""F4: SIGTERM, SIGINT and SIGHUP at random moments, also during start-up, and the processes after a kill."""
 
 import os
 import secrets

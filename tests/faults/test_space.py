@@ -1,4 +1,4 @@
-"""F5: no space left, a file size limit, little memory."""
+"""F5: a full disk, a limit on file sizes, and little memory."""
 
 import os
 import resource

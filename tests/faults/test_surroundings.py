@@ -1,7 +1,7 @@
-"""F11: the time zone, the locale, the hash seed, the umask: the same dataset.
+"""F11: the dataset does not depend on the time zone, the locale, the hash seed and the umask.
 
-A clock that is wrong cannot be set without rights over the machine; nothing that is written holds a time,
-which the equal files here show for runs at different times.
+The clock cannot be changed without rights over the machine. But no file holds a time, because runs at
+different times give equal files here.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""F2 and F10: every operation on the folder fails, or is the last one; then the run goes on."""
+"""F2 and F10: each operation on the folder fails, or is the last before a kill; then the run is resumed."""
 
 import shutil
 from collections.abc import Callable

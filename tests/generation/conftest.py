@@ -1,4 +1,4 @@
-"""What the tests of array jobs share."""
+"""A fixture for tests of array jobs."""
 
 from __future__ import annotations
 

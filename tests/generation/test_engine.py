@@ -1,4 +1,4 @@
-"""Engines by name, and what is refused before anything is made."""
+"""Engines by name, and the arguments that are refused before a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ibdata.generation.engine import ENGINES, select_engine
     ("options", "line"),
     [
         ({"engine": "dask"}, "engine: found 'dask', expected one of local, ray"),
-        ({"address": "auto"}, "address: found 'auto', which goes with the engine ray only"),
+        ({"address": "auto"}, "address: found 'auto', which is only for the engine ray"),
         ({"engine": "ray", "workers": 0}, "workers: found 0, expected a whole number in [1, 1024]"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The estimate of a run: near what the run makes, and without a trace."""
+"""The estimate of a run is close to the run, and leaves no files."""
 
 from __future__ import annotations
 

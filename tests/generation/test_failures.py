@@ -1,4 +1,4 @@
-"""What a failed run says and leaves behind: what can be resumed, or nothing."""
+"""A failed run prints one line, and leaves only files that can be resumed."""
 
 from __future__ import annotations
 

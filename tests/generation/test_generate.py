@@ -1,4 +1,4 @@
-"""Generating: what it takes, where it writes, what it refuses, and what it says."""
+"""Generating: arguments, output folders, errors, and output."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.tiny import FOUR_SHARDS
 
 import ibdata
 from ibdata import Experiment, IbdataError
-from ibdata.errors import UsageError
+from ibdata.errors import ConfigError, UsageError
+from ibdata.policies.constant import Constant
 
 
 @pytest.fixture(autouse=True)
@@ -79,6 +81,35 @@ def test_a_seed_replaces_that_of_the_experiment(tiny):
     assert made[0].content_root == made[1].content_root
     assert made[0].content_root != ibdata.generate(tiny, "c", workers=1).content_root
     assert ibdata.load("a/meta/experiment.yaml") == other
+
+
+class Mine(Constant):
+    """A class derived from a policy of ibdata, which YAML cannot name."""
+
+    def act(self, history, u):
+        return np.full((len(history), 3), 0.9)
+
+
+def test_what_is_made_is_what_the_experiments_own_yaml_gives(tiny):
+    changed = tiny.model_copy(deep=True)
+    assert len(changed.cells) == 2
+    changed.setpoints.append(30.0)
+    made = ibdata.generate(changed, "changed", workers=1)
+    assert made.episodes["setpoint"].unique().tolist() == [20.0, 70.0, 30.0]
+    assert ibdata.validate("changed") == []
+    derived = Experiment(name="mine", setpoints=70, policies=[Mine()], steps=5)
+    calls = [
+        lambda: ibdata.generate(derived, "out", workers=1),
+        lambda: ibdata.generate_shards(derived, "1/1", "out", workers=1),
+        lambda: ibdata.estimate(derived, "out"),
+    ]
+    for call in calls:
+        with pytest.raises(UsageError, match=r"^mine: found an experiment that its YAML does not give again"):
+            call()
+    changed.setpoints.append(300.0)
+    with pytest.raises(ConfigError, match=r"^setpoints\.3: found 300\.0, expected"):
+        ibdata.generate(changed, "out", workers=1)
+    assert not Path("out").exists()
 
 
 def test_a_dataset_is_made_again_from_its_own_experiment(tiny):

@@ -1,4 +1,4 @@
-"""Locks where the file system keeps none, and of ranges that share shards."""
+"""Locks: file systems without locks, and ranges that share shards."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def no_locks(request, monkeypatch):
     return lambda: monkeypatch.setattr(fcntl, "flock", flock)
 
 
-REFUSAL = r"^{}: the file system keeps no locks \(.*\); choose a folder "
+REFUSAL = r"^{}: the file system has no locks \(.*\); choose a folder "
 WRITERS = {
     "generate": lambda: ibdata.generate(TINY, "new/er", workers=1),
     "shards": lambda: ibdata.generate_shards(TINY, "1/2", "new/er", workers=1),
@@ -98,7 +98,7 @@ def test_ranges_that_share_a_shard_exclude_each_other(other):
     Path("out").mkdir()
     held, wanted = Range.parse("1/2"), Range.parse(other)
     with ranges.locked(Path("out"), held, SHARDS):
-        expected = rf"^out: found the range 1/2 being made, which has shards of {other} too; "
+        expected = rf"^out: the range 1/2 is being made, which has shards in common with {other}; "
         with pytest.raises(BusyError, match=expected):
             ranges.refuse_shared(Path("out"), wanted, SHARDS)
         with pytest.raises(BusyError, match=expected):
@@ -176,7 +176,7 @@ def test_an_overlapping_process_is_refused_and_after_a_kill_any_range_goes_on(st
         second = start(text)
         out, err = second.communicate(timeout=120)
         assert (second.returncode, out, err.count("\n")) == (75, "", 1), err
-        assert f"found the range 1/1 being made, which has shards of {text} too" in err
+        assert f"the range 1/1 is being made, which has shards in common with {text}" in err
     whole.send_signal(signal.SIGKILL)
     whole.wait()
     halves = [start("1/2"), start("2/2")]

@@ -1,4 +1,4 @@
-"""What a run began with, code and bits, is noted, and nothing else goes on with it."""
+"""The origin of a run, its code and bits, is noted, and a run with another origin is refused."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import os
 import subprocess
 import sys
 import textwrap
+import types
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,9 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import IbdataError, UsageError
+from ibdata.generation import upload
 from ibdata.simulation import self_check
+from ibdata.system.object_store import Remote
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +63,7 @@ def here(tmp_path, monkeypatch):
     for path, text in FILES.items():
         (tmp_path / path).write_text(textwrap.dedent(text))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     forget()
     yield tmp_path
@@ -101,13 +105,57 @@ def test_a_run_is_resumed_with_the_code_that_it_began_with_only(here, path, name
     with pytest.raises(UsageError) as error:
         generate(resume=True)
     assert str(error.value) == (
-        f"out: found other code than the run began with, in {named}; put back what was there and --resume, "
+        f"out: found other code than the run began with, in {named}; restore it and --resume, "
         "or start again with --overwrite or another --out"
     )
     assert error.value.exit_code == 2
     assert sorted(Path("out").rglob("*")) == before
     (here / path).write_bytes(was)
     assert generate(resume=True).content_root == generate("whole").content_root
+
+
+@pytest.mark.parametrize("ranges", [False, True])
+def test_a_finished_dataset_of_other_code_is_not_passed_over(here, ranges):
+    (here / "at-70-stop.py").unlink()
+    made = generate()
+
+    def again():
+        if not ranges:
+            return generate(resume=True)
+        forget()
+        return ibdata.generate_shards("own.yaml", "1/1", "out", workers=1, allow_code=True)
+
+    again()
+    (here / "helper.py").write_text("SIZE = 0.125")
+    with pytest.raises(UsageError, match=r"^out: found other code than the run began with, in helper\.py;"):
+        again()
+    assert ibdata.open("out").manifest == made.manifest
+
+
+@pytest.mark.parametrize("finished", [False, True])
+@pytest.mark.parametrize("machine", ["here", "elsewhere"])
+def test_an_upload_goes_on_with_the_code_that_it_began_with_only(here, monkeypatch, finished, machine):
+    (here / "at-70-stop.py").unlink()
+    url = f"{here.as_uri()}/there"
+    monkeypatch.setattr(upload, "cache_base", lambda: str(here / "here"))
+    if finished:
+        generate(url)
+    else:
+        with monkeypatch.context() as broken:
+            broken.setattr(Remote, "remove", lambda self, path: next(iter(())))
+            with pytest.raises(StopIteration):
+                generate(url)
+        (here / "there/meta/manifest.json").unlink()
+    before = sorted(Path("there").rglob("*"))
+    monkeypatch.setattr(upload, "cache_base", lambda: str(here / machine))
+    was = (here / "helper.py").read_text()
+    (here / "helper.py").write_text("SIZE = 0.125")
+    with pytest.raises(UsageError, match=r"there: found other code than the run began with, in helper\.py;"):
+        generate(url, resume=True)
+    assert sorted(Path("there").rglob("*")) == before
+    (here / "helper.py").write_text(was)
+    assert generate(url, resume=True).content_root == generate("whole").content_root
+    assert ibdata.validate(url) == []
 
 
 def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):
@@ -165,11 +213,11 @@ EDITED = """
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        ("Path('helper.py').write_text('SIZE = 0.125')", "other code than the run began with, in helper.py;"),
         (
-            "self_check.digest = lambda: '0' * 64",
-            "a machine that computes other bits than the one on which",
+            "Path('helper.py').write_text('SIZE = 0.125')",
+            "found other code than the run began with, in helper.py;",
         ),
+        ("self_check.digest = lambda: '0' * 64", "this machine computes other bits than the one on which"),
     ],
 )
 def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypatch, change, found):
@@ -178,23 +226,45 @@ def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypa
     monkeypatch.syspath_prepend(here)
     monkeypatch.setattr("ibdata.generation.worker_pool._start", importlib.import_module("edited").start)
     try:
-        with pytest.raises(UsageError, match=f": found {found}"):
+        with pytest.raises(UsageError, match=f": {found}"):
             generate(workers=2)
     finally:
         del sys.modules["edited"]
     assert not (here / "out").exists()
 
 
-def test_what_this_process_has_imported_must_be_what_the_files_hold(here):
+@pytest.mark.parametrize("edit", [("helper.py", "SIZE = 0.125"), ("lazy.py", "SIGN = 1.5")])
+def test_a_run_imports_what_the_files_hold_whatever_was_imported_before(here, edit):
     (here / "at-70-stop.py").unlink()
-    root = generate().content_root
-    (here / "helper.py").write_text("SIZE = 0.125")
-    with pytest.raises(UsageError, match=r"helper\.py: was changed after this process had imported it"):
-        ibdata.generate("own.yaml", "other", workers=1, allow_code=True)
-    importlib.reload(sys.modules["helper"])
-    reloaded = ibdata.generate("own.yaml", "other", workers=1, allow_code=True)
-    assert reloaded.manifest["code"][0]["files"]["helper.py"] == sha256("helper.py")
-    assert reloaded.content_root != root
+    known = [importlib.import_module(name) for name in MODULES]
+    experiment = ibdata.load("own.yaml")
+    old = ibdata.generate(experiment, "old", workers=1, allow_code=True)
+    (here / edit[0]).write_text(edit[1])
+    made = [
+        ibdata.generate(experiment, f"new-{workers}", workers=workers, allow_code=True) for workers in (1, 2)
+    ]
+    forget()
+    new = ibdata.generate("own.yaml", "process", workers=1, allow_code=True)
+    assert len({each.content_root for each in (*made, new)} - {old.content_root}) == 1
+    assert {each.manifest["code"][0]["files"][edit[0]] for each in made} == {sha256(edit[0])}
+    assert not set(MODULES) & set(sys.modules)
+    sys.modules.update(zip(MODULES, known, strict=True))
+    assert ibdata.reproduce("process", allow_code=True) == (4, [])
+    assert [sys.modules[name] for name in MODULES] == known
+
+
+def test_code_beside_machine_code_stays_and_must_be_what_its_file_holds(here, monkeypatch):
+    (here / "at-70-stop.py").unlink()
+    experiment = ibdata.load("own.yaml")
+    compiled = types.ModuleType("mine.compiled")
+    compiled.__spec__ = ModuleSpec("mine.compiled", ExtensionFileLoader("mine.compiled", "mine.so"))
+    monkeypatch.setitem(sys.modules, "mine.compiled", compiled)
+    known = importlib.import_module("mine")
+    ibdata.generate(experiment, "old", workers=1, allow_code=True)
+    assert sys.modules["mine"] is known
+    (here / "mine.py").write_text((here / "mine.py").read_text() + "\n")
+    with pytest.raises(UsageError, match=r"mine\.py: was changed after this process had imported it"):
+        ibdata.generate(experiment, "new", workers=1, allow_code=True)
 
 
 # --- bits
@@ -204,9 +274,7 @@ def test_a_run_goes_on_where_the_bits_are_those_it_began_with_only(here, monkeyp
     with monkeypatch.context() as other:
         other.setattr(self_check, "digest", lambda: "0" * 64)
         stopped()
-    with pytest.raises(
-        UsageError, match=r"^out: found a machine that computes other bits than .* --resume on"
-    ):
+    with pytest.raises(UsageError, match=r"^out: this machine computes other bits than .* --resume on"):
         generate(resume=True)
     monkeypatch.setattr(self_check, "digest", lambda: "0" * 64)
     assert generate(resume=True).manifest["reproducible"] is False
@@ -247,7 +315,7 @@ def test_finalize_imports_nothing(here, noted, ibdata):
         assert code["files"] == {"package/__init__.py": sha256("package/__init__.py")}
     else:
         assert done.returncode == 2
-        assert done.stderr.startswith("out/.run/run.json: missing or damaged, so nobody knows what code made")
+        assert done.stderr.startswith("out/.run/run.json: missing or damaged, so the code that made")
 
 
 @pytest.mark.parametrize(
@@ -259,7 +327,7 @@ def test_a_note_that_is_missing_or_damaged_is_one_line(here, content):
     if content is not None:
         (here / "out/.run/run.json").write_bytes(content)
     for call in (lambda: generate(resume=True), lambda: ibdata.finalize("out")):
-        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so nobody knows"):
+        with pytest.raises(UsageError, match=r"^out/\.run/run\.json: missing or damaged, so the code"):
             call()
     assert generate(overwrite=True).content_root == generate("whole").content_root
 
@@ -271,10 +339,12 @@ def test_declared_files_lie_beside_the_yaml_or_in_the_current_folder(here):
     (here / "at-70-stop.py").unlink()
     (here / "beside").mkdir()
     (here / "own.yaml").rename("beside/own.yaml")
+    (here / "weights.txt").rename("mine.txt")
     (here / "beside/weights.txt").write_text("0.75")
+    (here / "mine.py").write_text((here / "mine.py").read_text().replace("weights.txt", "mine.txt"))
     made = ibdata.generate("beside/own.yaml", "out", workers=2, allow_code=True)
     assert made.manifest["code"][0]["files"]["weights.txt"] == sha256("beside/weights.txt")
-    (here / "beside/weights.txt").unlink()
+    (here / "beside/weights.txt").rename("weights.txt")
     made = ibdata.generate("beside/own.yaml", "other", workers=1, allow_code=True)
     assert made.manifest["code"][0]["files"]["weights.txt"] == sha256("weights.txt")
     (here / "weights.txt").unlink()
@@ -283,6 +353,22 @@ def test_declared_files_lie_beside_the_yaml_or_in_the_current_folder(here):
     ):
         ibdata.generate("beside/own.yaml", "third", workers=1, allow_code=True)
     assert not (here / "third").exists()
+
+
+def test_a_declared_file_of_which_there_are_two_that_differ_is_refused(here):
+    (here / "beside").mkdir()
+    (here / "own.yaml").rename("beside/own.yaml")
+    (here / "beside/weights.txt").write_text("0.5")
+    with pytest.raises(IbdataError, match="RuntimeError: stopped"):
+        ibdata.generate("beside/own.yaml", "out", workers=1, allow_code=True)
+    (here / "at-70-stop.py").unlink()
+    (here / "weights.txt").write_text("0.75")
+    line = f"mine:Own: files: found {here}/beside/weights.txt and {here}/weights.txt, which differ, "
+    with pytest.raises(UsageError, match=f"^{line}so nobody knows which of the two is read; remove one$"):
+        ibdata.generate("beside/own.yaml", "out", workers=1, resume=True, allow_code=True)
+    (here / "weights.txt").write_text("0.5")
+    ibdata.generate("beside/own.yaml", "out", workers=1, resume=True, allow_code=True)
+    assert ibdata.reproduce("out", allow_code=True) == (4, [])
 
 
 def test_declared_files_are_no_part_of_what_the_data_hang_on():

@@ -1,4 +1,4 @@
-"""Replacing a dataset: what a killed writer left, what is somebody else's, and what is refused."""
+"""Replacing a dataset: leftovers of killed writers, files of users, and refusals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
-from ibdata.generation import replacement
+from ibdata.generation import replacement, staging
 from ibdata.report import card
 from ibdata.writing.metadata import as_json
 
@@ -75,7 +75,7 @@ MINE = ("data/.gitattributes", "meta/notes.txt", "meta/experiment-mine.yaml", "n
 @pytest.mark.parametrize("exchange", [True, False])
 def test_what_a_user_has_put_beside_the_files_stays(here, monkeypatch, exchange):
     if not exchange:
-        monkeypatch.setattr(replacement, "_exchanged", lambda a, b: False)
+        monkeypatch.setattr(replacement, "exchanged", lambda a, b: False)
     for path in MINE:
         (here / path).write_text("mine")
     replaced = ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
@@ -108,7 +108,7 @@ def test_a_reader_that_has_listed_the_old_folder_looks_for_a_file_that_is_there_
 @pytest.mark.parametrize("exchange", [True, False])
 def test_a_reader_in_the_old_folder_does_not_find_it_empty(here, monkeypatch, exchange):
     if not exchange:
-        monkeypatch.setattr(replacement, "_exchanged", lambda a, b: False)
+        monkeypatch.setattr(replacement, "exchanged", lambda a, b: False)
     opened = os.open(here / "data", os.O_RDONLY)
     ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
     assert os.listdir(opened) == [manifest.REPLACED]
@@ -124,7 +124,7 @@ def test_links_where_a_replacement_writes_lead_nowhere(here, tmp_path):
     victim = tmp_path / "victim"
     victim.mkdir()
     (victim / "part-00000-00000000.parquet").write_text("mine")
-    (here / ".new").mkdir()
+    staging.make(here / ".new")
     (here / ".new/old-data").symlink_to(victim)
     with pytest.raises(UsageError, match=r"\.new/old-data: found a link, expected a folder; remove it"):
         ibdata.repair(here)
@@ -207,6 +207,7 @@ def test_labels_made_later_are_not_mixed_with_those_before(here):
 
 def test_a_folder_that_does_not_count_is_not_believed_and_goes(here, made):
     shutil.copytree(made[1].path / "data", here / ".new/data")
+    staging.make(here / ".new")
     assert ibdata.open(here).table() == made[0].table()
     assert rules(here) == {"unsettled"}
     assert ibdata.repair(here) == []
@@ -218,6 +219,7 @@ def test_a_folder_that_does_not_count_is_not_believed_and_goes(here, made):
 def test_a_folder_that_is_not_whole_does_not_count(here, made, mark):
     for part in ("data", "meta"):
         shutil.copytree(made[1].path / part, here / ".new" / part)
+    staging.make(here / ".new")
     (here / ".new" / mark / manifest.FRESH).touch()
     next((here / ".new/data").iterdir()).unlink()
     assert ibdata.repair(here) == []
@@ -226,7 +228,7 @@ def test_a_folder_that_is_not_whole_does_not_count(here, made, mark):
 
 
 def test_what_ibdata_did_not_write_is_named_and_left(here):
-    (here / ".new").mkdir()
+    staging.make(here / ".new")
     (here / ".new/thesis.txt").write_text("mine")
     for write in (
         lambda: ibdata.repair(here),
@@ -307,7 +309,7 @@ def test_a_finished_dataset_with_a_flipped_bit_is_not_taken_for_whole(here):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DatasetError, match="damaged or missing; ibdata repair here"):
+    with pytest.raises(DatasetError, match="damaged or missing; run ibdata repair here"):
         ibdata.generate(described(), here, workers=1, resume=True)
 
 
@@ -346,13 +348,13 @@ def test_a_folder_that_cannot_be_moved_leaves_the_dataset_as_it_was(here, made, 
     def refuse(*_):
         raise OSError(code, "cannot be moved")
 
-    monkeypatch.setattr(replacement, "_exchanged", refuse)
+    monkeypatch.setattr(replacement, "exchanged", refuse)
     before = {name: (here / name).read_bytes() for name in names(here)}
     for write in (
         lambda: ibdata.generate(described(seed=1), here, workers=1, overwrite=True),
         lambda: ibdata.split(here, by="policy"),
     ):
-        with pytest.raises(IbdataError, match="here: cannot be written: cannot be moved"):
+        with pytest.raises(IbdataError, match=r"here: cannot be written: (data|meta): cannot be moved"):
             write()
         assert {name: (here / name).read_bytes() for name in names(here)} == before
         assert ibdata.validate(here) == []
@@ -362,6 +364,7 @@ def test_a_folder_that_cannot_be_moved_leaves_the_dataset_as_it_was(here, made, 
 def half_copied(here: Path, made) -> None:
     """As between the moves of `data` and `meta`."""
     shutil.copytree(here / "data", here / ".new/data")
+    staging.make(here / ".new")
     shutil.rmtree(here / "data")
     shutil.copytree(made[1].path / "data", here / "data")
     (here / "data" / manifest.FRESH).touch()

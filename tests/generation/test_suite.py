@@ -1,4 +1,4 @@
-"""Generating a folder of experiments: each in its place, all checked first, each shipped one valid."""
+"""Generating a folder of experiments: all are checked first, and each gets its own folder."""
 
 from __future__ import annotations
 

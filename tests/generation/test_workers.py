@@ -1,4 +1,4 @@
-"""Several processes: the same files, errors that reach the caller, and nothing left where one ends."""
+"""Several worker processes: equal files, errors that reach the caller, and no leftovers if a worker ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several tests share; a test imports it as `from helpers import …`."""
+"""Helpers that several tests share. A test imports them by `from helpers import …`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]  # of the repository
 
 
 def script(name: str) -> ModuleType:
-    """Import scripts/NAME, which has no suffix that an import statement would find."""
+    """Import scripts/NAME, which an import statement cannot find because it has no suffix."""
     loader = SourceFileLoader(f"scripts_{name}", str(ROOT / "scripts" / name))
     module = module_from_spec(spec_from_loader(loader.name, loader))
     sys.modules[loader.name] = module

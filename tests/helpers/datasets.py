@@ -1,4 +1,4 @@
-"""Datasets that several tests read, and a plain second implementation of episode digests."""
+"""Datasets that several tests read, and a second, simple implementation of episode digests."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Root = Callable[[Dataset, pa.Table], str]
 
 @pytest.fixture(scope="session")
 def describe() -> Callable[..., Experiment]:
-    """An experiment of 12 episodes of 40 steps, with changes."""
+    """A function that makes an experiment of 12 episodes of 40 steps, with changes to its options."""
 
     def make(**changes: Any) -> Experiment:
         plain = {
@@ -38,7 +38,7 @@ def describe() -> Callable[..., Experiment]:
 
 @pytest.fixture(scope="session")
 def declared(describe) -> Experiment:
-    """The experiment of `dataset`: splits, several shards, every kind of latent column but the derived."""
+    """The experiment of `dataset`: splits, several shards, and all latent columns except derived ones."""
     return describe(
         output={"latent": "next", "shard_rows": 100},
         splits={"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}},
@@ -52,7 +52,7 @@ def dataset(declared, tmp_path_factory) -> Dataset:
 
 @pytest.fixture(scope="session")
 def moving(describe, tmp_path_factory) -> Dataset:
-    """Moving setpoints, derived values, float64, another variant and a burn-in."""
+    """A dataset with moving setpoints, derived values, float64, the other variant and a burn-in."""
     experiment = describe(
         dynamics="paper",
         setpoints={"drifting": [0.5, 99.5]},
@@ -65,7 +65,7 @@ def moving(describe, tmp_path_factory) -> Dataset:
 
 @pytest.fixture(scope="session")
 def large(describe, tmp_path_factory) -> Dataset:
-    """120,000 rows in one file: more than a row group and more than the rows that quantiles use."""
+    """A dataset of 120,000 rows in one file: more than a row group, and more than quantiles use."""
     experiment = describe(name="large", episodes=30, steps=1000, output={"latent": False})
     return ibdata.generate(experiment, tmp_path_factory.mktemp("dataset") / "large", workers=1)
 
@@ -89,7 +89,7 @@ def copied(dataset, tmp_path) -> Path:
 
 @pytest.fixture(scope="session")
 def plain_digests() -> Digests:
-    """Digest of every episode of a table, by its number, from the words of the documentation."""
+    """A function for the digests of a table's episodes by number, written from the documentation alone."""
 
     def as_bytes(column: pa.ChunkedArray) -> bytes:
         if pa.types.is_dictionary(column.type):
@@ -115,7 +115,7 @@ def plain_digests() -> Digests:
 
 @pytest.fixture(scope="session")
 def plain_root(plain_digests) -> Root:
-    """The content root of a table whose episodes are those of a dataset, from its episodes.parquet."""
+    """A function for the content root of a table with all rows of a dataset, written in the same way."""
 
     def root(dataset: Dataset, table: pa.Table) -> str:
         found = plain_digests(table)

@@ -1,4 +1,4 @@
-"""The matrix of tests/same_bits: each row is a child process with settings of its own."""
+"""The matrix of tests/same_bits. Each row is a child process with its own settings."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from helpers import ROOT
 
 CHILD = ROOT / "tests" / "same_bits" / "child.py"
 PACKAGE = Path(ibdata.__file__).parents[1]
-# What a setting may be made of: unset in every row that does not set it itself.
+# Prefixes of environment variables that settings use; a row has only those that it sets itself.
 VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHONPATH", "OMP_", "LD_")
 SIZE = "full" if os.environ.get("IBDATA_SAME_BITS") == "full" else "small"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A setting: variables of the environment, the spec of child.py, and where it runs."""
+    """A setting: environment variables, the spec of child.py, and the Python and package to use."""
 
     name: str
     env: dict[str, str] = field(default_factory=dict)
     spec: dict[str, Any] = field(default_factory=dict)
-    own_code: bool = False  # compiles by itself; else takes the machine code of the unmodified row
+    own_code: bool = False  # compile again, instead of using the machine code of the unmodified row
     python: str = sys.executable
     package: Path = PACKAGE
 
     @property
     def size(self) -> str:
-        """Which golden roots are its own."""
+        """The size of the experiments, which selects the golden roots."""
         return str(self.spec.get("size", SIZE))
 
 
@@ -44,7 +44,7 @@ UNMODIFIED = Row("unmodified", spec={"expect": {"DISABLE_JIT": 0, "CPU_NAME": No
 
 
 class Matrix:
-    """Starts rows and keeps what they print."""
+    """Starts rows and keeps their results."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -53,13 +53,13 @@ class Matrix:
         self.seconds: dict[str, float] = {}
 
     def start(self, rows: Iterable[Row]) -> None:
-        """Begin with the rows that have not begun; the unmodified one is always the first."""
+        """Start the rows that have not been started; the unmodified row is always the first."""
         for row in (UNMODIFIED, *rows):
             if row.name not in self.started:
                 self.started[row.name] = self.pool.submit(self._run, row)
 
     def result(self, row: Row) -> dict[str, Any]:
-        """What a row's child printed; AssertionError with its stderr where it failed."""
+        """Return the output of a row's child. Raises AssertionError with its stderr if it failed."""
         self.start([row])
         return self.started[row.name].result()
 
@@ -73,7 +73,7 @@ class Matrix:
         return {**json.loads(child.stdout), "stderr": child.stderr}
 
     def child(self, row: Row, code: Path | None = None) -> subprocess.CompletedProcess[str]:
-        """Run a row's child now, with its machine code kept in a folder."""
+        """Run the child of a row now, with `code` as the folder of machine code if it is given."""
         place = self.folder / row.name.replace(" ", "-").replace("/", "-")
         place.mkdir()
         env = {k: v for k, v in os.environ.items() if not k.startswith(VARIABLES)}
@@ -81,7 +81,7 @@ class Matrix:
         env["IBDATA_CACHE_DIR"] = str(code or (place / "code" if row.own_code else self.folder / "code"))
         spec = {"size": SIZE, "folder": str(place), **row.spec}
         return subprocess.run(
-            # numpy says by an ImportWarning, hidden by default, that it does not know a feature's name
+            # numpy only warns (ImportWarning, hidden by default) if it does not know a feature's name
             [row.python, "-W", "error::ImportWarning", str(CHILD), json.dumps(spec)],
             env=env | row.env,
             capture_output=True,

@@ -1,8 +1,9 @@
-"""The printed equations of Hein et al. 2017 a second time: plain numbers, `math` only, nothing shared.
+"""A second implementation of the printed equations of Hein et al. 2017, with plain numbers and `math` only.
 
-Written from the paper alone, one lane at a time, to be read beside it and compared with the `paper` variant.
-Where the paper is silent or cannot be meant, the reading is the project's: a first step with action zero,
-"max(μ) = 1.2" is >=, ϱ = +1 where ρˢ = 0, z by its formula, Δh where equation (4) prints Δs.
+It is written from the paper alone, for one lane, to be read beside the paper and compared with the `paper`
+variant. Where the paper is incomplete or has an obvious error, it follows the project's reading: there is a
+first step with action zero, "max(μ) = 1.2" means >=, ϱ = +1 if ρˢ = 0, z is given by its formula, and
+equation (4) has Δh, not Δs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def logistic(x):
 
 
 def start(p, drifting):
-    """The state before the first step: steerings at 50, latent variables at their defaults."""
+    """The state before the first step: velocity, gain and shift at 50, latent variables at their defaults."""
     return {
         "setpoint": p,
         "velocity": 50.0,
@@ -51,7 +52,7 @@ def start(p, drifting):
 
 
 def setpoint(p, b, left, x):
-    """Section "Setpoint dynamics", equations (32) and (33), with the draws of length and rate above them."""
+    """Equations (32) and (33), section "Setpoint dynamics", with the draws of length and rate above them."""
     if left == -1:
         return p, b, left
     if left == 0:
@@ -83,7 +84,7 @@ def latents_of_miscalibration(delta, psi, phi, he):
 
 
 def radii(rho_s):
-    """Appendix B: |r_opt| and |r_min|. At φ = ±3 the branches meet; rounding must not leave the domain."""
+    """|r_opt| and |r_min| of appendix B, with guards against rounding at φ = ±3, where the branches meet."""
     varrho = 1 if rho_s == 0 else sgn(rho_s)
     r_opt = varrho * max(abs(rho_s), 2 * Z)
     q = KAPPA * abs(rho_s) / (8 * BETA)
@@ -108,7 +109,7 @@ def miscalibration(phi, he):
 
 
 def noise_component(e, b, u, effective):
-    """Equations (28) and (29): e ~ Exp(1) is scaled to the mean 0.05."""
+    """Equations (28) and (29), in which e ~ Exp(1) is scaled to the mean 0.05."""
     eta_e = logistic(0.05 * e)
     eta_b = 1 if b < effective else 0
     return eta_e + (1 - eta_e) * u * eta_b * effective
@@ -124,7 +125,7 @@ def latent_of_fatigue(mu, effective, eta):
 
 
 def step(s, action, x):
-    """The state after `s`, for action (Δv, Δg, Δh) and draws `x` in standard form, by name."""
+    """The state that follows `s` under the action (Δv, Δg, Δh), with draws `x` in standard form, by name."""
     p, b, left = setpoint(s["setpoint"], s["drift_rate"], s["drift_left"], x)
 
     dv, dg, dh = (max(-1.0, min(1.0, a)) for a in action)

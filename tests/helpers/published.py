@@ -1,4 +1,4 @@
-"""The authors' `IDS`, fed with given random numbers in place of its own draws."""
+"""The authors' class `IDS`, run with given random numbers instead of its own draws."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import warnings
 import numpy as np
 
 with warnings.catch_warnings():
-    warnings.simplefilter(
-        "ignore"
-    )  # the sources hold invalid escapes, an error in newer Pythons' strict mode
+    warnings.simplefilter("ignore")  # the sources have invalid escapes
     from industrial_benchmark_python.IDS import IDS
 
 SAME = {  # field of State: key of the published state
@@ -36,14 +34,15 @@ SAME = {  # field of State: key of the published state
 
 
 class Reader:
-    """The functions of `np.random` that `IDS` calls, reading the noise of one step instead of drawing.
+    """The functions of `np.random` that `IDS` calls. They read the noise of one step instead of drawing.
 
-    `IDS` calls `rand` for four purposes. In a step, the calls come in this order: rate and zero right after
-    the length of a new segment; the flip; after both exponentials, the uniforms of gain and velocity.
+    `IDS` calls `rand` for several purposes, in this order: the rate of a new segment and whether it is zero,
+    right after the length of the segment; the flip; after both exponentials, the uniforms of gain and
+    velocity.
     """
 
     def load(self, row):
-        """Take the numbers of the next step: a dict from the names of ibdata's `Noise` to numbers."""
+        """Take the numbers of the next step, by the names of ibdata's `Noise`."""
         self.row = row
         self.segment = []
         self.exponentials = [row["exp_g"], row["exp_v"]]
@@ -52,7 +51,7 @@ class Reader:
         self.last = [-row["normal_consumption"]]  # IDS subtracts it
 
     def check_all_read(self):
-        """Every draw that each step makes was made; one more than given raises IndexError on its own."""
+        """Check that the step has used all numbers. (A draw beyond them raises IndexError.)"""
         left = [*self.segment, *self.exponentials, *self.uniforms, *self.binomials, *self.last]
         assert left == []
 
@@ -89,13 +88,13 @@ DRAWS = ("seed", "randint", "rand", "exponential", "binomial", "normal", "randn"
 
 @contextlib.contextmanager
 def replaced_draws():
-    """A `Reader` in place of the global generator, and `np.float`, which IDS needs; all restored after."""
+    """Replace numpy's global draws by a `Reader`, and add `np.float`, which IDS needs, during the block."""
     reader = Reader()
     before = {name: getattr(np.random, name) for name in DRAWS}
     had_float = "float" in vars(np)
     try:
         if not had_float:
-            np.float = float  # noqa: NPY001 - the point of it
+            np.float = float  # noqa: NPY001
         for name in DRAWS:
             setattr(np.random, name, getattr(reader, name))
         yield reader
@@ -107,9 +106,13 @@ def replaced_draws():
 
 
 def run(setpoint, drifting, actions, noise):
-    """Every state of one lane as a dict of arrays (steps, ...), named as ibdata's `State`.
+    """All states of one lane as a dict of arrays (steps, ...), with the names of ibdata's `State`.
 
-    actions (steps, 3), the first of which is the constructor's own: zeros; noise: a list of one dict a step.
+    Args:
+        setpoint: The setpoint at the start.
+        drifting: Whether it moves.
+        actions: (steps, 3). The first is zero, because the constructor of `IDS` makes that step.
+        noise: One dict per step, as `Reader.load` takes it.
     """
     assert not actions[0].any()
     states = {name: [] for name in SAME}
@@ -129,7 +132,7 @@ def run(setpoint, drifting, actions, noise):
             states["penalty"].append(-float(ids.state["MC"]))
     found = {name: np.array(values, dtype=np.float64) for name, values in states.items()}
     found["expected_consumption"] = found["convolved_cost"] + 25.0 * (found["penalty"] + 1.0)
-    fatigued = found["basic_fatigue"] > 0.0  # elsewhere alpha cannot be told from the published state
+    fatigued = found["basic_fatigue"] > 0.0  # otherwise alpha does not follow from the published state
     found["alpha"] = np.full(len(noise), np.nan)
     ratio = found["fatigue"][fatigued] / found["basic_fatigue"][fatigued]
     found["alpha"][fatigued] = (3.0 * ratio - 1.0) / 2.0

@@ -1,4 +1,4 @@
-"""An episode of a dataset, and the integers it was made of in the order in which a lane draws them."""
+"""An episode of a dataset, and its random integers in the order in which a lane draws them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ibdata.simulation.rollout import rollout
 
 
 class Recorded(NamedTuple):
-    """Columns by name (steps,), and the integers."""
+    """The columns (steps,) of an episode by name, and its random integers."""
 
     columns: dict
     integers: np.ndarray

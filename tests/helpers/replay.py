@@ -1,7 +1,7 @@
 """Replay saved tapes with the `ibdata` that comes first on the path, and print the differences.
 
-`python -m helpers.replay tape.npz …` prints one JSON object: the package's file and, by field of `State`, the
-largest |difference| / max(1, |value|) from the saved states over all tapes (null: not a number).
+`python -m helpers.replay tape.npz …` prints one JSON object: the file of the package and, for each field of
+`State`, the largest |difference| / max(1, |value|) from the saved states of all tapes, or null for NaN.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from helpers import tapes
 
 
 def save(path, tape, states):
-    """One tape and the states expected on it, as `load` reads them."""
+    """Save a tape and the states that are expected on it, for `load`."""
     arrays = {f"noise_{name}": x for name, x in tape.noise._asdict().items()}
     arrays |= {f"state_{name}": x for name, x in states.items()}
     np.savez(path, setpoint=tape.setpoint, drifting=tape.drifting, action=tape.action, **arrays)
 
 
 def load(path):
-    """The tape and the expected states of a file."""
+    """Load a tape and its expected states."""
     with np.load(path, allow_pickle=False) as file:
         noise = tapes.Noise(*(file[f"noise_{name}"] for name in tapes.Noise._fields))
         states = {name: file[f"state_{name}"] for name in tapes.FIELDS}

@@ -1,4 +1,4 @@
-"""Tapes: the actions and the noise of a whole run, drawn from one seed, and the run they make."""
+"""Tapes: the actions and the noise of a whole run, drawn from one seed, and functions that play them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ibdata.dynamics import Noise, State, Variant, initial_state, step
 from ibdata.dynamics.state import FIELDS
 
-RARE = 0.15  # share of the uniform draws replaced by ones at the ends of (0, 1)
+RARE = 0.15  # the share of uniform draws that are replaced by values near the ends of (0, 1)
 
 
 class Tape(NamedTuple):
@@ -21,14 +21,14 @@ class Tape(NamedTuple):
 
 
 def uniform(rng: np.random.Generator, *shape: int) -> np.ndarray:
-    """Draws from the open interval (0, 1), with more of them near its ends than chance has."""
+    """Draws from the open interval (0, 1), of which more than usual are near its ends."""
     u = (rng.integers(0, 2**52, shape) + 0.5) * 2.0**-52
     ends = np.array([2.0**-53, 0.0005, 0.9995, 1.0 - 2.0**-53])
     return np.where(rng.random(shape) < RARE, rng.choice(ends, shape), u)
 
 
 def noise(rng: np.random.Generator, *shape: int) -> Noise:
-    """Noise in standard form with arrays of one shape: (n,) for a step, (steps, n) for a tape."""
+    """Noise in standard form with arrays of this shape: (n,) for a step, (steps, n) for a tape."""
     draws = {name: uniform(rng, *shape) for name in Noise._fields}
     for name in ("exp_v", "exp_g"):
         draws[name] = rng.standard_exponential(shape)
@@ -38,7 +38,7 @@ def noise(rng: np.random.Generator, *shape: int) -> Noise:
 
 
 def draw(seed: int, steps: int, n: int) -> Tape:
-    """A tape whose lanes wander with different trends to the bounds; some actions exceed 1."""
+    """A tape whose actions have another trend in each lane, towards the bounds; some exceed 1."""
     rng = np.random.default_rng(seed)
     trend = rng.uniform(-0.6, 0.6, (1, n, 3))
     actions = trend + rng.uniform(-1.5, 1.5, (steps, n, 3))
@@ -47,7 +47,7 @@ def draw(seed: int, steps: int, n: int) -> Tape:
 
 
 def start(n: int, drifting: str = "none") -> State:
-    """Setpoints 0 … 100 over the lanes, steerings in the middle or in corners of their space.
+    """A state with setpoints from 0 to 100 over the lanes; velocity and gain are in the middle or at bounds.
 
     The setpoint moves in no lane ("none"), in all ("all"), or in every other one ("half").
     """
@@ -78,13 +78,13 @@ def stack(states: list[State]) -> State:
 
 
 def take(state: State, lanes: object) -> State:
-    """Some lanes, and of a stack some times: an index of the axes that follow a state's variables."""
+    """Some lanes of a state, or some times and lanes of a stack, by an index as for an array."""
     index = lanes if isinstance(lanes, tuple) else (lanes,)
     return State(*(x[(slice(None), *index)] for x in state))
 
 
 def changed(a: State, b: State) -> set[str]:
-    """The names of the fields in which two states, or two stacks of states, differ in any bit."""
+    """The names of the fields that differ in any bit between two states, or two stacks of states."""
     pairs = ((name, getattr(a, name), getattr(b, name)) for name in FIELDS)
     return {
         name for name, x, y in pairs if (x.dtype, x.shape, x.tobytes()) != (y.dtype, y.shape, y.tobytes())
@@ -92,7 +92,7 @@ def changed(a: State, b: State) -> set[str]:
 
 
 def digest() -> str:
-    """SHA-256 of the states of 40 steps of 5 lanes in both variants, every other setpoint moving."""
+    """SHA-256 of 40 steps of 5 lanes in both variants, with every other setpoint moving."""
     sha = hashlib.sha256()
     for variant in ("siemens", "paper"):
         states = stack(play(start(5, "half"), draw(40, 40, 5), variant))

@@ -1,4 +1,4 @@
-"""Tapes: actions and noise of many lanes, ibdata's states on them, and what of the dynamics they reach."""
+"""Tapes for comparisons: actions and noise of many lanes, the states, and the branches that they reach."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STYLES = ("uniform", "saturating", "bang-bang", "slow")
 
 
 class Tape(NamedTuple):
-    """Lanes of equal length; the first step of each is the one with action zero."""
+    """Lanes of equal length. The first step of each has the action zero."""
 
     setpoint: np.ndarray  # (n,)
     drifting: bool
@@ -24,9 +24,10 @@ class Tape(NamedTuple):
 
 
 def make_noise(rng, shape):
-    """Draws in standard form, from numpy's own generator.
+    """Noise in standard form, from numpy's own generator.
 
-    A tenth of the uniforms behind an event lie within 0.001 of 0 or 1, where bounds of its probability count.
+    A tenth of the uniforms that decide an event are within 0.001 of 0 or 1, where the bounds of its
+    probability have an effect.
     """
     draw = {"exp": rng.standard_exponential, "normal": rng.standard_normal}
     noise = Noise(*(draw.get(name.partition("_")[0], rng.random)(shape) for name in Noise._fields))
@@ -37,7 +38,7 @@ def make_noise(rng, shape):
 
 
 def make_actions(rng, style, steps):
-    """One lane's actions (steps, 3); some lie outside [-1, 1], which both sides clip."""
+    """The actions (steps, 3) of one lane. Some are outside [-1, 1], where each implementation clips them."""
     if style == "uniform":
         action = rng.uniform(-1.2, 1.2, (steps, 3))
     elif style == "saturating":  # drives v and g into a corner, another one every 250 steps, and h to an end
@@ -57,7 +58,7 @@ def make_actions(rng, style, steps):
 
 
 def make(setpoints, drifting, steps, seed):
-    """Every setpoint with every style of actions, for one step with action zero and `steps` more."""
+    """A tape with every setpoint in every style of actions: one step with action zero, then `steps` steps."""
     rng = np.random.default_rng(seed)
     setpoint = np.repeat(np.array(setpoints, dtype=np.float64), len(STYLES))
     actions = [make_actions(rng, style, steps + 1) for _ in setpoints for style in STYLES]
@@ -66,7 +67,7 @@ def make(setpoints, drifting, steps, seed):
 
 
 def run_ibdata(tape, variant):
-    """The states of ibdata as a dict of arrays (steps, n, ...), all lanes in one call a step."""
+    """The states of ibdata as a dict of arrays (steps, n, ...). Each step is one call for all lanes."""
     state = initial_state(tape.setpoint, drifting=tape.drifting)
     states = []
     for t in range(tape.action.shape[0]):
@@ -76,18 +77,18 @@ def run_ibdata(tape, variant):
 
 
 def transitions(tape):
-    """Recorded transitions of all lanes: without the zero-action step."""
+    """The number of transitions of all lanes, without the step with action zero."""
     return (tape.action.shape[0] - 1) * tape.action.shape[1]
 
 
 def rows(tape, lane):
-    """One lane's noise as a list of one dict a step, for implementations with one lane."""
+    """The noise of one lane as a list with one dict per step, for implementations with one lane."""
     columns = [x[:, lane].tolist() for x in tape.noise]
     return [dict(zip(Noise._fields, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def differences(found, expected):
-    """The largest |difference| / max(1, |value|) of each field; NaN in `expected` means "not known"."""
+    """The largest |difference| / max(1, |value|) of each field, except where `expected` is NaN."""
     worst = {}
     for name in FIELDS:
         known = ~np.isnan(expected[name])
@@ -99,7 +100,7 @@ def differences(found, expected):
 
 
 def coverage(states, tape, variant):
-    """How often each branch of the dynamics was taken in ibdata's states of a tape."""
+    """How often the states of a tape take each branch of the dynamics."""
     prev = {name: x[:-1] for name, x in states.items()}
     new = {name: x[1:] for name, x in states.items()}
     count = {f"direction {phi}": new["direction"] == phi for phi in range(-6, 7)}

@@ -1,4 +1,4 @@
-"""The snippets of docs/use-with.md, run in a folder that holds what they read: fixtures of every bridge."""
+"""Fixtures that run the snippets of docs/use-with.md in a folder with the datasets that they read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Snippets = Callable[[str], list[dict[str, Any]]]
 
 @pytest.fixture(scope="session")
 def generated(tmp_path_factory) -> Path:
-    """A folder in which the page's two datasets have been made, with shorter episodes."""
+    """A folder with the two datasets of the page, but with shorter episodes."""
     folder = tmp_path_factory.mktemp("page")
     for name in ("random", "transfer"):
         ibdata.generate(name, folder / "data" / name, workers=1, overrides=[f"steps={STEPS}"])
@@ -28,7 +28,7 @@ def generated(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def use_with(generated, tmp_path, monkeypatch) -> Snippets:
-    """Run the Python blocks under a heading, each for itself, and return their names."""
+    """A function that runs each Python block under a heading on its own, and returns their variables."""
     (tmp_path / "data").symlink_to(generated / "data")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MINARI_DATASETS_PATH", "put back afterwards")

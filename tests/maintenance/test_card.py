@@ -1,4 +1,4 @@
-"""`ibdata card`: a card and a report that stand on their own, and a dataset that stays whole."""
+"""`ibdata card` writes a card and a self-contained report, and the dataset stays valid."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.generation import staging
 from ibdata.plots import drawn, plots
 from ibdata.report import card
 from ibdata.system import lock
@@ -286,7 +287,7 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied, monkeypatch):
 
 
 def test_what_a_killed_run_left_is_taken_away(carded, copied):
-    (copied / manifest.NEXT).mkdir()
+    staging.make(copied / manifest.NEXT)
     for name in (manifest.CARD, manifest.REPORT):
         shutil.copy(copied / name, copied / manifest.NEXT)
         (copied / manifest.NEXT / f".tmp-123456789abc-{name}.part").write_text("half")

@@ -1,4 +1,4 @@
-"""Merging: all episodes, none twice, every promise kept."""
+"""Merging: all episodes are there, none twice, and the result is a valid dataset."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, UsageError
+from ibdata.generation import staging
 from ibdata.maintenance import merge as merging
 from ibdata.maintenance.repair import repair
 from ibdata.simulation.variables import columns
@@ -194,6 +195,7 @@ def test_one_dataset_or_a_folder_that_holds_something_is_refused(pair, tmp_path)
 def test_what_a_killed_merge_left_is_taken_away_by_the_next(pair, tmp_path):
     left = tmp_path / "both" / manifest.NEXT
     (left / "data").mkdir(parents=True)
+    staging.make(left)
     (left / "data/part-00000-1a2b3c4d.parquet").write_bytes(b"whole")
     (left / ".tmp-123456789abc-part-00001.part").write_bytes(b"half")
     merged = ibdata.merge([d.path for d in pair], tmp_path / "both")

@@ -131,7 +131,92 @@ def test_a_manifest_is_not_made_again_for_shards_of_another_experiment(copied):
     path.write_text(path.read_text().replace("seed: 0", "seed: 1"))
     (copied / manifest.PATH).unlink()
     before = contents(copied)
-    with pytest.raises(DatasetError, match=r"found no shard with the content of meta/experiment\.yaml"):
+    with pytest.raises(
+        DatasetError, match=r"found 0 of 8 readable shards with the content .* lists other content"
+    ):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+OTHERS = {
+    "more episodes": ("episodes: 3", "episodes: 4"),
+    "fewer episodes": ("episodes: 3", "episodes: 2"),
+    "longer episodes": ("steps: 20", "steps: 40"),
+    "fewer columns": ("latent: true", "latent: false"),
+    "another setpoint last": ("- 70.0", "- 71.0"),
+}
+
+
+def experiment_of(folder: Path, old: str, new: str) -> None:
+    path = folder / "meta/experiment.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
+@pytest.mark.parametrize("lost", ["nothing", "metadata", "other shards"])
+def test_a_manifest_is_not_made_again_where_some_shards_fit_another_experiment_too(copied, other, lost):
+    experiment_of(copied, *other)
+    (copied / manifest.PATH).unlink()
+    if lost == "metadata":
+        (copied / "README.md").unlink()
+        (copied / "meta/episodes.parquet").write_bytes(b"x")
+    if lost == "other shards":
+        for number in range(1, 8):
+            damage(next((copied / "data").glob(f"part-0000{number}-*")), "cut")
+    before = contents(copied)
+    with pytest.raises(DatasetError, match=r"readable shards with the content .*; nothing was changed"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+@pytest.mark.parametrize("proof", ["README.md", "meta/episodes.parquet"])
+def test_card_or_table_of_episodes_prove_an_experiment_whose_shards_are_all_damaged(copied, made, proof):
+    for path in {"README.md", "meta/episodes.parquet"} - {proof}:
+        (copied / path).unlink()
+    for path in (copied / "data").iterdir():
+        damage(path, "cut")
+    (copied / manifest.PATH).unlink()
+    assert len(repair(copied, workers=1)) == 9
+    assert ibdata.open(copied).content_root == made.content_root
+    assert validate(copied) == []
+
+
+def test_shards_that_are_all_damaged_prove_nothing_alone(copied):
+    for path in [*(copied / "data").iterdir(), copied / manifest.PATH, copied / "README.md"]:
+        path.unlink()
+    (copied / "meta/episodes.parquet").write_bytes(b"x")
+    before = contents(copied)
+    message = r"0 of 0 readable .*README\.md lists no content that can be read, meta/episodes.* no content"
+    with pytest.raises(DatasetError, match=message):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+def test_whole_shards_prove_an_experiment_whatever_an_edited_card_says(copied, made):
+    (copied / manifest.PATH).unlink()
+    card = copied / "README.md"
+    card.write_text(card.read_text().replace(made.content_root, "0" * 64))
+    assert repair(copied, workers=1) == [manifest.PATH]
+    assert ibdata.open(copied).content_root == made.content_root
+    assert validate(copied) == []
+
+
+def test_a_readable_shard_is_not_made_again_even_if_the_card_proves_that_its_rows_are_others(copied, file):
+    (copied / manifest.PATH).unlink()
+    shutil.copy(copied / file("shard 0"), copied / file("shard 1"))
+    before = contents(copied)
+    with pytest.raises(DatasetError, match=r"7 of 8 readable .*, and part-00001-\w{8}\.parquet has other"):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+
+
+@pytest.mark.parametrize("name", ["part-00009.parquet", ".part-00000-aaaaaaaa.parquet", ".h"])
+def test_what_is_not_ibdatas_in_data_is_named_before_a_manifest_is_made_again(copied, name):
+    (copied / manifest.PATH).unlink()
+    (copied / "data" / name).mkdir()
+    before = contents(copied)
+    with pytest.raises(UsageError, match="found something that ibdata did not write; move it away"):
         repair(copied, workers=1)
     assert contents(copied) == before
 
@@ -178,7 +263,7 @@ def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
         ({"seed": 1}, "episode 0 and 0: step 0: "),
         ({"dynamics": "paper"}, "experiment.dynamics: siemens and paper"),
         ({"episodes": 4}, "episodes: 12 and 16"),
-        ({"episodes": 4}, "episodes of cells or indices that only the second has: 4"),
+        ({"episodes": 4}, "episodes with a cell and index that only the second has: 4"),
         ({"steps": 30}, "rows: 240 and 360"),
         ({"output": {"dtype": "float64"}}, "column reward: float32 and float64"),
         ({"output": {"latent": False}}, "column latent_theta_1: float32 and none"),
@@ -192,7 +277,7 @@ def test_a_difference_is_named(made, tmp_path, change, line):
 def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
     shard = file("shard 1")
     (copied / shard).unlink()
-    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; ibdata repair"):
+    with pytest.raises(DatasetError, match=f"{re.escape(shard)}: damaged or missing; run ibdata repair"):
         ibdata.generate(Experiment.model_validate(PLAIN), copied, workers=1, resume=True)
 
 
@@ -226,7 +311,7 @@ def test_metadata_are_not_made_again_from_rows_that_are_not_those_listed(copied,
     (copied / "meta/episodes.parquet").write_bytes(b"x")
     before = contents(copied)
     with pytest.raises(
-        DatasetError, match=r"found other content .*expected what the manifest lists; nothing"
+        DatasetError, match=r"found other content .*expected the content that the manifest lists; nothing"
     ):
         repair(copied, workers=1)
     assert contents(copied) == before

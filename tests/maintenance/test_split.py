@@ -1,4 +1,4 @@
-"""Splits of a dataset that is there: labels that copy nothing, copies that are whole files, and no leaks."""
+"""Splits of a finished dataset: labels without copies, copies in whole files, and no leaks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where compiled functions are kept: a folder that the compiled sources name."""
+"""The cache of compiled functions: a folder named after their sources."""
 
 from __future__ import annotations
 
@@ -180,14 +180,14 @@ def test_the_first_folder_that_can_be_written_is_taken(unwritable, tmp_path):
     assert int(files) == 1
 
 
-def test_where_nothing_can_be_written_a_passing_folder_serves_and_goes(unwritable):
+def test_where_nothing_can_be_written_a_temporary_folder_is_used_and_removed(unwritable):
     folder, value, files, _ = run(REPORT, **unwritable)
     assert unwritable["TMPDIR"] in Path(folder).parents
     assert (float(value), int(files)) == (1.0, 1)
     assert list(unwritable["TMPDIR"].iterdir()) == []
 
 
-def test_a_worker_process_shares_the_passing_folder_of_its_parent(unwritable):
+def test_a_worker_process_shares_the_temporary_folder_of_its_parent(unwritable):
     parent, child = run(WITH_A_CHILD, **unwritable)
     assert child == parent
 
@@ -282,7 +282,7 @@ def test_code_that_is_not_kept_is_announced_as_such(ibdata, unwritable, tmp_path
     env = {**os.environ, **{name: str(value) for name, value in unwritable.items()}}
     made = ibdata("generate", "--config", "tiny.yaml", "--out", "tiny", "-q", env=env)
     assert made.returncode == 0
-    assert "each time: no cache folder can be written by this user alone; set IBDATA_CACHE_DIR" in made.stderr
+    assert "no cache folder that only this user can write to; set IBDATA_CACHE_DIR" in made.stderr
 
 
 def test_a_setting_that_numba_refuses_is_one_line(ibdata):

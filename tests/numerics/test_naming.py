@@ -1,4 +1,4 @@
-"""Names and numbers are read by others as they are meant: setpoints, splits, the front matter of the card."""
+"""Names and numbers that other programs read correctly: setpoints, splits, the front matter of the card."""
 
 from __future__ import annotations
 

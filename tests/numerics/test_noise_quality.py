@@ -1,10 +1,10 @@
-"""The laws and the independence of the random numbers in a million transitions, with the power of each test.
+"""The laws and the independence of the random numbers in a million transitions, and the power of the tests.
 
-Noise is recovered from what a dataset holds (float64, `latent: full`) by solving the equation it enters, and
-is compared with its law and with its address. Seeds are fixed, so a test passes always or never; at ALPHA,
-40 tests with a fresh seed would raise one false alarm in 25,000 runs. What can go unseen is stated for
-STRICT, at which they raise one in a million, and a deviation of that size is planted to show that it is seen.
-`IBDATA_EPISODES=1000000` makes the search for equal episodes that of a release.
+The noise is recovered from a dataset (float64, `latent: full`) by solving the equations in which it appears,
+and is compared with its law and its address. Seeds are fixed, so a test passes always or never. With fresh
+seeds, 40 tests at the level ALPHA would raise one false alarm in 25,000 runs. The power is stated for the
+level STRICT, one false alarm in a million, and a deviation of that size is planted to show that the test
+finds it. `IBDATA_EPISODES=1000000` searches for equal episodes among as many as a release does.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 from scipy import optimize, stats
 
 from ibdata import Experiment
-from ibdata.dynamics import SIEMENS
+from ibdata.dynamics import SIEMENS, Noise
 from ibdata.dynamics.fatigue import (
     ALPHA_MEAN,
     ALPHA_SD,
@@ -28,7 +28,14 @@ from ibdata.dynamics.fatigue import (
     squashed_exponential,
 )
 from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise, drift_noise, standard_noise
+from ibdata.simulation.noise import (
+    DRIFT_SLOTS,
+    DYNAMICS_SLOTS,
+    NOISE_ROWS,
+    drift_noise,
+    fields,
+    standard_noise,
+)
 from ibdata.simulation.rollout import rollout
 
 SETPOINTS, PER_SETPOINT, STEPS = tuple(range(10, 101, 10)), 100, 1000
@@ -43,7 +50,7 @@ NORMAL, UNIFORM, EXPONENTIAL = stats.norm(), stats.uniform(), stats.expon()
 KURTOSIS = {NORMAL: 3.0, UNIFORM: 1.8, EXPONENTIAL: 9.0}
 LAWS = {"act": UNIFORM, "bernoulli": UNIFORM, "uniform": UNIFORM, "exp": EXPONENTIAL, "normal": NORMAL}
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
-ADDRESSED = blank_noise(1)._fields
+ADDRESSED = Noise._fields
 RECOVERED = (*ACTIONS, "exp_v", "exp_g", "uniform_v", "uniform_g", "normal_alpha", "normal_consumption")
 SERIES = (*ACTIONS, *ADDRESSED)
 SIDES = {"v": ("latent_mu_v", "latent_effective_velocity"), "g": ("latent_mu_g", "latent_effective_gain")}
@@ -90,11 +97,12 @@ def by_address(seed):
     cells = experiment(seed).cells
     keys = np.repeat([stream_key(seed, cell.digest) for cell in cells], PER_SETPOINT, axis=0)
     indices = np.tile(np.arange(PER_SETPOINT), len(cells))
-    noise = blank_noise(N)
+    rows = np.zeros((NOISE_ROWS, N))
+    noise = fields(rows)
     raw = integers(keys, indices, Purpose.DYNAMICS, 0, STEPS, DYNAMICS_SLOTS)
-    standard_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, N), noise)
+    standard_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, N), rows)
     raw = integers(keys, indices, Purpose.DRIFT, 0, STEPS, DRIFT_SLOTS)
-    drift_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DRIFT_SLOTS, N), noise)
+    drift_noise(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(DRIFT_SLOTS, N), rows)
     return {name: x.reshape(len(cells), PER_SETPOINT, STEPS) for name, x in noise._asdict().items()}
 
 

@@ -20,9 +20,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ibdata.dynamics import Noise
 from ibdata.numerics import exact
 from ibdata.numerics.random import Purpose, integers, slots, standard_normal, stream_key, uniform, uniforms
-from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, blank_noise, drift_noise, standard_noise
+from ibdata.simulation.noise import (
+    DRIFT_SLOTS,
+    DYNAMICS_SLOTS,
+    NOISE_ROWS,
+    drift_noise,
+    fields,
+    standard_noise,
+)
 
 examples = settings(derandomize=True, deadline=None, max_examples=200)
 
@@ -214,8 +222,9 @@ def test_policies_get_the_normal_of_the_dynamics():
 
 
 def test_standard_noise_puts_each_slot_through_its_transform_into_its_field():
-    drawn, noise = some_raw(DYNAMICS_SLOTS, 500), blank_noise(500)
-    standard_noise(drawn, noise)
+    drawn, rows = some_raw(DYNAMICS_SLOTS, 500), np.zeros((NOISE_ROWS, 500))
+    noise = fields(rows)
+    standard_noise(drawn, rows)
     for field, (slot, transform) in STANDARD.items():
         expected = [transform(uniform(x)) for x in drawn[slot]]
         assert getattr(noise, field).tolist() == expected, field
@@ -223,15 +232,16 @@ def test_standard_noise_puts_each_slot_through_its_transform_into_its_field():
 
 
 def test_drift_noise_puts_each_slot_into_its_field_and_leaves_the_others():
-    drawn, noise = some_raw(DRIFT_SLOTS, 5), blank_noise(5)
-    drift_noise(drawn, noise)
+    drawn, rows = some_raw(DRIFT_SLOTS, 5), np.zeros((NOISE_ROWS, 5))
+    noise = fields(rows)
+    drift_noise(drawn, rows)
     for field, slot in DRIFT.items():
         assert getattr(noise, field).tolist() == [uniform(x) for x in drawn[slot]], field
     assert all(not getattr(noise, field).any() for field in STANDARD)
 
 
 def test_every_field_of_the_noise_comes_from_a_slot():
-    assert {*STANDARD, *DRIFT} == set(blank_noise(1)._fields)
+    assert {*STANDARD, *DRIFT} == set(Noise._fields)
     assert (len(STANDARD), len(DRIFT)) == (DYNAMICS_SLOTS, DRIFT_SLOTS)
 
 
@@ -240,8 +250,9 @@ def many_draws():
     """One step of 200,000 lanes: 200 episodes of 1000 steps, one after another."""
     keys = np.tile(stream_key(0, CELL), (200, 1))
     drawn = integers(keys, np.arange(200), Purpose.DYNAMICS, 0, 1000, DYNAMICS_SLOTS)
-    noise = blank_noise(DRAWS)
-    standard_noise(np.ascontiguousarray(drawn.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, DRAWS), noise)
+    rows = np.zeros((NOISE_ROWS, DRAWS))
+    noise = fields(rows)
+    standard_noise(np.ascontiguousarray(drawn.transpose(1, 2, 0)).reshape(DYNAMICS_SLOTS, DRAWS), rows)
     return noise
 
 

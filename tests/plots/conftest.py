@@ -1,4 +1,4 @@
-"""Datasets of every form that is drawn."""
+"""Datasets of every form for the pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pictures of a dataset: what is drawn is what pandas finds in its rows."""
+"""The pictures of a dataset show the numbers that pandas computes from its rows."""
 
 from __future__ import annotations
 

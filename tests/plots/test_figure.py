@@ -1,4 +1,4 @@
-"""`ibdata figure` and `ibdata.plots.figure`: whole files, the same twice, and errors that say what to do."""
+"""`ibdata figure` and `ibdata.plots.figure`: complete files, equal in every run, and helpful errors."""
 
 from __future__ import annotations
 

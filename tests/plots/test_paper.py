@@ -1,4 +1,4 @@
-"""The numbers in the paper's figures are those of the dynamics, and what is drawn are these numbers."""
+"""The figures of the paper show the numbers of the dynamics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ibdata plot` and `ibdata.plots.plot`: whole files, the same twice, and errors that say what to do."""
+"""`ibdata plot` and `ibdata.plots.plot`: complete files, equal in every run, and helpful errors."""
 
 from __future__ import annotations
 

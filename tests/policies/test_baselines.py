@@ -1,4 +1,4 @@
-"""The three baselines of the Siemens offline data, by numbers worked out by hand."""
+"""The three baselines of the Siemens offline data, compared with numbers worked out by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every policy keeps to, whatever file it stands in, and that a file is all it takes."""
+"""Rules for every policy, and that a new policy needs only one file."""
 
 from __future__ import annotations
 

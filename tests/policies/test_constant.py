@@ -1,4 +1,4 @@
-"""The same action at every step."""
+"""The constant policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Policies that are somebody's own code: they run where allowed, and nowhere else."""
+"""Custom policies run only where their code is allowed."""
 
 from __future__ import annotations
 

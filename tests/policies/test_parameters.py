@@ -1,4 +1,4 @@
-"""Parameters of custom policies are what JSON and YAML hold, and the same wherever the policy runs."""
+"""Parameters of custom policies are data of JSON and YAML, and are the same in every process."""
 
 from __future__ import annotations
 

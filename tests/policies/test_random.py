@@ -1,4 +1,4 @@
-"""Uniform random exploration."""
+"""The random policy."""
 
 from __future__ import annotations
 

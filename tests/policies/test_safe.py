@@ -1,4 +1,4 @@
-"""The safe baseline: towards the medium range from outside it, uniform inside."""
+"""The safe policy: towards the medium range from outside, uniform inside."""
 
 from __future__ import annotations
 

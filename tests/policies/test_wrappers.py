@@ -1,4 +1,4 @@
-"""Policies around others: which actions come from the base, and how often."""
+"""Policies that wrap others: which actions come from the base, and how often."""
 
 from __future__ import annotations
 

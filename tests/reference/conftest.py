@@ -1,4 +1,4 @@
-"""The table of largest differences after the run."""
+"""A table of the largest differences, printed after the run."""
 
 from __future__ import annotations
 

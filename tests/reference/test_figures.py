@@ -1,4 +1,4 @@
-"""The paper's pictures as numbers, and the table that makes `siemens` the default."""
+"""The paper's figures as numbers, and the table behind the default variant `siemens`."""
 
 from __future__ import annotations
 

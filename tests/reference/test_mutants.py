@@ -1,7 +1,7 @@
-"""Planted bugs: each one, applied to a copy of the dynamics, must show on a short tape.
+"""Planted bugs: each is applied to a copy of the dynamics, and must be found on a short tape.
 
-The states expected there are those of the code as it is, which `test_published.py` proves to be the published
-package's. So a bug that goes unnoticed here is one that the comparison could not find either.
+The expected states are those of the unchanged code, which `test_published.py` compares with the published
+package. So the comparison could not find a bug that is not found here.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "effective actions swapped in the noise": (
         "step.py",
         [
-            ("noise.bernoulli_v[i], ve[i], k)", "noise.bernoulli_v[i], ge[i], k)"),
-            ("noise.bernoulli_g[i], ge[i], k)", "noise.bernoulli_g[i], ve[i], k)"),
+            ("bernoulli_v[i], x[EFFECTIVE_VELOCITY", "bernoulli_v[i], x[EFFECTIVE_GAIN"),
+            ("bernoulli_g[i], x[EFFECTIVE_GAIN", "bernoulli_g[i], x[EFFECTIVE_VELOCITY"),
         ],
     ),
     "fatigue amplification": ("fatigue.py", [("AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n")]),
@@ -59,14 +59,14 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
         "step.py",
         [("convolved_cost(costs, i", "convolved_cost(costs[::-1], i")],
     ),
-    "Goldstone sign": ("step.py", [("= penalty(phi", "= -penalty(phi")]),
+    "Goldstone sign": ("step.py", [("= penalty(z", "= -penalty(z")]),
     "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
     "reward of t-1": ("step.py", [("return new\n", "return new.replace(reward=state.reward)\n")]),
     "latents cross-coupled": (  # as in the authors' Java code
         "step.py",
         [
-            ("update_mu(mu_v[i], ve", "update_mu(mu_g[i], ve"),
-            ("update_mu(mu_g[i], ge", "update_mu(mu_v[i], ge"),
+            ("update_mu(x[MU_V, i]", "update_mu(x[MU_G, i]"),
+            ("update_mu(x[MU_G, i]", "update_mu(x[MU_V, i]"),
         ],
     ),
     "history window reversed": (
@@ -81,8 +81,8 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
         "step.py",
         [
             (
-                "reward(c[i], f[i])",
-                "reward(f[i], c[i])",
+                "reward(x[CONSUMPTION, i], x[FATIGUE, i])",
+                "reward(x[FATIGUE, i], x[CONSUMPTION, i])",
             )
         ],
     ),
@@ -103,7 +103,7 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "setpoint moved twice": ("setpoint.py", [("return moved(p, b),", "return moved(moved(p, b), b),")]),
     "setpoint turns before moving": ("variants.py", [("drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)")]),
     "segment one step longer": ("setpoint.py", [("k.flip_after), left - 1", "k.flip_after), left")]),
-    "shift steps at the gain's rate": ("step.py", [("steer(h[i], D_H", "steer(h[i], D_G")]),
+    "shift steps at the gain's rate": ("step.py", [("steer(x[SHIFT, i], D_H", "steer(x[SHIFT, i], D_G")]),
     "alpha threshold as printed": ("variants.py", [("alpha_threshold=5.0", "alpha_threshold=1.2")]),
     "domain not reset after a turn": (
         "miscalibration.py",

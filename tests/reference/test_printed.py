@@ -1,4 +1,4 @@
-"""The `paper` variant against the printed equations, written a second time, on one tape of random numbers."""
+"""The `paper` variant against a second implementation of the equations, on one tape of random numbers."""
 
 from __future__ import annotations
 

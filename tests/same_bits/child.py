@@ -4,8 +4,8 @@
     child.py SPEC    SPEC is JSON: size, folder, and optionally workers, lanes, chunk, shards, stop_after,
                      known_answer, and expect: facts that must hold here and in every worker process
 
-The variables under test are read when numpy, numba and the C library are loaded, so each setting is a
-process of its own. The spec sets the sizes of blocks in the workers too, which begin with `start` below.
+Each setting is a process of its own, because numpy, numba and the C library read the tested environment
+variables when they are loaded. The workers, which begin with `start` below, have the same sizes of blocks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The matrix as a fixture: its rows start together, tests wait for those that they are about."""
+"""The matrix as a fixture: all rows start together, and each test waits for its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What numba compiles for, how, and whether it compiles at all."""
+"""Content roots under other options of numba, and without compiling."""
 
 from __future__ import annotations
 

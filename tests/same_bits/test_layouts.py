@@ -1,4 +1,4 @@
-"""Workers, blocks, shards and interruptions leave the content, and the files, as they are."""
+"""Workers, blocks, shards and interruptions do not change the content or the files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The oldest versions that pyproject.toml allows, and the pinned newest ones."""
+"""The oldest library versions that pyproject.toml allows, and the pinned newest ones."""
 
 from __future__ import annotations
 

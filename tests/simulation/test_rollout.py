@@ -1,4 +1,4 @@
-"""A rollout is a plain simulation with noise from documented addresses, whatever the blocks it runs in."""
+"""A rollout equals a plain simulation with noise from the documented addresses, in blocks of any size."""
 
 from __future__ import annotations
 

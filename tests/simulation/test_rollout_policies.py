@@ -1,4 +1,4 @@
-"""What a policy sees, and what becomes of its actions."""
+"""The observations that a policy gets, and the use of its actions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def described(**changes):
 
 
 def with_policies(*policies, **changes):
-    return described(**changes).model_copy(update={"policies": list(policies)})
+    return Experiment.model_construct(**{**described(**changes).options(), "policies": list(policies)})
 
 
 def played(experiment):

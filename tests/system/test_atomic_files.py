@@ -1,16 +1,18 @@
-"""A file of a dataset is whole or not there, and its name is on the disk after its data."""
+"""A file is complete or absent, and its name reaches the disk after its data."""
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
 import stat
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from ibdata.system.atomic_files import FileEntry, atomic_write, write
+from ibdata.system.atomic_files import FileEntry, atomic_write, create_or_compare, write
 
 
 class Stop(BaseException):
@@ -50,6 +52,21 @@ def test_a_system_that_refuses_leaves_nothing(monkeypatch, tmp_path, failing):
     with pytest.raises(OSError, match="No space"):
         write(tmp_path, "x", b"data")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_of_several_that_create_one_file_one_succeeds(monkeypatch, tmp_path, links):
+    def refuse(*_):
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(Path, "is_file", lambda path: False)  # all of them come before the first is done
+    with ThreadPoolExecutor(8) as threads:
+        same = list(threads.map(lambda i: create_or_compare(tmp_path, ".run/x", b"%d" % (i % 4)), range(16)))
+    assert [path.name for path in (tmp_path / ".run").iterdir()] == ["x"]
+    assert same == [b"%d" % (i % 4) == (tmp_path / ".run/x").read_bytes() for i in range(16)]
+    assert [path.name for path in tmp_path.iterdir()] == [".run"]
 
 
 def test_no_file_shows_under_its_name_before_the_block_ends(tmp_path):

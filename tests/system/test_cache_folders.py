@@ -1,4 +1,4 @@
-"""In which folder machine code is looked for, and in which more is kept."""
+"""The folders in which machine code is found, and those to which it is written."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_a_read_only_folder_is_read_and_the_next_written(asked, home, read_only,
     assert (kept(asked), kept(home)) == (["file"], ["more"])
 
 
-def test_where_the_file_system_is_full_the_passing_folder_serves_workers_too(asked, tmp_path, no_space):
+def test_where_the_file_system_is_full_the_temporary_folder_is_used_by_workers_too(asked, tmp_path, no_space):
     places = Places(NAME)
     no_space(asked)
     places.keep("file", b"code")
@@ -155,7 +155,7 @@ def test_where_there_is_no_folder_for_temporary_files_nothing_is_kept(asked, tmp
 
 
 @pytest.mark.parametrize("cache", [None, "~unknown/x", "relative"])
-def test_without_a_home_the_passing_folder_serves_and_none_here(tmp_path, monkeypatch, cache):
+def test_without_a_home_the_temporary_folder_is_used_and_none_here(tmp_path, monkeypatch, cache):
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # neither HOME nor an entry for the user
     if cache:
         monkeypatch.setenv("XDG_CACHE_HOME", cache)

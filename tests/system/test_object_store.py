@@ -1,11 +1,15 @@
-"""Datasets at URLs, here in pyarrow's file system of this machine; scripts/bridges has S3 and fsspec's."""
+"""Datasets at URLs in pyarrow's local file system; scripts/bridges tests S3 and fsspec's file systems."""
 
 from __future__ import annotations
 
+import itertools
+import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from pyarrow.fs import FileSystem
 
@@ -14,8 +18,9 @@ from ibdata import Experiment
 from ibdata.cli import main
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
+from ibdata.generation import upload
 from ibdata.system import object_store
-from ibdata.system.object_store import is_url
+from ibdata.system.object_store import Remote, is_url
 
 PLAIN = {
     "name": "tiny",
@@ -83,6 +88,142 @@ def test_resuming_takes_what_is_there_and_another_experiment_is_refused(url):
     assert made(url, resume=True).content_root == made("plain").content_root
     with pytest.raises(UsageError, match=r"holds the dataset of another experiment; choose another --out$"):
         made(url, seed=5, resume=True)
+
+
+# --- an upload that was interrupted
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """Go to a machine: its folder of unfinished uploads is another."""
+
+    def go(name):
+        monkeypatch.setattr(upload, "cache_base", lambda: str(tmp_path / name))
+
+    go("first")
+    return go
+
+
+def interrupted(monkeypatch, url, puts, torn=False, **options):
+    """An upload that ends after so many files, or in the next one."""
+    calls, put = iter(range(puts)), Remote.put
+
+    def failing(self, source, path):
+        if next(calls, None) is None:
+            if torn:
+                Path("part").write_bytes(source.read_bytes()[:-7])
+                put(self, Path("part"), path)
+            raise OSError("connection lost")
+        put(self, source, path)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Remote, "put", failing)
+        with pytest.raises(IbdataError, match=r"connection lost; --resume uploads what is missing$"):
+            made(url, **options)
+
+
+def names(folder="there"):
+    """The names of the files below a folder."""
+    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())
+
+
+def is_one_dataset(url):
+    """Whether a URL holds the files of its dataset, and no others."""
+    dataset = ibdata.open(url)
+    listed = [file["path"] for file in dataset.manifest["files"]]
+    rows = sum(pq.read_metadata(path).num_rows for path in Path("there/data").iterdir())
+    return names() == sorted([*listed, manifest.PATH]) and rows == len(dataset) and ibdata.validate(url) == []
+
+
+@pytest.mark.parametrize(("puts", "torn"), [(0, True), *itertools.product((1, 5, 9), (False, True))])
+def test_an_upload_is_resumed_here_and_begun_again_on_another_machine(url, machine, monkeypatch, puts, torn):
+    root = made("plain").content_root
+    for name in ("first", "second"):
+        shutil.rmtree("there", ignore_errors=True)
+        machine("first")
+        interrupted(monkeypatch, url, puts, torn)
+        before = names()
+        with pytest.raises(UsageError, match="holds an upload that was interrupted; --resume"):
+            made(url)
+        assert names() == before
+        machine(name)
+        if puts == 0 and name == "second":
+            with pytest.raises(UsageError, match=r"there/meta/pending\.json: found no valid JSON"):
+                made(url, resume=True)
+            assert names() == before
+            continue
+        assert made(url, resume=True).content_root == root
+        assert is_one_dataset(url)
+
+
+@pytest.mark.parametrize("name", ["first", "second"])
+@pytest.mark.parametrize("puts", [1, 4, 9])
+def test_an_upload_of_another_experiment_is_left_alone(url, machine, monkeypatch, puts, name):
+    interrupted(monkeypatch, url, puts)
+    before = names()
+    machine(name)
+    for options in ({}, {"resume": True}):
+        with pytest.raises(UsageError, match=r"upload (that was interrupted|of another experiment);"):
+            made(url, seed=1, **options)
+    assert names() == before
+    assert made(url, resume=True).manifest["experiments"][0]["seed"] == 0
+
+
+@pytest.mark.parametrize("name", ["first", "second"])
+def test_an_upload_that_lacks_its_last_step_only_is_finished(url, machine, monkeypatch, name):
+    with monkeypatch.context() as broken:
+        broken.setattr(Remote, "remove", lambda self, path: next(iter(())))
+        with pytest.raises(StopIteration):
+            made(url)
+    assert "meta/pending.json" in names()
+    before = names()
+    machine(name)
+    for options, line in (({}, "exists already"), ({"seed": 1, "resume": True}, "of another experiment")):
+        with pytest.raises(UsageError, match=line):
+            made(url, **options)
+    assert names() == before
+    made(url, resume=True)
+    assert names() == [path for path in before if path != "meta/pending.json"]
+    assert is_one_dataset(url)
+
+
+@pytest.mark.parametrize("path", ["README.md", "meta/stats.json", "data/own.parquet", manifest.PATH])
+@pytest.mark.parametrize("begun", [False, True])
+def test_files_that_no_upload_has_put_are_refused_by_name_and_left_alone(
+    url, machine, monkeypatch, path, begun
+):
+    path = f"own-{path}" if begun and path == "README.md" else path
+    path = path.replace("stats", "own") if begun else path
+    if begun:
+        interrupted(monkeypatch, url, 4)
+    Path("there", path).parent.mkdir(parents=True, exist_ok=True)
+    Path("there", path).write_text("mine")
+    before = names()
+    for options in ({}, {"resume": True}):
+        with pytest.raises(UsageError, match=rf"there.*{path}") as error:
+            made(url, **options)
+        assert "--resume" not in str(error.value)
+    assert names() == before
+    assert Path("there", path).read_text() == "mine"
+    Path("there", path).unlink()
+    made(url, resume=True)
+    assert is_one_dataset(url)
+
+
+def test_a_file_that_the_manifest_does_not_list_is_found(url):
+    made(url)
+    shutil.copy(next(Path("there/data").iterdir()), "there/data/part-00009-00000000.parquet")
+    (problem,) = ibdata.validate(url)
+    assert (problem.path, problem.rule) == ("data/part-00009-00000000.parquet", "file")
+
+
+def test_threads_may_read_one_dataset(url):
+    made(url)
+    for _ in range(5):
+        dataset = ibdata.open(url)
+        with ThreadPoolExecutor(8) as threads:
+            tables = [threads.submit(dataset.table) for _ in range(8)]
+        assert {len(table.result()) for table in tables} == {20}
 
 
 def test_what_is_copied_to_read_it_goes_with_the_process(url):

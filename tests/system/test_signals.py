@@ -1,4 +1,4 @@
-"""Signals as exceptions: at once, after what must not be cut in two, whatever other code makes of them."""
+"""Signals become exceptions, at once or at the end of a block of `held`, even if other code catches them."""
 
 from __future__ import annotations
 

@@ -1,12 +1,11 @@
-"""What is stored is read in the parts in which it was simulated, however large a file is."""
+"""Stored rows are read in the parts in which they were simulated, however large a file is."""
 
 from __future__ import annotations
 
 import ibdata
-from ibdata.maintenance import reproduce, rewrite
-from ibdata.simulation.rollout import rollout
+from ibdata.maintenance import reproduce
+from ibdata.simulation.rollout import Columns, rollout
 from ibdata.validation import rows, stored
-from ibdata.validation.stored import float_columns
 
 PART = 400  # rows
 
@@ -26,8 +25,8 @@ def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe,
 
         return columns
 
-    for module in (rows, stored, rewrite):
-        monkeypatch.setattr(module, "float_columns", seen(float_columns))
+    monkeypatch.setattr(rows, "PART_ROWS", PART)
+    monkeypatch.setattr(stored, "Columns", seen(Columns))
     monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
     uses = {
         "validate": lambda: ibdata.validate(made.path),

@@ -1,4 +1,4 @@
-"""Every rule finds its own broken row, in a file whose hash the manifest has."""
+"""Every rule finds the row that breaks it, in a file whose hash is correct."""
 
 from __future__ import annotations
 
@@ -222,3 +222,25 @@ def test_validating_never_imports_what_a_config_names(copied, monkeypatch):
     """A dataset says nothing that is run: only ibdata's own modules are there."""
     assert validate(copied) == []
     assert ibdata.open(copied).manifest["experiments"][0]["name"] == "small"
+
+
+@pytest.mark.parametrize("name", [".part-00000-aaaaaaaa.parquet", ".Part.PARQUET", ".h/part.parquet", ".h"])
+def test_hidden_parquet_and_folders_in_data_are_problems_for_some_readers_take_them(copied, shard, name):
+    path = copied / "data" / name
+    if name == ".h":
+        path.mkdir()
+    else:
+        path.parent.mkdir(exist_ok=True)
+        shutil.copy(copied / shard, path)
+    (copied / "data/.DS_Store").write_text("no reader takes it")
+    (problem,) = validate(copied)
+    assert (problem.path, problem.rule) == (f"data/{name.partition('/')[0]}", "file")
+    assert "that the manifest does not list; move it away" in problem.message
+
+
+def test_a_folder_of_somebody_that_is_called_new_hides_no_problem(copied, shard):
+    (copied / ".new").mkdir()
+    (copied / ".new/README.md").write_text("mine")
+    assert validate(copied) == []
+    shutil.copy(copied / shard, copied / "data/more.parquet")
+    assert rules(copied) == {("data/more.parquet", None, "file")}

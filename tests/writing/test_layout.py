@@ -1,4 +1,4 @@
-"""What is on disk after a run: the tree, the manifest, the metadata, the card, the Parquet files."""
+"""The files after a run: the tree, the manifest, the metadata, the card, the Parquet files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moments that merge, quantiles from an even sample, and sums in a fixed order."""
+"""Moments that can be merged, quantiles of an even sample, and sums in a fixed order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A shard that is made in parts: the same file and content as in one piece, whatever the parts."""
+"""A shard that is written in parts has the same file and content as one written at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""d3rlpy itself reads every transition; the traps of d3rlpy 2.8.1 are held here, so that a change shows."""
+"""d3rlpy reads every transition of the export. Also pins pitfalls of d3rlpy 2.8.1 to notice changes."""
 
 from __future__ import annotations
 

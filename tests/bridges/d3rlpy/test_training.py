@@ -1,4 +1,4 @@
-"""Small, but real: what d3rlpy learns from the export is scored in the benchmark."""
+"""d3rlpy learns a policy from the export, which is scored in the benchmark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The site builds without a warning and loads nothing; transfer-example.md prints what it says."""
+"""The site builds without a warning and loads no other site; transfer-example.md prints what it shows."""
 
 from __future__ import annotations
 

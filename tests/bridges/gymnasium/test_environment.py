@@ -1,4 +1,4 @@
-"""The environment under Gymnasium's own checks, and against the dataset. Run by scripts/bridges."""
+"""The environment passes Gymnasium's own checks and agrees with the dataset."""
 
 from __future__ import annotations
 

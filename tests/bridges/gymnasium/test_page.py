@@ -1,4 +1,4 @@
-"""The page's snippets run."""
+"""The snippets of docs/environment.md run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The vector environment: each lane is an environment, under all three ways to begin anew."""
+"""Each lane of the vector environment behaves as one environment, in all three modes of reset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What holds of every format holds of Minari's: the tests of tests/exporters that take a format."""
+"""The tests of tests/exporters that hold for every format, run for Minari."""
 
 from __future__ import annotations
 

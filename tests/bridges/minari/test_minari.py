@@ -1,4 +1,4 @@
-"""Minari itself reads every value again; the traps of Minari 0.5.4 are held here, so that a change shows."""
+"""Minari reads every value of the export. Also pins pitfalls of Minari 0.5.4 to notice changes."""
 
 from __future__ import annotations
 

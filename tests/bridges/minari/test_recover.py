@@ -1,4 +1,4 @@
-"""Minari makes the environment of a dataset again from its metadata."""
+"""Minari recovers the environment of a dataset from its metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TorchRL: a TensorDict from arrays, and what its reader of Minari makes of the Minari export."""
+"""TorchRL: a TensorDict from arrays, and the Minari export in TorchRL's reader."""
 
 from __future__ import annotations
 

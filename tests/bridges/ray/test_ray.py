@@ -1,4 +1,4 @@
-"""The engine ray: the same dataset, killed workers survived, nothing left that was started."""
+"""The Ray engine gives the same dataset, survives killed workers, and stops all that it starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the dataset bit for bit alike."""
+"""polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the same bits from a dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RLlib trains on the export with the printed configuration; the traps of RLlib 2.60 are held here."""
+"""RLlib trains on the export with the printed configuration. Also pins the pitfalls of RLlib 2.60."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datasets in an object store: a server of S3 on this machine, and fsspec's file system in memory."""
+"""Datasets in an object store: a local S3 server, and fsspec's file system in memory."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from moto.server import ThreadedMotoServer
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.errors import DatasetError, UsageError
+from ibdata.generation import upload
 from ibdata.system.object_store import Remote
 
 ROOT = Path(__file__).parents[3]
@@ -133,6 +134,31 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
     assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
     assert ibdata.validate(url) == []
     assert len(uploaded) == 11 - call
+
+
+@pytest.mark.parametrize("scheme", ["s3", "memory"])
+def test_another_machine_begins_an_upload_again_and_leaves_other_files(bucket, tiny, monkeypatch, scheme):
+    url, calls, put = f"{scheme}://{bucket}/a/x", iter(range(5)), Remote.put
+    monkeypatch.setattr(upload, "cache_base", lambda: "first")
+    with monkeypatch.context() as broken:
+        broken.setattr(Remote, "put", lambda self, s, path: (next(calls), put(self, s, path)))
+        with pytest.raises(StopIteration):
+            ibdata.generate(tiny, url, workers=1)
+    monkeypatch.setattr(upload, "cache_base", lambda: "second")
+    remote, before = Remote(url), Remote(url).sizes()
+    assert len(before) == 5
+    with pytest.raises(UsageError, match="holds the interrupted upload of another experiment"):
+        ibdata.generate(tiny, url, seed=1, workers=1, resume=True)
+    Path("own.parquet").write_bytes(b"mine")
+    remote.put(Path("own.parquet"), "data/own.parquet")
+    with pytest.raises(UsageError, match=r"data/own\.parquet is no part of an upload: move it away"):
+        ibdata.generate(tiny, url, workers=1, resume=True)
+    assert remote.sizes() == {**before, "data/own.parquet": 4}
+    remote.remove("data/own.parquet")
+    made = ibdata.generate(tiny, url, workers=1, resume=True)
+    assert set(remote.sizes()) == {"meta/manifest.json", *(file["path"] for file in made.manifest["files"])}
+    remote.put(Path("own.parquet"), "data/own.parquet")
+    assert [problem.path for problem in ibdata.validate(url)] == ["data/own.parquet"]
 
 
 def test_a_server_that_breaks_off_is_an_error_of_one_line(bucket, tiny):

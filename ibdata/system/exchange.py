@@ -1,0 +1,45 @@
+"""Two folders that change places in one system call, and whether the system would move a folder at all."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+from pathlib import Path
+
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
+
+
+def exchanged(a: Path, b: Path) -> bool:
+    """Let two folders change places in one system call; False where there is none that can."""
+    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if call is None:
+        return False
+    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(b))
+
+
+def refuse_immovable(folder: Path, full: Path) -> None:
+    """Raise OSError where the system would not move a folder, such as a mount, or one that is read-only.
+
+    Args:
+        folder: The folder, which stays where it is.
+        full: A folder elsewhere that holds something. No folder can replace it, so trying tells the reason.
+    """
+    try:
+        folder.rename(full)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise naming(folder, error) from error
+    else:  # against POSIX
+        full.rename(folder)
+        raise OSError(errno.ENOTSUP, "the file system lets a folder replace one that holds something")
+
+
+def naming(path: Path, error: OSError) -> OSError:
+    """The error with the name of the file or folder that it is about."""
+    return OSError(error.errno, f"{path.name}: {error.strerror}")

@@ -1,0 +1,54 @@
+"""A step of the environment against the published package's, and of many lanes against one."""
+
+import importlib.util
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from measuring.timing import Row, paired
+
+LANES, STEPS, ROUNDS = 256, 500, 50
+
+
+def environments() -> list[Row]:
+    """All three in this process, taking turns; nothing without Gymnasium."""
+    if not importlib.util.find_spec("gymnasium"):
+        return []
+    from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
+
+    vars(np)["float"] = float  # which the published package still uses
+    IDS = import_module("industrial_benchmark_python.IDS").IDS
+
+    one, many = IndustrialBenchmarkEnv(setpoint=70), IndustrialBenchmarkVectorEnv(LANES, setpoint=70)
+    theirs = IDS(p=70, inital_seed=0)
+    one.reset(seed=0)
+    many.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (STEPS, LANES, 3)).astype(np.float32)
+
+    def loop(step: Any, given: Any) -> None:
+        for action in given:
+            step(action)
+
+    count = STEPS // 10
+    seconds, package, lanes = paired(
+        lambda: loop(one.step, actions[:, 0]),
+        lambda: loop(theirs.step, actions[:count, 0]),
+        lambda: loop(many.step, actions[:count]),
+        times=ROUNDS,
+    )
+    mine, its, each = 1e6 * seconds / STEPS, 1e6 * package / count, 1e6 * lanes / count / LANES
+    return [
+        (
+            "a step of the environment, against the published package's",
+            f"{mine / its:.3f} ×",
+            "≤ 0.1 ×",
+            f"{mine:.1f} µs with observation, reward and hidden state; its step {its:.1f}, without them",
+        ),
+        (
+            f"steps a second, {LANES} lanes against the single environment",
+            f"{mine / each:.1f} ×",
+            "≥ 10 ×",
+            f"{1 / each:.2f} million",
+        ),
+    ]
