@@ -15,7 +15,8 @@ from ibdata.cli._shared import folder_argument, json_option, print_json, say
 def command(folder: Path, as_json: bool) -> None:
     """Write a dataset's card (README.md) and its report (report.html).
 
-    The report shows pictures, experiment, statistics and provenance in one file, which needs no network.
+    The report shows pictures, returns, statistics, experiment and provenance in one file, which needs no
+    network. Without matplotlib only the card is written.
 
     \b
     ibdata card data/random
@@ -24,7 +25,7 @@ def command(folder: Path, as_json: bool) -> None:
     from ibdata.maintenance.card import card
 
     dataset = card(folder)
-    files = [manifest.CARD, manifest.REPORT]
+    files = [name for name in (manifest.CARD, manifest.REPORT) if name in dataset.manifest_model.entries()]
     if as_json:
         print_json({"path": str(folder), "files": files, "content_root": dataset.content_root})
         return

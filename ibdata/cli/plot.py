@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
-from ibdata.plots import FOLDER, FORMS, plot, plots
+from ibdata.plots import FORMS, plot, plots
 
 
 @click.command(
@@ -18,16 +18,14 @@ from ibdata.plots import FOLDER, FORMS, plot, plots
     "--out",
     type=click.Path(path_type=Path),
     metavar="FOLDER",
-    default=FOLDER,
-    show_default=True,
-    help="The folder for the files.",
+    help="The folder for the files; default figures/<name of DIR>.",
 )
 @click.option(
     "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 @json_option
-def command(folder: Path, out: Path, form: str, overwrite: bool, as_json: bool) -> None:
+def command(folder: Path, out: Path | None, form: str, overwrite: bool, as_json: bool) -> None:
     """Draw all pictures of a dataset and print the names of the files.
 
     \b

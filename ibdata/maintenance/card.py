@@ -1,14 +1,15 @@
-"""Writing a dataset's card, README.md, and its report, report.html; needs the extra `plot` (matplotlib)."""
+"""Writing a dataset's card, README.md, and its report, report.html; the report needs matplotlib."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import UsageError
-from ibdata.experiment.dataset_spec import spec_in
+from ibdata.errors import MissingError, UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.generation import output_folder, replacement
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
@@ -25,8 +26,10 @@ from ibdata.writing.metadata import unread_shards
 def card(folder: str | os.PathLike[str]) -> Dataset:
     """Write the card README.md and the report report.html of a dataset, replacing old ones, and open it.
 
-    The report shows pictures, experiment, statistics and provenance in one file that needs no network. The
-    manifest lists both files; no row and no other file changes. The same dataset gives the same bytes.
+    The report shows pictures, returns, statistics, experiment and provenance in one file that needs no
+    network. The manifest lists both files; no row and no other file changes. The same dataset gives the same
+    bytes. Without matplotlib only README.md is written, a report stays as it is, and a line on stderr says
+    what to install.
 
     Args:
         folder: The folder of the dataset.
@@ -35,7 +38,6 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
         UsageError: ibdata did not write the README.md or report.html that is there.
         DatasetError: There is no finished dataset.
         BusyError: Another process writes to the dataset.
-        MissingError: matplotlib is not installed.
         IbdataError: The system refuses to write; nothing is changed.
     """
     path = Path(folder)
@@ -46,7 +48,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     _refuse_foreign_report(path, dataset)
     spec = spec_in(path, dataset.manifest_model)
     refuse_other_plan(spec, dataset.manifest_model)
-    report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
+    report = _report(dataset, spec)  # before the lock: it may take minutes
     with writing_to(path):
         replacement.finish_interrupted(path)
         manifest.refuse_replaced(path, dataset.manifest_model)
@@ -56,10 +58,20 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
             replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
             made = readme(spec, unread_shards(spec, listed), dataset.content_root)
             entries[manifest.CARD] = write(staged, manifest.CARD, made)
-            entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
+            if report is not None:
+                entries[manifest.REPORT] = write(staged, manifest.REPORT, report)
             data = rewritten_manifest(listed, entries, versions=listed.versions)
             write(staged, manifest.PATH, data)
     return Dataset(path)
+
+
+def _report(dataset: Dataset, spec: DatasetSpec) -> bytes | None:
+    """The bytes of report.html; None, and a line on stderr, where matplotlib is not installed."""
+    try:
+        return page(dataset, spec, drawn(dataset))
+    except MissingError as error:
+        print(f"ibdata: {manifest.REPORT} is not written: {error}", file=sys.stderr, flush=True)
+        return None
 
 
 def _refuse_foreign_report(path: Path, dataset: Dataset) -> None:

@@ -7,12 +7,13 @@ import pkgutil
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import IbdataError, UsageError
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.plots.summary import Summary
 
 FOLDER = "figures"
 DYNAMICS = ("siemens", "paper")
@@ -73,18 +74,19 @@ def figure(
 
 def plot(
     dataset: Dataset | str | os.PathLike[str],
-    out: str | os.PathLike[str] = FOLDER,
+    out: str | os.PathLike[str] | None = None,
     form: str = "png",
     overwrite: bool = False,
 ) -> list[Path]:
     """Draw all pictures of a dataset into a folder. Equal datasets give equal bytes.
 
-    The pictures are actions, coverage, returns, rewards, splits, traces (of the episode with the median
-    return) and tradeoff, each in a file of that name. They show all rows, in constant memory.
+    The pictures are actions, coverage, returns, rewards, splits (where there are some), traces (of the
+    episode with the median return) and tradeoff, each in a file of that name. They count all rows, in
+    constant memory.
 
     Args:
         dataset: a dataset or its folder.
-        out: the folder for the pictures.
+        out: the folder for the pictures; by default figures/<name of the dataset's folder>.
         form: "png" or "svg".
         overwrite: whether to replace existing files.
 
@@ -98,27 +100,53 @@ def plot(
         IbdataError: a file cannot be written.
     """
     _one_of("form", form, FORMS)
-    paths = {name: Path(out, f"{name}.{form}") for name in plots()}
+    summary = _summary(dataset)
+    folder = Path(FOLDER, _folder_name(summary.dataset)) if out is None else Path(out)
+    paths = {name: folder / f"{name}.{form}" for name in _sizes(summary)}
     for path in paths.values():
         _refuse_existing(path, overwrite)
-    pictures = drawn(dataset, form)
-    for name, path in paths.items():
-        _write(path, pictures[name])
+    for name, data in _drawn(summary, form).items():
+        _write(paths[name], data)
     return list(paths.values())
 
 
-def drawn(dataset: Dataset | str | os.PathLike[str], form: str = "png") -> dict[str, bytes]:
-    """The pictures of a dataset by name. Raises the errors of `plot`."""
+def drawn(dataset: Dataset) -> dict[str, bytes]:
+    """The pictures of a dataset as PNG, by name. Raises DatasetError and MissingError as `plot` does."""
+    return _drawn(_summary(dataset), "png")
+
+
+def _summary(dataset: Dataset | str | os.PathLike[str]) -> Summary:
     from ibdata.dataset.reader import Dataset
-    from ibdata.plots.style import image
     from ibdata.plots.summary import Summary
 
-    summary = Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset))
+    return Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset))
+
+
+def _folder_name(dataset: Dataset) -> str:
+    """The last part of a dataset's folder or URL."""
+    return os.path.basename(os.path.abspath(dataset.place.partition("?")[0]))
+
+
+def _sizes(summary: Summary) -> dict[str, tuple[float, float]]:
+    """The sizes in inches of the pictures that show something of this dataset, by name."""
+    sizes = {name: module_of(name).size(summary) for name in plots()}
+    return {name: size for name, size in sizes.items() if size is not None}
+
+
+def _drawn(summary: Summary, form: str) -> dict[str, bytes]:
+    from ibdata.plots.style import DATASET_DPI, image
+
     made = {}
-    for name in plots():
-        module = import_module(f"ibdata.plots.dataset.{name}")
-        made[name] = image(partial(module.draw, summary=summary), module.size(summary), form)
+    for name, size in _sizes(summary).items():
+        module = module_of(name)
+        heading = f"{module.TITLE}: {summary.dataset.info_model.name}"
+        made[name] = image(partial(module.draw, summary=summary), size, form, heading, DATASET_DPI)
     return made
+
+
+def module_of(name: str) -> Any:
+    """The module of a picture of a dataset."""
+    return import_module(f"ibdata.plots.dataset.{name}")
 
 
 def _modules(folder: str) -> list[str]:

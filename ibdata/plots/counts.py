@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.models import Quantile
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError
 from ibdata.plots.groups import Episodes, Floats, Numbers
@@ -19,14 +20,20 @@ COSTS = ("next_obs_consumption", "next_obs_fatigue")
 STEERING_EDGES = np.linspace(0.0, 100.0, 51)
 ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins, so that 0 is in the middle of one
 COST_BINS = 60
+TAILS: tuple[Quantile, Quantile] = ("0.05", "0.95")
+ROOM = 0.75  # on both sides of these quantiles, as a share of their distance
 
 
 class Counts(NamedTuple):
-    """Histograms over all rows. A bin includes its lower edge, and the last bin its upper edge too."""
+    """Histograms over all rows. A bin includes its lower edge, and the last bin its upper edge too.
 
+    Rewards and costs far from the others are in no bin.
+    """
+
+    rows: Numbers  # (setpoints, policies)
     reward_edges: Floats
-    rewards: Numbers  # (setpoints, bins)
-    coverage: Numbers  # (pairs of steerings, bins of the first, bins of the second)
+    rewards: Numbers  # (setpoints, policies, bins)
+    coverage: Numbers  # (policies, pairs of steerings, bins of the first, bins of the second)
     cost_edges: tuple[Floats, Floats]
     costs: Numbers  # (bins of consumption, bins of fatigue)
     mean_costs: Floats  # (setpoints, policies, 2); NaN where there are no rows
@@ -35,20 +42,21 @@ class Counts(NamedTuple):
 
 def count(dataset: Dataset, episodes: Episodes) -> Counts:
     """Count the rows of a dataset. Raises DatasetError if rows or statistics are damaged."""
-    edges = {name: _edges(dataset, name) for name in ("reward", *COSTS)}
-    cells = len(episodes.setpoints) * len(episodes.policies)
+    edges = {name: _edges(dataset, name) for name in COSTS}
+    reward_edges = _edges(dataset, "reward", episodes.returns / episodes.length)
+    cells, policies = (len(episodes.setpoints), len(episodes.policies)), len(episodes.policies)
     cost_edges = (edges[COSTS[0]], edges[COSTS[1]])
     made = Counts(
-        edges["reward"],
-        np.zeros((len(episodes.setpoints), COST_BINS), np.int64),
-        np.zeros((len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
+        np.zeros(cells, np.int64),
+        reward_edges,
+        np.zeros((*cells, COST_BINS), np.int64),
+        np.zeros((policies, len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
         cost_edges,
         np.zeros((COST_BINS, COST_BINS), np.int64),
-        np.zeros((cells, 2)),
-        np.zeros((len(episodes.policies), len(ACTIONS), len(ACTION_EDGES) - 1), np.int64),
+        np.zeros((*cells, 2)),
+        np.zeros((policies, len(ACTIONS), len(ACTION_EDGES) - 1), np.int64),
     )
-    rows = np.zeros(cells, np.int64)
-    cell, stops = episodes.cell(), np.cumsum(episodes.length)
+    stops = np.cumsum(episodes.length)
     first = 0
     for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
         stop = first + batch.num_rows
@@ -56,29 +64,30 @@ def count(dataset: Dataset, episodes: Episodes) -> Counts:
             break
         of = np.searchsorted(stops, np.arange(first, stop), side="right")
         x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
-        _add(made, x, episodes.setpoint[of], episodes.policy[of], cell[of])
-        rows += np.bincount(cell[of], minlength=cells)
+        _add(made, x, episodes.setpoint[of], episodes.policy[of])
         first = stop
     if first != stops[-1]:
         raise DatasetError(
             f"{dataset.path}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "
             f"see ibdata validate {dataset.path}"
         )
-    sums = np.where(rows[:, None] > 0, made.mean_costs, np.nan) / np.maximum(rows, 1)[:, None]
-    return made._replace(mean_costs=sums.reshape(len(episodes.setpoints), len(episodes.policies), 2))
+    rows = made.rows[..., None]
+    return made._replace(mean_costs=np.where(rows > 0, made.mean_costs, np.nan) / np.maximum(rows, 1))
 
 
-def _add(
-    made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers, cell: Numbers
-) -> None:
+def _add(made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers) -> None:
     """Add rows to the counts; mean_costs holds sums until all rows are counted."""
-    _into(made.rewards, setpoint, bins(x["reward"], made.reward_edges))
+    _into(made.rows, setpoint, policy)
+    near = _within(x["reward"], made.reward_edges)
+    _into(made.rewards, setpoint[near], policy[near], bins(x["reward"][near], made.reward_edges))
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
-    for into, (a, b) in zip(made.coverage, PAIRS, strict=True):
-        _into(into, places[a], places[b])
-    _into(made.costs, *(bins(x[name], edges) for name, edges in zip(COSTS, made.cost_edges, strict=True)))
-    for i, name in enumerate(COSTS):
-        made.mean_costs[:, i] += np.bincount(cell, weights=x[name], minlength=len(made.mean_costs))
+    for i, (a, b) in enumerate(PAIRS):
+        _into(made.coverage[:, i], policy, places[a], places[b])
+    costs = list(zip([x[name] for name in COSTS], made.cost_edges, strict=True))
+    near = np.logical_and(*(_within(values, edges) for values, edges in costs))
+    _into(made.costs, *(bins(values[near], edges) for values, edges in costs))
+    for i, (values, _) in enumerate(costs):
+        _into(made.mean_costs[..., i], setpoint, policy, weights=values)
     for i, name in enumerate(ACTIONS):
         _into(made.actions[:, i], policy, bins(x[name], ACTION_EDGES))
 
@@ -92,13 +101,18 @@ def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
-def _into(counts: Numbers, row: Numbers, column: Numbers) -> None:
-    wide = counts.shape[1]
-    counts += np.bincount(row * wide + column, minlength=counts.size).reshape(counts.shape)
+def _within(values: npt.NDArray[Any], edges: Floats) -> npt.NDArray[np.bool_]:
+    inside: npt.NDArray[np.bool_] = (values >= edges[0]) & (values <= edges[-1])
+    return inside
 
 
-def _edges(dataset: Dataset, name: str) -> Floats:
-    """Edges of equal bins from the minimum to the maximum of a column in meta/stats.json."""
+def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] | None = None) -> None:
+    flat = np.ravel_multi_index(places, counts.shape)
+    counts += np.bincount(flat, weights, minlength=counts.size).reshape(counts.shape)
+
+
+def _edges(dataset: Dataset, name: str, needed: Floats | None = None) -> Floats:
+    """Edges of equal bins around the quantiles of 5 and 95 % in meta/stats.json, and around some values."""
     stat = dataset.statistics().get(name, {})
     low, high = stat.get("min"), stat.get("max")
     if low is None or high is None or low > high:
@@ -106,4 +120,10 @@ def _edges(dataset: Dataset, name: str) -> Floats:
             f"{dataset.path}: meta/stats.json: {name}: found min {low} and max {high}, expected numbers with "
             f"min <= max; see ibdata validate {dataset.path}"
         )
+    tails = [stat["quantiles"][tail] for tail in TAILS]
+    if None not in tails:
+        first, last = np.sort(np.clip(tails, low, high))
+        room = ROOM * (last - first)
+        wanted = np.append([first - room, last + room], [] if needed is None else needed)
+        low, high = max(low, wanted.min()), min(high, wanted.max())
     return np.linspace(*((low, high) if low < high else (low - 0.5, high + 0.5)), COST_BINS + 1)

@@ -5,44 +5,21 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from importlib import import_module
+from itertools import combinations
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.plots import module_of
+from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
+CAPTION = 130  # height of a caption and a gap, in thousandths of a column's width
 SHOWN = ("mean", "std", "min", "max")
-CAPTIONS = {
-    "rewards": "The reward of a step is -consumption - 3 · fatigue of the next observation.",
-    "returns": "The return of an episode is the sum of its rewards.",
-    "actions": "Spikes are actions that the policy takes again and again.",
-    "coverage": "How often each pair of velocity, gain and shift was visited.",
-    "tradeoff": "The two costs of every step; steps at the lower left have the highest reward.",
-    "splits": "Which episodes each split holds, and how many two splits share.",
-    "traces": "Observed variables and, if the dataset has them, hidden ones.",
-}
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 70rem; padding: 1rem; }
-h1, h2 { line-height: 1.2; overflow-wrap: anywhere; }
-table { border-collapse: collapse; font-size: .875rem; }
-th, td { padding: .25rem .75rem .25rem 0; text-align: left; vertical-align: top; }
-th { border-bottom: 1px solid; }
-td.number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
-.wide { overflow-x: auto; }
-.pictures { align-items: start; display: grid; gap: 1.5rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 22rem), 1fr)); }
-figure { margin: 0; }
-img { background: #fff; display: block; height: auto; max-width: 100%; }
-figcaption { font-size: .875rem; }
-pre { font-size: .8125rem; overflow-x: auto; }
-code.root { overflow-wrap: anywhere; }
-"""
 LOAD = """\
 import pandas as pd
 data = pd.read_parquet("data")  # in the dataset's folder
@@ -55,17 +32,24 @@ ds.episodes, ds.statistics(), ds.arrays(history=30)["observations"]"""
 def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> bytes:
     """The report on a dataset; `pictures` are PNG by name."""
     name = escape(spec.name)
-    parts = [
+    sections = {
+        "Pictures": _pictures(pictures),
+        "Returns and scores": _returns(dataset),
+        "Splits": _splits(dataset),
+        "Statistics": _statistics(dataset),
+        "Columns": _columns(dataset),
+        "Experiment": _experiments(spec),
+        "Load it": [f"<pre><code>{escape(LOAD)}</code></pre>"],
+        "Where it comes from": _provenance(dataset),
+    }
+    made = {title: section for title, parts in sections.items() if (section := list(parts))}
+    contents = [f'<li><a href="#{_id(title)}">{title}</a></li>' for title in made]
+    lines = [
         f"<h1>{name}</h1>",
         f"<p>{escape(ABOUT)}</p>",
         _table((), [(key, value.replace("`", "")) for key, value in facts(spec)]),
-        *_section("Pictures", f'<div class="pictures">{"".join(_pictures(pictures))}</div>'),
-        *_section("Splits", *_splits(dataset)),
-        *_section("Statistics", *_statistics(dataset)),
-        *_section("Columns", *_columns(dataset)),
-        *_section("Experiment", *_experiments(spec)),
-        *_section("Load it", f"<pre><code>{escape(LOAD)}</code></pre>"),
-        *_section("Where it comes from", *_provenance(dataset)),
+        f'<nav aria-label="Contents"><ul>{"".join(contents)}</ul></nav>',
+        *(line for title, own in made.items() for line in (f'<h2 id="{_id(title)}">{title}</h2>', *own)),
     ]
     head = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -73,49 +57,87 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> 
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{name}: an Industrial Benchmark dataset</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
     )
-    return (head + "\n".join(parts) + "\n</body>\n</html>\n").encode()
+    return (head + "\n".join(lines) + "\n</body>\n</html>\n").encode()
 
 
-def _section(title: str, *parts: str) -> list[str]:
-    return [f"<h2>{title}</h2>", *parts]
+def _id(title: str) -> str:
+    return title.lower().replace(" ", "-")
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table of the first 100 rows. Texts are on the left, numbers on the right; None is a dash."""
     everything = list(rows)
-    lines = ['<div class="wide"><table>']
+    lines = ['<div class="wide" tabindex="0"><table>']
     if head:
-        lines.append(f"<thead><tr>{''.join(f'<th>{escape(text)}</th>' for text in head)}</tr></thead>")
+        first = everything[0] if everything else head
+        names = (f"<th{_kind(value)}>{escape(text)}</th>" for text, value in zip(head, first, strict=True))
+        lines.append(f"<thead><tr>{''.join(names)}</tr></thead>")
     lines += [f"<tr>{''.join(map(_cell, row))}</tr>" for row in everything[:MOST]]
     more = f"<p>and {len(everything) - MOST} more</p>" if len(everything) > MOST else ""
     return "\n".join([*lines, "</table></div>" + more])
 
 
 def _cell(value: Any) -> str:
-    if value is None:
-        return '<td class="number">–</td>'
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return f'<td class="number">{value if isinstance(value, int) else f"{value:.6g}"}</td>'
-    return f"<td>{escape(str(value))}</td>"
+    text = "–" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"<td{_kind(value)}>{escape(text)}</td>"
+
+
+def _kind(value: Any) -> str:
+    number = value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+    return ' class="number"' if number else ""
 
 
 def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
-    for name, caption in CAPTIONS.items():
-        title = import_module(f"ibdata.plots.dataset.{name}").TITLE
-        data = base64.b64encode(pictures[name]).decode()
-        yield (
-            f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{data}">'
-            f"<figcaption><strong>{escape(title)}.</strong> {escape(caption)}</figcaption></figure>"
-        )
+    """Two columns whose widths make them equally high."""
+    sizes = {name: _size(data) for name, data in pictures.items()}
+    heights = {name: CAPTION + 1000 * height // width for name, (width, height) in sizes.items()}
+    total = sum(heights.values())
+    choices = (choice for count in range(len(heights)) for choice in combinations(heights, count))
+    first = min(choices, key=lambda choice: abs(total - 2 * sum(heights[name] for name in choice)))
+    yield '<div class="pictures">'
+    for names in (first, [name for name in heights if name not in first]):
+        other = total - sum(heights[name] for name in names)
+        yield f'<div style="--width: {other}">'
+        yield from (_picture(name, pictures[name]) for name in names)
+        yield "</div>"
+    yield "</div>"
+
+
+def _picture(name: str, data: bytes) -> str:
+    """A picture that a click enlarges to its own size; its caption is the docstring of its module."""
+    module, (width, height) = module_of(name), _size(data)
+    title, caption = escape(module.TITLE), escape(" ".join(module.__doc__.split()))
+    source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
+    return (
+        f'<figure id="picture-{name}"><div class="picture" id="large-{name}">'
+        f'<a class="close" href="#picture-{name}">close</a><a href="#large-{name}" title="enlarge">'
+        f'<img alt="{title}" width="{width}" height="{height}" src="{source}"></a></div>'
+        f"<figcaption><strong>{title}.</strong> {caption}</figcaption></figure>"
+    )
+
+
+def _size(png: bytes) -> tuple[int, int]:
+    """(width, height) of a PNG in pixels, from its header."""
+    return int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
+
+
+def _returns(dataset: Dataset) -> Iterable[str]:
+    found = dataset.returns()
+    rows = [
+        (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
+         None if r["score"] is None else round(r["score"], 1))
+        for r in found["results"]
+    ]  # fmt: skip
+    yield _table(("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score"), rows)
+    if found["scale"]:
+        yield f"<p>score: {escape(found['scale'])}</p>"
 
 
 def _splits(dataset: Dataset) -> Iterable[str]:
     splits = dataset.info_model.splits
-    if not splits:
-        yield "<p>None.</p>"
-        return
-    rows = [(name, s.episodes, s.rows, _files(s.files)) for name, s in splits.items()]
-    yield _table(("split", "episodes", "rows", "files"), rows)
+    if splits:
+        rows = [(name, s.episodes, s.rows, _files(s.files)) for name, s in splits.items()]
+        yield _table(("split", "episodes", "rows", "files"), rows)
 
 
 def _files(files: list[str] | None) -> str:

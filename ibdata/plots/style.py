@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,6 +17,7 @@ try:
     import matplotlib
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 except ModuleNotFoundError:
@@ -43,8 +45,12 @@ SETTINGS: Any = {
     "text.parse_math": False,  # a $ in the names of a dataset stays a $
     "svg.hashsalt": "ibdata",  # without it, the ids in the file are random
 }
+GREYS = LinearSegmentedColormap.from_list("greys", ["0.82", "0.1"])  # also the lightest differs from white
 DPI = 150
+DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100
+LEFT = 0.015  # of the texts above a picture
+HEADING = 56  # characters of a line above a picture
 
 
 @contextmanager
@@ -56,14 +62,33 @@ def _plain() -> Iterator[None]:
         yield
 
 
-def image(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
-    """Render a picture of size (width, height) in inches as the bytes of a file; form is png or svg."""
+def image(
+    draw: Callable[[Figure], None],
+    size: tuple[float, float],
+    form: str,
+    heading: str | None = None,
+    dpi: int = DPI,
+) -> bytes:
+    """Render a picture as the bytes of a file.
+
+    Args:
+        draw: draws into an empty figure.
+        size: (width, height) in inches.
+        form: "png" or "svg".
+        heading: a text to write above the figure's own title.
+        dpi: pixels per inch of a PNG.
+    """
     with _plain():
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
+        if heading:
+            lines = textwrap.wrap(heading, HEADING)
+            figure.suptitle("\n" * len(lines) + figure.get_suptitle(), x=LEFT, ha="left", size=9)
+            top = 1.0 - matplotlib.rcParams["figure.constrained_layout.h_pad"] / size[1]
+            figure.text(LEFT, top, "\n".join(lines), va="top", weight="bold")
         out = io.BytesIO()
         metadata = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
-        figure.savefig(out, format=form, dpi=DPI, metadata=metadata)
+        figure.savefig(out, format=form, dpi=dpi, metadata=metadata)
         return out.getvalue()
 
 
@@ -82,8 +107,13 @@ def legend_beside(axes: Axes) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
+def legend_above(axes: Axes) -> None:
+    """Put the legend above the axes, where it hides nothing."""
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0, columnspacing=1.2)
+
+
 def counted(
-    axes: Axes, counts: Any, extent: tuple[float, float, float, float], norm: Any, colors: str = "cividis"
+    axes: Axes, counts: Any, extent: tuple[float, float, float, float], norm: Any, colors: Any = "cividis"
 ) -> Any:
     """Draw counts (along x, along y) as an image; 0 is white. extent: low x, high x, low y, high y."""
     shown = np.ma.masked_equal(counts.T, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -116,7 +117,7 @@ def test_the_report_is_whole_html_that_loads_nothing(carded):
     page = Page(text)
     assert text.startswith("<!DOCTYPE html>\n")
     assert "://" not in text
-    assert {name for _, name, _ in page.attributes} & {"href", "srcset", "onload", "action", "data"} == set()
+    assert {name for _, name, _ in page.attributes} & {"srcset", "onload", "action", "data"} == set()
     assert not {tag for tag, *_ in page.attributes} & {"script", "link", "iframe", "object"}
     assert all(value.startswith("data:image/png;base64,") for value in page.all("img", "src"))
     assert page.all("html", "lang") == ["en"]
@@ -129,6 +130,46 @@ def test_the_report_has_the_pictures_and_names_each(carded):
     shown = {base64.b64decode(value.partition(",")[2]) for value in page.all("img", "src")}
     assert shown == set(drawn(carded).values())
     assert len(shown) == len(plots()) == len(set(page.all("img", "alt")))
+
+
+def test_links_stay_in_the_page_and_reach_each_section_and_each_enlarged_picture(carded):
+    page = Page((carded.path / manifest.REPORT).read_text())
+    ids = [value for _, name, value in page.attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    links = page.all("a", "href")
+    assert {link.removeprefix("#") for link in links} <= set(ids)
+    assert set(page.all("h2", "id")) <= {link.removeprefix("#") for link in links}
+    assert {f"#large-{name}" for name in plots()} <= set(links)
+
+
+def test_the_report_has_the_returns_and_the_scores(plain, tmp_path):
+    longer = Experiment.model_validate({**PLAIN, "episodes": 2, "steps": 1000})
+    dataset = card(ibdata.generate(longer, tmp_path / "longer", workers=1).path)
+    found = dataset.returns()
+    page = Page((dataset.path / manifest.REPORT).read_text())
+    cells = page.texts["td"]
+    for result in found["results"]:
+        row = [result["policy"], f"{result['setpoint']:g}", str(result["episodes"])]
+        row += [f"{result[key]:.6g}" for key in ("mean_return", "standard_error", "mean_reward")]
+        row.append("–" if result["score"] is None else f"{round(result['score'], 1):.6g}")
+        assert row in [cells[at : at + 7] for at in range(len(cells))]
+    assert f"score: {found['scale']}" in page.texts["p"]
+
+
+def test_without_matplotlib_the_card_is_written_and_a_line_says_what_to_install(ibdata, plain, tmp_path):
+    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
+    before = contents(folder)
+    (folder / "README.md").unlink()
+    (tmp_path / "matplotlib.py").write_text("raise ModuleNotFoundError('matplotlib')")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = ibdata("card", "copied", env={**os.environ, "PYTHONPATH": path})
+    assert (done.returncode, done.stdout) == (0, "copied/README.md\n")
+    assert done.stderr == (
+        "ibdata: report.html is not written: ibdata.plots needs the package matplotlib: "
+        "pip install matplotlib, or 'ibdata[plot]'\n"
+    )
+    assert contents(folder) == before
+    assert validate(folder) == []
 
 
 def test_the_report_says_what_the_dataset_is(carded):

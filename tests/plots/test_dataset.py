@@ -8,10 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.lines import AxLine
 
 from ibdata.plots.summary import Summary
 
 pytestmark = pytest.mark.slow
+POLICIES = ["random", "safe", "mediocre"]
 
 
 def pictured(name, dataset):
@@ -26,17 +28,32 @@ def rows(dataset):
     return dataset.to_pandas().merge(labels, on="episode")
 
 
-def test_rewards_are_the_share_of_each_setpoint_s_steps(many):
-    (axes,) = pictured("rewards", many).axes
-    groups = rows(many).groupby("setpoint")["reward"]
-    drawn = [patch.get_data() for patch in axes.patches]
-    shares = [np.histogram(x.astype("float64"), drawn[0].edges)[0] / len(x) for _, x in groups]
-    assert drawn[0].edges[[0, -1]].tolist() == [groups.min().min(), groups.max().max()]
-    assert len(drawn) == 3
-    for i, (data, share) in enumerate(zip(drawn, shares, strict=True)):
-        assert np.allclose(data.values - i, 0.92 * share / np.max(shares), atol=1e-12)
+def near(x):
+    """The ends of an axis: ¾ of the distance of the 5 and 95 % quantiles beyond them, within the values."""
+    first, last = np.quantile(x, [0.05, 0.95], method="inverted_cdf")
+    room = 0.75 * (last - first)
+    return max(x.min(), first - room), min(x.max(), last + room)
+
+
+def test_rewards_are_the_share_of_each_policy_s_steps_at_each_setpoint(many):
+    figure = pictured("rewards", many)
+    (axes,) = figure.axes
+    data = rows(many).astype({"reward": "float64"})
+    means = data.groupby("episode")["reward"].mean()
+    outlines = [patch.get_data() for patch in axes.patches if not patch.get_fill()]
+    edges, cells = outlines[0].edges, iter(outlines)
+    low, high = near(data["reward"])
+    assert np.allclose(edges[[0, -1]], [min(low, means.min()), max(high, means.max())], rtol=0.02)
+    for i, setpoint in enumerate([20, 50, 80]):
+        own = [data.query(f"setpoint == {setpoint} and policy == '{p}'")["reward"] for p in POLICIES]
+        shares = [np.histogram(x, edges)[0] / len(x) for x in own]
+        for share in shares:
+            assert np.allclose(next(cells).values - i, 0.92 * share / np.max(shares), atol=1e-12)
     assert [label.get_text() for label in axes.get_yticklabels()] == ["20", "50", "80"]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == POLICIES
     assert axes.get_xlabel() == "reward -c - 3f of the next observation (cost)"
+    beyond = ((data["reward"] < edges[0]) | (data["reward"] > edges[-1])).mean()
+    assert (f"{beyond:.2%}" in figure.get_suptitle()) == (beyond > 0)
 
 
 def test_returns_are_quantiles_of_sums_of_rewards(many):
@@ -66,49 +83,59 @@ def test_returns_of_episodes_of_different_length_are_means(merged):
 @pytest.mark.parametrize(
     ("panel", "x", "y"), [(0, "velocity", "gain"), (1, "velocity", "shift"), (2, "gain", "shift")]
 )
-def test_coverage_counts_the_visits_of_each_square(many, panel, x, y):
-    axes = pictured("coverage", many).axes[panel]
-    data = rows(many).astype("float64", errors="ignore")
+def test_coverage_counts_the_visits_of_each_square_under_each_policy(many, panel, x, y):
+    figure = pictured("coverage", many)
     edges = np.arange(0, 101, 2)
-    expected = pd.crosstab(
-        pd.cut(data[f"obs_{y}"], edges, right=False, labels=False).fillna(49),  # 100 belongs to the last
-        pd.cut(data[f"obs_{x}"], edges, right=False, labels=False).fillna(49),
-    ).reindex(index=range(50), columns=range(50), fill_value=0)  # fmt: skip
-    image = axes.get_images()[0]
-    assert np.array_equal(image.get_array().filled(0), expected)
-    assert image.get_extent() == [0, 100, 0, 100]
-    assert axes.get_title() == f"{(expected > 0).to_numpy().sum()} of 2500 squares visited"
+    for i, policy in enumerate(POLICIES):
+        axes = figure.axes[3 * i + panel]
+        data = rows(many).query(f"policy == '{policy}'").astype("float64", errors="ignore")
+        expected = pd.crosstab(
+            pd.cut(data[f"obs_{y}"], edges, right=False, labels=False).fillna(49),  # 100 belongs to the last
+            pd.cut(data[f"obs_{x}"], edges, right=False, labels=False).fillna(49),
+        ).reindex(index=range(50), columns=range(50), fill_value=0)  # fmt: skip
+        image = axes.get_images()[0]
+        assert np.array_equal(image.get_array().filled(0), expected)
+        assert image.get_extent() == [0, 100, 0, 100]
+        assert axes.get_title("right") == f"{(expected > 0).to_numpy().mean():.1%}"
 
 
-def test_the_trade_off_shows_every_step_and_the_means(many):
-    axes = pictured("tradeoff", many).axes[0]
+def test_the_trade_off_shows_the_steps_within_its_axes_and_all_means(many):
+    figure = pictured("tradeoff", many)
+    axes = figure.axes[0]
     data = rows(many).astype({"next_obs_consumption": "float64", "next_obs_fatigue": "float64"})
     image = axes.get_images()[0]
     c, f = data["next_obs_consumption"], data["next_obs_fatigue"]
-    box = [[c.min(), c.max()], [f.min(), f.max()]]
+    box = np.reshape(image.get_extent(), (2, 2))
+    assert np.allclose(box, [near(c), near(f)], rtol=0.02)
     assert np.array_equal(image.get_array().filled(0), np.histogram2d(c, f, 60, box)[0].T)
-    assert np.allclose(image.get_extent(), np.ravel(box))
+    beyond = 1 - image.get_array().sum() / len(data)
+    assert (f"{beyond:.2%}" in figure.get_suptitle()) == (beyond > 0)
     means = data.groupby(["policy", "setpoint"], observed=True)[[c.name, f.name]].mean()
-    for line, label in zip(axes.get_lines()[:3], ["random", "safe", "mediocre"], strict=True):
-        assert line.get_label() == label
-        assert np.allclose(np.transpose(line.get_data()), means.loc[label], rtol=1e-12)
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    for label in POLICIES:
+        assert np.allclose(np.transpose(lines[label].get_data()), means.loc[label], rtol=1e-12)
+    assert not axes.texts
 
 
 def test_lines_of_equal_reward_have_equal_reward(many):
-    for line in pictured("tradeoff", many).axes[0].get_lines()[3:]:
+    lines = [line for line in pictured("tradeoff", many).axes[0].get_lines() if isinstance(line, AxLine)]
+    assert lines
+    for line in lines:
         (c1, c2), (f1, f2) = np.transpose([line.get_xy1(), line.get_xy2()])
         assert c1 + 3 * f1 == pytest.approx(c2 + 3 * f2)
 
 
-def test_actions_are_the_share_of_each_policy_s_steps(many):
-    figure = pictured("actions", many)
+def test_actions_are_the_density_of_each_policy_s_steps(many):
+    panels = iter(pictured("actions", many).axes)
     data = rows(many)
-    for axes, column in zip(figure.axes, ["act_velocity", "act_gain", "act_shift"], strict=True):
-        for patch, label in zip(axes.patches, ["random", "safe", "mediocre"], strict=True):
+    for label in POLICIES:
+        for column in ["act_velocity", "act_gain", "act_shift"]:
             own = data[column][data["policy"] == label].astype("float64")
-            share = 100 * np.histogram(own, np.linspace(-1, 1, 42))[0] / len(own)
-            drawn = patch.get_data()
-            assert np.allclose(drawn.values, np.maximum(share, drawn.baseline), rtol=1e-12)
+            density = np.histogram(own, np.linspace(-1, 1, 42), density=True)[0]
+            axes = next(panels)
+            assert np.allclose(axes.patches[0].get_data().values, density, rtol=1e-9)
+            assert axes.get_ylim()[0] == 0
+            assert axes.get_ylim()[1] >= density.max()
 
 
 @pytest.mark.parametrize("name", ["many", "moving", "bare"])
@@ -126,18 +153,30 @@ def test_the_traces_are_those_of_the_episode_with_the_median_return(formed, name
     assert figure.get_suptitle().startswith(f"episode {episode}, ")
 
 
-def test_splits_are_the_shares_of_cells_and_the_episodes_that_are_shared(many):
-    upper, lower = pictured("splits", many).axes[:2]
-    names = ["source", "target", "target-rest", "random", "safe", "mediocre", "(none)"]
+NAMES = {"many": ["source", "target", "target-rest", "random", "safe", "mediocre"], "next": ["low", "(none)"]}
+
+
+@pytest.mark.parametrize(("form", "names"), NAMES.items())
+def test_splits_have_the_episodes_of_cells_and_the_episodes_that_are_shared(formed, form, names):
+    dataset = formed(form)
+    upper, lower = pictured("splits", dataset).axes
     assert [label.get_text() for label in upper.get_xticklabels()] == names
-    inside = pd.DataFrame({name: [name in own for own in many.episodes["splits"]] for name in names[:-1]})
-    inside["(none)"] = ~inside.any(axis=1)
-    episodes = many.episodes.astype({"policy": str})
-    order = pd.Categorical(episodes["policy"], ["random", "safe", "mediocre"])
-    share = inside.groupby([episodes["setpoint"], order], observed=False).mean()
-    assert np.array_equal(upper.get_images()[0].get_array().filled(np.nan), share)
-    numbers = np.array([int(text.get_text()) for text in lower.texts]).reshape(7, 7)
-    assert np.array_equal(numbers, inside.astype(int).T @ inside.astype(int))
+    held = [list(own) or ["(none)"] for own in dataset.episodes["splits"]]
+    inside = pd.DataFrame({name: [name in own for own in held] for name in names})
+    episodes = dataset.episodes.astype({"policy": str})
+    order = pd.Categorical(episodes["policy"], POLICIES)
+    counted = inside.groupby([episodes["setpoint"], order], observed=False).sum()
+    assert np.array_equal(written(upper, counted.shape), counted)
+    assert np.array_equal(written(lower, (len(names),) * 2), inside.astype(int).T @ inside.astype(int))
+
+
+def written(axes, shape):
+    """The numbers in the squares; an empty square is 0."""
+    found = np.zeros(shape, int)
+    for text in axes.texts:
+        column, row = text.get_position()
+        found[row, column] = int(text.get_text())
+    return found
 
 
 def test_many_setpoints_and_policies_are_drawn_in_groups(formed):

@@ -30,7 +30,8 @@ def contents(folder):
 
 def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
     paths = plot(any_form, tmp_path / "a")
-    assert paths == [tmp_path / "a" / f"{name}.png" for name in NAMES]
+    split = bool(any_form.info["splits"])
+    assert paths == [tmp_path / "a" / f"{name}.png" for name in NAMES if split or name != "splits"]
     for path in paths:
         with Image.open(path) as picture:
             picture.load()
@@ -42,10 +43,23 @@ def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
 def test_the_command_draws_what_python_draws_and_prints_the_files(ibdata, merged, tmp_path):
     done = ibdata("plot", str(merged.path))
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "".join(f"figures/{name}.png\n" for name in NAMES)
+    assert done.stdout == "".join(f"figures/both/{name}.png\n" for name in NAMES)
     plot(merged, tmp_path / "again")
-    assert contents(tmp_path / "again") == contents(tmp_path / "figures")
+    assert contents(tmp_path / "again") == contents(tmp_path / "figures" / "both")
     assert plots() == NAMES
+
+
+def test_each_dataset_has_its_own_folder_by_default(ibdata, merged, make, tmp_path):
+    other = shutil.copytree(make().path, tmp_path / "other")
+    for folder in (merged.path, other):
+        assert ibdata("plot", str(folder)).returncode == 0
+    assert sorted(os.listdir(tmp_path / "figures")) == ["both", "other"]
+    assert "splits.png" not in os.listdir(tmp_path / "figures" / "other")
+
+
+def test_the_help_describes_each_picture(ibdata):
+    printed = ibdata("plot", "--help").stdout
+    assert all(f"\n  {name} " in printed for name in NAMES)
 
 
 def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
@@ -54,6 +68,7 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     texts = {path.stem: path.read_text() for path in (tmp_path / "svg").iterdir()}
     assert sorted(texts) == NAMES
     for text in texts.values():
+        assert ": many -->" in text
         assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
     assert "<!-- fatigue f at t + 1 (cost) -->" in texts["tradeoff"]
     assert "<!-- velocity v at t -->" in texts["coverage"]
@@ -74,19 +89,19 @@ def test_a_policy_without_densities_is_drawn(tmp_path, monkeypatch):
     plain = {"name": "own", "setpoints": 50, "policies": policies, "episodes": 2, "steps": 20}
     made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "own", workers=1, allow_code=True)
     assert made.to_pandas()["action_log_prob"].isna().all()
-    assert len(plot(made, tmp_path / "pictures")) == len(NAMES)
+    assert len(plot(made, tmp_path / "pictures")) == len(NAMES) - 1  # there are no splits
 
 
 def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_path):
-    (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / "traces.png").write_text("mine")
+    (tmp_path / "figures" / "both").mkdir(parents=True)
+    (tmp_path / "figures" / "both" / "traces.png").write_text("mine")
     refused = ibdata("plot", str(merged.path))
     assert (refused.returncode, refused.stdout) == (2, "")
     expected = "exists already; choose another name, or --overwrite (overwrite=True)"
-    assert refused.stderr == f"figures/traces.png: {expected}\n"
-    assert os.listdir(tmp_path / "figures") == ["traces.png"]
+    assert refused.stderr == f"figures/both/traces.png: {expected}\n"
+    assert os.listdir(tmp_path / "figures" / "both") == ["traces.png"]
     assert ibdata("plot", str(merged.path), "--overwrite").returncode == 0
-    assert len(os.listdir(tmp_path / "figures")) == len(NAMES)
+    assert len(os.listdir(tmp_path / "figures" / "both")) == len(NAMES)
 
 
 def test_what_cannot_be_meant_is_refused_before_anything_is_made(merged, tmp_path):

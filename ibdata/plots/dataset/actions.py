@@ -1,37 +1,37 @@
-"""The actions of each policy."""
+"""The actions of each policy. Spikes are actions that the policy takes again and again."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from ibdata.plots.counts import ACTION_EDGES, ACTIONS
 from ibdata.plots.style import SERIES
 from ibdata.plots.summary import Summary
 
-TITLE = "Actions of each policy"
+TITLE = "Actions"
 
 
 def size(summary: Summary) -> tuple[float, float]:
     """(width, height) in inches."""
-    return 4.8, 5.6
+    return 4.8, 1.0 + 1.2 * len(summary.episodes.policies)
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """Draw a panel for each number of the action: shares of the policy's steps, on a logarithmic scale."""
+    """Draw a row of panels for each policy, and in it a panel for each number of the action: densities."""
     counts = summary.counts.actions
-    least = min(0.5, 50.0 / counts.sum(axis=2).max())  # share of half a step, in %
-    panels = figure.subplots(len(ACTIONS), 1, sharex=True, sharey=True)
-    for i, (axes, column) in enumerate(zip(panels, ACTIONS, strict=True)):
-        for own, name, (color, _, line) in zip(counts[:, i], summary.episodes.policies, SERIES, strict=False):
-            share = 100.0 * own / max(1, own.sum())
-            axes.stairs(np.maximum(share, least), ACTION_EDGES, baseline=least, color=color, linestyle=line,
-                        linewidth=1.2, label=name if i == 0 else None)  # fmt: skip
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylim(least, 130)
-        axes.set_xlabel(summary.label(column))
-    panels[1].set_ylabel("share of the policy's steps (%)")
-    figure.legend(loc="outside upper left", ncols=3)
+    panels = figure.subplots(len(counts), len(ACTIONS), sharex=True, squeeze=False)
+    names = summary.episodes.policies
+    for row, own, name, (color, *_) in zip(panels, counts, names, SERIES, strict=False):
+        for axes, count in zip(row, own, strict=True):
+            density = count / max(1, count.sum()) / np.diff(ACTION_EDGES)
+            axes.stairs(density, ACTION_EDGES, fill=True, color=color)
+            axes.set_ylim(0, max(0.7, 1.05 * density.max()))
+            axes.set_xlim(-1.05, 1.05)
+            axes.locator_params(axis="y", nbins=4)
+            axes.set_xticks([-1, 0, 1])
+        row[0].set_title(name, loc="left")
+    for axes, column in zip(panels[-1], ACTIONS, strict=True):
+        axes.set_xlabel(column.removeprefix("act_"))
+    figure.supylabel("density", size=9)
+    figure.suptitle("proposed changes at t; uniform actions have density 0.5")

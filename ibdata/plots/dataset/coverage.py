@@ -1,4 +1,4 @@
-"""Coverage: how often each pair of velocity, gain and shift was visited."""
+"""How often each pair of velocity, gain and shift was visited under each policy."""
 
 from __future__ import annotations
 
@@ -15,17 +15,22 @@ TITLE = "Coverage"
 
 def size(summary: Summary) -> tuple[float, float]:
     """(width, height) in inches."""
-    return 4.8, 9.0
+    return 4.8, 1.3 + 1.5 * len(summary.episodes.policies)
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """Draw a square for each pair; white squares were never visited."""
+    """Draw a row of panels for each policy, and in it a panel for each pair."""
     counts = summary.counts.coverage
-    norm = LogNorm(1, max(2, counts.max()))
-    for axes, (a, b), visits in zip(figure.subplots(len(PAIRS), 1), PAIRS, counts, strict=True):
-        shown = counted(axes, visits, (0.0, 100.0, 0.0, 100.0), norm)
-        axes.set_aspect("equal")
+    norm = LogNorm(1, max(10, counts.max()))
+    panels = figure.subplots(len(counts), len(PAIRS), sharex=True, sharey=True, squeeze=False)
+    for row, own, name in zip(panels, counts, summary.episodes.policies, strict=True):
+        for axes, (_, b), visits in zip(row, PAIRS, own, strict=True):
+            shown = counted(axes, visits, (0.0, 100.0, 0.0, 100.0), norm)
+            axes.set_aspect("equal")
+            axes.set_ylabel(summary.label(STEERINGS[b]), labelpad=1)
+            axes.set_title(f"{np.count_nonzero(visits) / visits.size:.1%}", loc="right", size=8)
+        row[0].set_title(f"{name}\n", loc="left")
+    for axes, (a, _) in zip(panels[-1], PAIRS, strict=True):
         axes.set_xlabel(summary.label(STEERINGS[a]))
-        axes.set_ylabel(summary.label(STEERINGS[b]))
-        axes.set_title(f"{np.count_nonzero(visits)} of {visits.size} squares visited")
-    count_bar(figure, shown, figure.axes, shrink=0.5)
+    count_bar(figure, shown, figure.axes, location="bottom", shrink=0.6, aspect=40)
+    figure.suptitle(f"%: share of the {visits.size} squares that were visited; the others are white")

@@ -1,22 +1,23 @@
-"""The returns of episodes at each setpoint, by policy: median, quartiles, 5 % and 95 %."""
+"""The returns of episodes at each setpoint, by policy. A return is the sum of an episode's rewards."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
 from ibdata.plots.groups import Floats
-from ibdata.plots.style import SERIES
+from ibdata.plots.style import SERIES, legend_above
 from ibdata.plots.summary import Summary
 
-TITLE = "Returns of episodes"
+TITLE = "Returns"
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def size(summary: Summary) -> tuple[float, float]:
     """(width, height) in inches."""
     rows = len(summary.episodes.setpoints) * max(2, len(summary.episodes.policies))
-    return 4.8, 1.7 + 0.14 * rows
+    return 4.8, 2.0 + 0.14 * rows
 
 
 def values(summary: Summary) -> tuple[Floats, str]:
@@ -49,4 +50,6 @@ def draw(figure: Figure, summary: Summary) -> None:
     axes.set_xlabel(label)
     axes.grid(axis="x", color="0.9")
     axes.locator_params(axis="x", nbins=5)
-    figure.legend(loc="outside upper left", ncols=3, title="median, quartiles, 5 and 95 %")
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    legend_above(axes)
+    figure.suptitle("mark: median; thick line: quartiles; thin line: 5 to 95 % of the episodes")

@@ -1,4 +1,4 @@
-"""The episode with the median return: observed variables, and hidden ones if the dataset has them."""
+"""The episode with the median return: observed variables and, if the dataset has them, hidden ones."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def size(summary: Summary) -> tuple[float, float]:
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw the panels of `ibdata.plots.episode`."""
     draw_episode(figure, summary.traces)
+    figure.axes[-1].set_xlim(0, max(1, len(summary.traces["setpoint"]) - 1))
     episode = summary.dataset.episodes.iloc[summary.typical]
     cut = f", first {MOST_STEPS} steps" if episode["length"] > MOST_STEPS else ""
     figure.suptitle(
-        f"episode {summary.typical}, the one with the median return:\n"
-        f"{summary.setpoint_label} = {episode['setpoint']:g}, {episode['policy']}{cut}",
-        size=9,
+        f"episode {summary.typical}, the one with the median return{cut}\n"
+        f"{summary.setpoint_label} = {episode['setpoint']:g}, {episode['policy']}"
     )

@@ -1,22 +1,23 @@
-"""Fatigue against consumption, the two parts of the reward."""
+"""The two costs of every step, fatigue and consumption. Steps at the lower left have the highest reward."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ibdata.plots.counts import COSTS
-from ibdata.plots.style import SERIES, count_bar, counted
+from ibdata.plots.style import GREYS, SERIES, count_bar, counted, legend_above
 from ibdata.plots.summary import Summary
 
 TITLE = "Fatigue against consumption"
-LINES = 4  # lines of equal reward
+LINES = 6  # most lines of equal reward
 
 
 def size(summary: Summary) -> tuple[float, float]:
     """(width, height) in inches."""
-    return 4.8, 4.8
+    return 4.8, 4.6
 
 
 def draw(figure: Figure, summary: Summary) -> None:
@@ -24,24 +25,33 @@ def draw(figure: Figure, summary: Summary) -> None:
     counts, episodes = summary.counts, summary.episodes
     x, y = counts.cost_edges
     axes = figure.subplots()
-    norm = LogNorm(1, max(2, counts.costs.max()))
-    shown = counted(axes, counts.costs, (x[0], x[-1], y[0], y[-1]), norm, "Greys")
+    norm = LogNorm(1, max(10, counts.costs.max()))
+    shown = counted(axes, counts.costs, (x[0], x[-1], y[0], y[-1]), norm, GREYS)
     for j, (name, (color, marker, line)) in enumerate(zip(episodes.policies, SERIES, strict=False)):
         means = counts.mean_costs[:, j]
-        there = np.flatnonzero(np.isfinite(means[:, 0]))
-        axes.plot(*means[there].T, marker, linestyle=line, color=color, markeredgecolor="white",
-                  markersize=5, linewidth=1.0, label=name)  # fmt: skip
-        for i in {there[0], there[-1]}:
-            axes.annotate(episodes.setpoints[i], means[i], (4, 3), textcoords="offset points", fontsize=7)
-    for total in np.linspace(x[0] + 3 * y[0], x[-1] + 3 * y[-1], LINES + 2)[1:-1]:
-        axes.axline((total, 0.0), (total - 3.0, 1.0), color="0.4", linewidth=0.6, linestyle=":")
-    axes.set_xlim(x[0], x[-1])
-    axes.set_ylim(y[0], y[-1])
+        means = means[np.isfinite(means[:, 0])]
+        axes.plot(*means.T, marker, linestyle=line, color=color, markeredgecolor="white",
+                  markersize=6, linewidth=1.0, label=name, clip_on=False)  # fmt: skip
+        if len(episodes.setpoints) > 1:
+            axes.plot(*means[0], marker, color="white", markeredgecolor=color, markersize=7, clip_on=False)
+    far = np.nanmax(counts.mean_costs, axis=(0, 1))  # a rare policy's mean may be beyond the axes
+    axes.set_xlim(x[0], max(x[-1], far[0]))
+    axes.set_ylim(y[0], max(y[-1], far[1]))
+    totals = MaxNLocator(LINES).tick_values(x[0] + 3 * y[0], x[-1] + 3 * y[-1])
+    for total in totals:
+        axes.axline((total, 0.0), (total - 3.0, 1.0), color="0.3", linewidth=0.6, linestyle=":")
     axes.set_xlabel(summary.label(COSTS[0]))
     axes.set_ylabel(summary.label(COSTS[1]))
-    count_bar(figure, shown, axes, orientation="horizontal", shrink=0.7)
-    figure.legend(
-        loc="outside upper left",
-        ncols=3,
-        title="means of setpoints, the first and last named; dotted: equal reward",
+    count_bar(figure, shown, axes, aspect=40)
+    legend_above(axes)
+    beyond = 1.0 - counts.costs.sum() / counts.rows.sum()
+    figure.suptitle(
+        f"dotted: equal reward, {totals[1] - totals[0]:g} apart; {_marks(episodes.setpoints)}"
+        + (f"\nbeyond the axes: {beyond:.2%} of all steps" if beyond > 0 else "")
     )
+
+
+def _marks(setpoints: list[str]) -> str:
+    if len(setpoints) == 1:
+        return f"marks: means at setpoint {setpoints[0]}"
+    return f"marks: means at\nsetpoints {setpoints[0]} (white) to {setpoints[-1]}, joined in this order"
