@@ -57,6 +57,27 @@ def described(path: Path) -> tuple[pa.Schema, int]:
         return file.schema_arrow, file.metadata.num_rows
 
 
+def wrong_statistics(path: Path, names: Sequence[str]) -> str | None:
+    """Describe the first minimum or maximum in the footer that differs from its rows. Raises as `read`.
+
+    Readers skip row groups by these numbers.
+
+    Args:
+        path: The file.
+        names: The columns to look at, of numbers that are finite.
+    """
+    with _opened(path, names, None) as file:
+        places = {file.schema_arrow.names[i]: i for i in range(len(file.schema_arrow.names))}
+        for group in range(file.num_row_groups):
+            rows, kept = file.read_row_group(group, columns=list(names)), file.metadata.row_group(group)
+            for name in names:
+                listed, values = kept.column(places[name]).statistics, rows[name].to_numpy()
+                found = None if listed is None else (listed.min, listed.max, listed.null_count)
+                if found is not None and found != (values.min(), values.max(), 0):
+                    return f"{name}: the footer lists other extremes of row group {group} than its rows have"
+    return None
+
+
 def batches(
     path: Path,
     names: Sequence[str] | None,

@@ -7,7 +7,8 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib.machinery import ExtensionFileLoader, ModuleSpec
+from importlib.machinery import ExtensionFileLoader, ModuleSpec, SourceFileLoader
+from importlib.util import cache_from_source
 from pathlib import Path
 from types import ModuleType
 
@@ -90,11 +91,29 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
     if not names:
         return {}
     find_modules_here()
-    tops = {source.module.partition(".")[0] for name in names for source in imported(name)[0].values()}
+    sources = [source for name in names for source in imported(name)[0].values()]
+    for source in sources:
+        _drop_stale_bytecode(source)
+    tops = {source.module.partition(".")[0] for source in sources}
     with importing:
         found = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in tops}
         stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
         return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
+
+
+def _drop_stale_bytecode(source: Source) -> None:
+    """Remove bytecode that is not that of its source. Python only compares time and size of the source."""
+    kept = Path(cache_from_source(str(source.path)))
+    if not (source.path.is_file() and kept.is_file()):
+        return
+    loader = SourceFileLoader(source.module, str(source.path))
+    with suppress(SyntaxError, ValueError, EOFError):
+        if loader.get_code(source.module) == loader.source_to_code(source.path.read_bytes(), source.path):
+            return
+    try:
+        kept.unlink(missing_ok=True)
+    except OSError:
+        raise UsageError(f"{kept}: holds other code than {source.path}; remove it") from None
 
 
 def _is_machine_code(module: ModuleType) -> bool:

@@ -153,6 +153,7 @@ def _finish(folder: Path) -> None:
     if missing:
         raise IbdataError(_lacking(folder, spec, missing, ranges.noted(folder)))
     try:
+        output_folder.settle_data(folder, written)
         finish(spec, written, folder, begun.reproducible, begun.code)
     except BaseException:
         output_folder.abandon(folder)

@@ -146,6 +146,7 @@ def _run(
         output_folder.begin(root, experiment, overwrite)
         origin.begin(root, begun, folder)
         written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)
+        output_folder.settle_data(root, written)
         finish(spec, written, root, begun.reproducible, begun.code)
     except BaseException:
         output_folder.abandon(root)

@@ -15,7 +15,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.division import divide
 from ibdata.generation.make_shard import filled, finish, write_shard
-from ibdata.generation.output_folder import sweep_shards
+from ibdata.generation.output_folder import forget
 from ibdata.generation.worker_pool import run_pool
 from ibdata.system.signals import check, held
 from ibdata.writing.shard_writer import WrittenShard, thread, writing_threads
@@ -47,7 +47,7 @@ def run(
                 deaths = 0
                 yield made
         except BrokenProcessPool:
-            sweep_shards(root, missing.values())
+            forget(root, missing.values())
             deaths += 1
             if deaths == MAX_DEATHS:
                 raise IbdataError(

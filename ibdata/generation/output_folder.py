@@ -18,6 +18,7 @@ from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
 from ibdata.validation.validate import check_files, strangers
 from ibdata.writing.card import refuse_foreign
+from ibdata.writing.shard_writer import WrittenShard
 
 EXPERIMENT = staging.EXPERIMENT
 RANGE_LOCK = f"{lock.NAME}-"
@@ -190,12 +191,32 @@ def sweep_shards(root: Path, shards: Iterable[Shard]) -> None:
 
 def forget(root: Path, shards: Iterable[Shard]) -> None:
     """Remove all files of shards that are to be written, even complete ones that have no receipt."""
+    if _is_lost(root):
+        return
     shards = list(shards)
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
     for path in (root / "data").glob("part-*.parquet"):
         if path.name.rpartition("-")[0] in numbers:
             path.unlink(missing_ok=True)
+
+
+def settle_data(root: Path, written: Iterable[WrittenShard]) -> None:
+    """Leave in `data` what a run has written, before its manifest lists it.
+
+    Files of shards that another writer left go. Raises UsageError if something else is there that a reader
+    would take, and IbdataError if the folder belongs to another run now.
+    """
+    if _is_lost(root):
+        raise IbdataError(
+            f"{root}: its lock was removed, and another run may be writing; run again with --resume"
+        )
+    for path in strangers(root, {w.entry.path for w in written}):
+        if not staging.is_ours(path):
+            raise UsageError(
+                f"{path}: found something that is not the dataset's; move it away, then --resume"
+            )
+        path.unlink(missing_ok=True)
 
 
 def end(root: Path) -> None:

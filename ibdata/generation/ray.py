@@ -16,7 +16,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import write_shard
 from ibdata.generation.origin import agree
-from ibdata.generation.output_folder import sweep_shards
+from ibdata.generation.output_folder import forget
 from ibdata.system.signals import STOPPING, check
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -96,7 +96,7 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
     spec = DatasetSpec.from_plain(plain)
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
-    sweep_shards(root, [shard])  # left by a worker that died
+    forget(root, [shard])  # left by a worker that died
     agree(root, spec, folder)
     return write_shard(spec, shard, root, identity)
 

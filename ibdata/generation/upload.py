@@ -9,16 +9,17 @@ from __future__ import annotations
 import hashlib
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import NamedTuple
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.generation import output_folder
+from ibdata.system import lock
 from ibdata.system.atomic_files import plain_bytes
 from ibdata.system.cache_folders import cache_base
 from ibdata.system.object_store import Remote, first_line, readable
@@ -109,7 +110,8 @@ def upload(remote: Remote, experiment: Experiment, work: Path, resume: bool) -> 
     Complete files from an earlier upload of the same files are kept, and those of another run are removed.
     The URL holds no dataset until the manifest, the last file, is there.
     """
-    with _refusals(remote), stoppable():
+    alone = lock.locked(work) if work.is_dir() else nullcontext()  # else only `PENDING` is left to remove
+    with _refusals(remote), stoppable(), alone:
         found = find(remote, experiment, work, resume)  # again: to make the dataset took a while
         if not found.finished:
             _put_all(remote, found, work)
@@ -129,9 +131,17 @@ def _put_all(remote: Remote, found: Found, work: Path) -> None:
         remote.put(own, PENDING)
     for file in manifest.read(work).files:
         if left.get(file.path) != file.bytes:
+            _refuse_taken_over(remote, own)
             remote.put(work / file.path, file.path)
         check()
+    _refuse_taken_over(remote, own)
     remote.put(own, manifest.PATH)
+
+
+def _refuse_taken_over(remote: Remote, own: Path) -> None:
+    """Raise BusyError if an upload on another machine has begun at the URL since this one began."""
+    if remote.read(PENDING) != own.read_bytes():
+        raise BusyError(f"{remote.name}: another machine is uploading there; this upload has stopped")
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
-from ibdata.experiment.custom_code import provenance, require_consent
+from ibdata.experiment.custom_code import customs, in_one_folder, provenance, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
@@ -83,6 +83,26 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
     spec = spec_in(folder, listed)
+    with in_one_folder(spec):
+        _make_again(_placed(folder, spec), spec, listed, damaged, workers, allow_code)
+    return damaged
+
+
+def _placed(folder: Path, spec: DatasetSpec) -> Path:
+    """The folder by its absolute path if there is custom code, which may change the current folder."""
+    return folder.absolute() if customs(spec) else folder
+
+
+def _make_again(
+    folder: Path,
+    spec: DatasetSpec,
+    listed: Manifest,
+    damaged: list[str],
+    workers: int | None,
+    allow_code: bool,
+) -> None:
+    """Make again the files with these paths."""
+    entries = listed.entries()
     refuse_other_plan(spec, listed)
     paths = [shard.path for shard in listed.shards]
     wrong = [shard for shard in spec.shards if paths[shard.number] in damaged]
@@ -115,7 +135,6 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
             del entries[manifest.REPORT]  # only `ibdata card` can draw it
         _stage_manifest(folder, staged, listed, entries)
         _move(staged, folder, {w.entry.path: paths[number] for number, w in made.items()})
-    return damaged
 
 
 def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[str, FileEntry]) -> None:
@@ -142,6 +161,12 @@ def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
     """Make the manifest again, and the shards that cannot be read."""
     spec = _spec_from_experiments(folder)
     require_consent(spec, folder, allow_code)
+    with in_one_folder(spec):
+        return _rebuilt(_placed(folder, spec), spec, workers)
+
+
+def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
+    """Make again the manifest of a dataset of this spec, and the shards that cannot be read."""
     reproducible = all([warm_up(experiment) for experiment in spec.experiments])
     whole: list[WrittenShard] = []
     wrong: list[Shard] = []

@@ -19,6 +19,7 @@ from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
+from ibdata.writing.arrow import STATISTICS
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
@@ -48,6 +49,8 @@ def check_shard(
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
+        if wrong := parquet.wrong_statistics(path, STATISTICS):
+            return None, [Problem(listed, None, "footer", wrong)]
         batches = parquet.batches(path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None

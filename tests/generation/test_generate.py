@@ -240,3 +240,46 @@ def test_progress_goes_to_stderr_only(tiny, capfd):
 def test_without_a_terminal_nothing_is_said(tiny, capfd, progress):
     ibdata.generate(tiny, "quiet", workers=1, progress=progress)
     assert capfd.readouterr() == ("", "")
+
+
+def spoilt(monkeypatch, spoil):
+    """Let something happen to the folder between the last shard and the manifest."""
+    from ibdata.generation import generate as module
+
+    make = module.make
+
+    def making(spec, shards, root, *rest):
+        made = make(spec, shards, root, *rest)
+        spoil(root)
+        return made
+
+    monkeypatch.setattr(module, "make", making)
+
+
+def test_what_another_writer_left_of_a_shard_is_no_part_of_the_dataset(tiny, monkeypatch):
+    def leave(root):
+        (one, *_) = sorted((root / "data").iterdir())
+        (root / "data" / f"{one.name.rpartition('-')[0]}-01234567.parquet").write_bytes(one.read_bytes())
+
+    spoilt(monkeypatch, leave)
+    made = ibdata.generate(tiny, "out", workers=1)
+    assert ibdata.validate("out") == []
+    assert len(list((made.path / "data").iterdir())) == 4
+
+
+def test_a_file_that_readers_would_take_with_the_dataset_is_named_before_it_is_finished(tiny, monkeypatch):
+    spoilt(monkeypatch, lambda root: (root / "data" / "mine.parquet").write_bytes(b"mine"))
+    with pytest.raises(
+        UsageError, match=r"data/mine\.parquet: found something that is not the dataset's; move"
+    ):
+        ibdata.generate(tiny, "out", workers=1)
+    assert Path("out/data/mine.parquet").read_bytes() == b"mine"
+    assert not Path("out/meta/manifest.json").exists()
+
+
+def test_a_run_whose_lock_was_removed_does_not_finish(tiny, monkeypatch):
+    spoilt(monkeypatch, lambda root: (root / ".lock").unlink())
+    with pytest.raises(IbdataError, match="its lock was removed, and another run may be writing; run again"):
+        ibdata.generate(tiny, "out", workers=1)
+    monkeypatch.undo()
+    assert not Path("out/meta/manifest.json").exists()

@@ -6,6 +6,8 @@ import hashlib
 import importlib
 import json
 import os
+import py_compile
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -416,6 +418,36 @@ ENDING = """
 """
 AT_70 = "sys.exit(0) if history[0, 0, 0] > 50 else None"
 PLAYED = "policy custom: episode 2: step 0: found SystemExit: 0, expected "
+
+
+@pytest.mark.parametrize("lost", ["data", "meta/manifest.json"])
+def test_code_that_goes_to_another_folder_repairs_the_dataset_that_was_named(here, lost):
+    go = "os.chdir('elsewhere') if os.path.isdir('elsewhere') else None"
+    (here / "mine.py").write_text(textwrap.dedent(ASTRAY).format(module=go, act="pass"))
+    generate()
+    other = here / "elsewhere" / "out"
+    shutil.copytree("out", other)
+    before = {path: path.read_bytes() for path in other.rglob("*") if path.is_file()}
+    if lost == "data":
+        next(Path("out/data").iterdir()).write_bytes(b"")
+    else:
+        Path("out", lost).unlink()
+    assert ibdata.repair("out", allow_code=True)
+    assert Path.cwd() == here
+    assert ibdata.validate("out") == []
+    assert {path: path.read_bytes() for path in other.rglob("*") if path.is_file()} == before
+
+
+def test_bytecode_of_other_code_than_the_source_s_does_not_run(here):
+    (here / "at-70-stop.py").unlink()
+    times = os.stat("helper.py").st_mtime_ns
+    py_compile.compile("helper.py")
+    (here / "helper.py").write_text("SIZE = 0.50")
+    os.utime("helper.py", ns=(times, times))
+    made = generate()
+    assert made.manifest["code"][0]["files"]["helper.py"] == sha256("helper.py")
+    shutil.rmtree("__pycache__", ignore_errors=True)
+    assert generate("again").content_root == made.content_root
 
 
 @pytest.mark.slow

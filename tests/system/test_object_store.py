@@ -17,7 +17,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.cli import main
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
+from ibdata.errors import BusyError, DatasetError, IbdataError, MissingError, UsageError, hidden
 from ibdata.generation import upload
 from ibdata.system import object_store
 from ibdata.system.object_store import Remote, is_url
@@ -185,6 +185,25 @@ def test_an_upload_that_lacks_its_last_step_only_is_finished(url, machine, monke
     made(url, resume=True)
     assert names() == [path for path in before if path != "meta/pending.json"]
     assert is_one_dataset(url)
+
+
+@pytest.mark.parametrize("puts", [2, 5])
+def test_an_upload_stops_where_another_machine_has_begun_its_own(url, monkeypatch, puts):
+    put, count = Remote.put, 0
+
+    def counted(self, source, path):
+        nonlocal count
+        count += 1
+        put(self, source, path)
+        if count == puts:
+            with self._files.open_output_stream(f"{self._base}/meta/pending.json") as stream:
+                stream.write(b"another upload")
+
+    monkeypatch.setattr(Remote, "put", counted)
+    with pytest.raises(BusyError, match="another machine is uploading there; this upload has stopped"):
+        made(url)
+    assert count == puts
+    assert manifest.PATH not in names()
 
 
 @pytest.mark.parametrize("path", ["README.md", "meta/stats.json", "data/own.parquet", manifest.PATH])
