@@ -16,7 +16,7 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.errors import UsageError
 from ibdata.generation import receipt
-from ibdata.system.atomic_files import plain_bytes, remove_temporaries, sync_folder
+from ibdata.system.atomic_files import remove_temporaries, sync_folder
 from ibdata.writing.card import is_foreign
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
@@ -66,11 +66,9 @@ def _is_staging(root: Path) -> bool:
 
 
 def _is_bar(path: Path) -> bool:
-    """Whether a file keeps a folder that was replaced from being read as empty; it may be cut short."""
+    """Whether a file keeps a folder that was replaced from being read as empty; it may be damaged."""
     with suppress(OSError):
-        return path.name == manifest.REPLACED and manifest.BAR.startswith(
-            plain_bytes(path, len(manifest.BAR))
-        )
+        return path.name == manifest.REPLACED and path.lstat().st_size <= len(manifest.BAR)
     return False
 
 

@@ -101,7 +101,7 @@ def test_what_a_full_disk_left_in_the_place_of_a_replaced_folder_is_ours(here):
         (here / ".next/data" / manifest.REPLACED).write_bytes(text)
         assert ibdata.repair(here) == []
     WRITERS["overwrite"]()
-    (here / ".next/data" / manifest.REPLACED).write_bytes(b"mine")
+    (here / ".next/data" / manifest.REPLACED).write_bytes(b"x" * 100)
     with pytest.raises(UsageError, match=r"\.next: found something that ibdata did not write"):
         WRITERS["overwrite"]()
 
