@@ -123,7 +123,8 @@ def upload(remote: Remote, experiment: Experiment, work: Path, resume: bool) -> 
 
 def _put_all(remote: Remote, found: Found, work: Path) -> None:
     own = work / manifest.PATH
-    left = found.sizes if remote.read(PENDING) == own.read_bytes() else {}
+    content = own.read_bytes()
+    left = found.sizes if remote.read(PENDING) == content else {}
     if not left:
         for path in sorted(found.sizes.keys() - {PENDING}):
             remote.remove(path)
@@ -131,16 +132,16 @@ def _put_all(remote: Remote, found: Found, work: Path) -> None:
         remote.put(own, PENDING)
     for file in manifest.read(work).files:
         if left.get(file.path) != file.bytes:
-            _refuse_taken_over(remote, own)
+            _refuse_taken_over(remote, content)
             remote.put(work / file.path, file.path)
         check()
-    _refuse_taken_over(remote, own)
+    _refuse_taken_over(remote, content)
     remote.put(own, manifest.PATH)
 
 
-def _refuse_taken_over(remote: Remote, own: Path) -> None:
+def _refuse_taken_over(remote: Remote, own: bytes) -> None:
     """Raise BusyError if an upload on another machine has begun at the URL since this one began."""
-    if remote.read(PENDING) != own.read_bytes():
+    if remote.read(PENDING) != own:
         raise BusyError(f"{remote.name}: another machine is uploading there; this upload has stopped")
 
 

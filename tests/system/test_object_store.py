@@ -11,25 +11,16 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from helpers.tiny import FOUR_SHARDS
 from pyarrow.fs import FileSystem
 
 import ibdata
-from ibdata import Experiment
 from ibdata.cli import main
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, MissingError, UsageError, hidden
 from ibdata.generation import upload
 from ibdata.system import object_store
 from ibdata.system.object_store import Remote, is_url
-
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 2,
-    "steps": 5,
-    "output": {"shard_rows": 5},
-}
 
 
 @pytest.fixture
@@ -39,7 +30,7 @@ def url(tmp_path, monkeypatch):
 
 
 def made(url, **options):
-    return ibdata.generate(Experiment.model_validate(PLAIN), url, workers=1, **options)
+    return ibdata.generate(FOUR_SHARDS, url, workers=1, **options)
 
 
 @pytest.mark.parametrize("place", ["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs+x://y"])
