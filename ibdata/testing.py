@@ -75,10 +75,10 @@ def _log_prob(policy: Policy, history: History, action: npt.NDArray[np.float32])
 
 
 def _check_actions(policy: Policy, history: History, u: Floats) -> npt.NDArray[np.float32]:
+    actions = _act(policy, history, u)
     seen, drawn = history.copy(), u.copy()
     answer = np.asarray(policy.act(seen, drawn))
     kept = answer.copy()
-    actions = _act(policy, history, u)
     _act(policy, history[::-1].copy(), 1.0 - u)
     assert _same(seen, history), "act changed the history that it was given"
     assert _same(drawn, u), "act changed the random numbers that it was given"

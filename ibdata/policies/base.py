@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -134,6 +134,11 @@ class Deterministic(Policy):
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
+
+
+def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
+    """Whether a policy's action depends on the history alone, by its class or as its user says."""
+    return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)
 
 
 def _without_name(base: Policy) -> Policy:

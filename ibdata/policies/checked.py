@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from ibdata.errors import IbdataError
 from ibdata.policies import Policy
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import as_numbers, clip_and_round
+from ibdata.policies.adapter import AnswerError
+from ibdata.policies.user_code import told
 
 
 class PolicyError(IbdataError):
@@ -67,16 +69,12 @@ class CheckedPolicy(NamedTuple):
             given = ask()
         except IbdataError:  # raised by a signal handler, for example
             raise
+        except AnswerError as error:
+            raise PolicyError(f"{place}: {error}") from error
         except (Exception, SystemExit) as error:  # a policy must not end the run
-            raise PolicyError(
-                f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
-            ) from error
-        if isinstance(given, np.ma.MaskedArray):
-            given = np.ma.filled(given.astype(np.float64), np.nan)
+            raise PolicyError(f"{place}: {told(error)}") from error
         try:
-            if np.iscomplexobj(given):
-                raise TypeError
-            answer = np.asarray(given, dtype=np.float64)
+            answer = as_numbers(given)
         except (TypeError, ValueError):
             wrong = f"found {repr(given)[:60]}, expected {what} of shape {shape}"
             raise PolicyError(f"{place}: {wrong}") from None

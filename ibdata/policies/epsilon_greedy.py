@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
-from ibdata.policies.base import Deterministic, Floats, History, NormalDouble, Unnamed, Wrapper
+from ibdata.policies.base import Floats, History, NormalDouble, Unnamed, Wrapper, is_deterministic
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class EpsilonGreedy(Wrapper):
         elsewhere. If the base is random, it is the log density of the mixture.
         """
         out = np.empty(len(action))
-        if isinstance(self.base, Deterministic):
+        if is_deterministic(self.base):
             _log_prob(self.base.mean_action(history), action, self.epsilon, self.per_dimension, out)
         else:
             _log_mixture(self.base.log_prob(history, action), action, self.epsilon, out)
@@ -68,7 +68,7 @@ class EpsilonGreedy(Wrapper):
 
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:
-        if self.per_dimension and not isinstance(self.base, Deterministic):
+        if self.per_dimension and not is_deterministic(self.base):
             raise ValueError(
                 f"found per_dimension: true around {self.base.kind}, which is random itself; expected false"
             )

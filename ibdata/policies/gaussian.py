@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats, History, Unnamed, Wrapper
+from ibdata.policies.base import Floats, History, Policy, Unnamed, Wrapper, is_deterministic
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -20,6 +20,15 @@ EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
 FAR = 3.0  # |z| from which a continued fraction replaces the series
 TERMS = 60  # of either
+
+
+def _deterministic(base: Policy) -> Policy:
+    if not is_deterministic(base):
+        raise ValueError(
+            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
+            "that into it if it draws nothing"
+        )
+    return base
 
 
 class Gaussian(Wrapper):
@@ -31,7 +40,9 @@ class Gaussian(Wrapper):
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed] = Field(description="a deterministic policy")
+    base: Annotated[DeterministicBase, Unnamed, AfterValidator(_deterministic)] = Field(
+        description="a deterministic policy"
+    )
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )
