@@ -147,7 +147,7 @@ def _shown(value: Any) -> str:
 
 
 def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
-    """Compare the card; of the card of another version, only what programs read: metadata and content root."""
+    """Compare the card; if another version wrote it, only the lines that programs read."""
     found = manifest.listed_content(folder, listed, manifest.CARD)
     same = found == expected
     if not _same_version(listed, "ibdata"):

@@ -47,7 +47,8 @@ def listed_root(path: Path) -> str | None:
 
 def machine_readable(text: bytes) -> list[bytes]:
     """The lines of a card that programs read: the data files of each set, and the content root."""
-    return re.findall(rb"^(?:  - config_name:|    data_files:|      - |\| content root \|).*$", text, re.MULTILINE)
+    lines = rb"^(?:  - config_name:|    data_files:|      - |\| content root \|).*$"
+    return re.findall(lines, text, re.MULTILINE)
 
 
 def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
