@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Policy
-from ibdata.policies.base import Deterministic, Wrapper, is_deterministic
+from ibdata.policies import POLICIES, Deterministic, Policy, Wrapper
+from ibdata.policies.base import is_deterministic
 from ibdata.testing import check_policy
 
 
