@@ -15,6 +15,7 @@ from typing import Any, TextIO
 import click
 
 from ibdata.errors import hidden, printable
+from ibdata.numerics.naming import counted
 
 MAX_LINES = 12  # of a list of problems or results
 NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
@@ -157,6 +158,15 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
     if len(problems) > MAX_LINES:
         say(f"and {len(problems) - MAX_LINES} more", err=True)
     raise SystemExit(3)
+
+
+def within(rows: int, episodes: int) -> str:
+    """Rows and episodes.
+
+    >>> within(10_000, 1)
+    '10,000 rows in 1 episode'
+    """
+    return f"{counted(rows, 'row')} in {counted(episodes, 'episode')}"
 
 
 def size(count: float) -> str:

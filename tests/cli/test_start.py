@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import ibdata
-from ibdata.cli import cli, main
+from ibdata.cli import cli
 from ibdata.experiment.template import template
 from ibdata.plots import names, plots
 from ibdata.policies import POLICIES
@@ -19,19 +19,6 @@ pytestmark = pytest.mark.slow
 
 IBDATA = str(Path(sys.executable).with_name("ibdata"))
 COMMANDS = cli.list_commands(None)
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
-
-    def run(*args):
-        with pytest.raises(SystemExit) as end:
-            main(args)
-        return (end.value.code or 0, *capsys.readouterr())
-
-    return run
 
 
 def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
