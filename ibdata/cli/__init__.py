@@ -20,7 +20,7 @@ from typing import TextIO
 
 import click
 
-from ibdata.cli._shared import MAX_LINES, print_json, say
+from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
 from ibdata.errors import ConfigError, IbdataError, printable
 from ibdata.version import __version__
 
@@ -28,16 +28,17 @@ INTERRUPTED = 130
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
-class Commands(click.Group):
-    """Every module of this folder whose name does not begin with _ holds a `command`."""
+class Commands(Suggesting):
+    """Every module of this folder whose name does not begin with _ holds a `command`; warm_up is warm-up."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+        names = (module.name for module in pkgutil.iter_modules(__path__))
+        return sorted(name.replace("_", "-") for name in names if not name.startswith("_"))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
+        command: click.Command = import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
         return command
 
 
@@ -47,8 +48,9 @@ def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 
     \b
-    ibdata generate --config random.yaml   the paper's random batch in data/random
-    ibdata info data/random                a summary of that dataset
+    ibdata generate random.yaml   the paper's random batch in data/random
+    ibdata info data/random       a summary of that dataset
+    ibdata configs                the experiments that come with ibdata
     """
 
 
@@ -67,7 +69,8 @@ def main(args: Sequence[str] | None = None) -> None:
     gc.set_threshold(100_000)  # imports make many objects and little garbage
     _end_at_signals()
     try:
-        code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
+        plain = [arg for arg in given if arg != "--debug"]
+        code = cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0
         sys.stdout.flush()
     except click.ClickException as error:
         _report(

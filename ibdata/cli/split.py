@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ibdata.cli._completion import splits
 from ibdata.cli._shared import folder_argument, json_option, print_json, say, within
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
@@ -80,7 +81,13 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     metavar="SPLIT=NAME",
     help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
 )
-@click.option("--remove", multiple=True, metavar="NAME", help="Remove this split; may be repeated.")
+@click.option(
+    "--remove",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=splits,
+    help="Remove this split; may be repeated.",
+)
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",

@@ -23,7 +23,7 @@ COMMANDS = cli.list_commands(None)
 
 def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
     code, out, _ = run("init", "mine.yaml")
-    assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate --config mine.yaml --dry-run\n")
+    assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate mine.yaml --dry-run\n")
     experiment = ibdata.load(tmp_path / "mine.yaml")
     assert experiment.name == "mine"
     assert set(experiment.splits) == {"source", "target"}
