@@ -74,7 +74,10 @@ def main(args: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except click.ClickException as error:
         _report(
-            [error.format_message()], 2, as_json, error.ctx if isinstance(error, click.UsageError) else None
+            [" ".join(error.format_message().split())],
+            2,
+            as_json,
+            error.ctx if isinstance(error, click.UsageError) else None,
         )
         code = 2
     except (KeyboardInterrupt, click.Abort):

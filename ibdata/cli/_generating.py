@@ -74,8 +74,11 @@ def _print_estimate(made: Mapping[str, Any]) -> None:
 
 def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """Make one dataset."""
+    from ibdata.dataset import manifest
     from ibdata.generation.generate import generate
 
+    report = Path(folder) / manifest.REPORT
+    had_report = report.is_file()
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start
@@ -93,6 +96,8 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
             ("time", f"{seconds:.1f} s"),
         ]
     )
+    if had_report and not report.exists():
+        say(f"removed {report.name}, which showed the old dataset; ibdata card {folder} makes it again")
 
 
 def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:

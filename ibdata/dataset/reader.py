@@ -18,6 +18,7 @@ from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.errors import DatasetError, UsageError, suggestion
+from ibdata.numerics.naming import counted
 from ibdata.system import object_store
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class Dataset:
 
     def __repr__(self) -> str:
         counts = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
+        rows, episodes = counted(counts.rows, "row"), counted(counts.episodes, "episode")
+        return f"<ibdata.Dataset {self.place}: {rows}, {episodes}>"
 
     def __len__(self) -> int:
         return self.manifest_model.rows

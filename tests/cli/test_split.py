@@ -8,6 +8,7 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
+from ibdata.experiment import as_yaml
 
 PLAIN = {
     "name": "tiny",
@@ -51,6 +52,15 @@ def test_a_report_that_showed_the_old_splits_is_removed_and_named(made, run):
     run("card", "d")
     out = run("split", "d", "--by", "policy", "--name", "safe=careful")[1]
     assert out.startswith("removed report.html, which showed the old splits; ibdata card d makes it again\n")
+
+
+@pytest.mark.slow
+def test_a_replaced_dataset_takes_its_report_along_and_says_so(made, run, tmp_path):
+    pytest.importorskip("matplotlib")
+    run("card", "d")
+    (tmp_path / "x.yaml").write_bytes(as_yaml(Experiment.model_validate(PLAIN)))
+    out = run("generate", "x.yaml", "--out", "d", "--overwrite")[1]
+    assert out.endswith("\nremoved report.html, which showed the old dataset; ibdata card d makes it again\n")
 
 
 def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
