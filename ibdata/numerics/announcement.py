@@ -32,7 +32,7 @@ class Announcement:
 
 def _text(places: Places) -> str:
     """What is compiled, how long it takes, and how often."""
-    what, duration = "the simulator", "15 to 30 seconds"
+    what, duration = "the simulator", "up to 30 seconds"
     if any(any(Path(folder).glob("*.nbc")) for folder in places.folders):
         what, duration = "a part of the simulator that was not used before", "a few seconds"
     if places.lasting:

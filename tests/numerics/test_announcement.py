@@ -8,7 +8,7 @@ import pytest
 
 from ibdata.numerics import announcement
 
-ONCE = "ibdata: compiling the simulator; this happens once and takes 15 to 30 seconds\n"
+ONCE = "ibdata: compiling the simulator; this happens once and takes up to 30 seconds\n"
 
 
 @pytest.fixture
