@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +53,11 @@ def test_a_report_that_showed_the_old_splits_is_removed_and_named(made, run):
     run("card", "d")
     out = run("split", "d", "--by", "policy", "--name", "safe=careful")[1]
     assert out.startswith("removed report.html, which showed the old splits; ibdata card d makes it again\n")
+    for args in (("card", "d"), ("plot", "d"), ("stats", "d", "--split", "careful"), ("validate", "d")):
+        assert run(*args)[0] == 0
+    report = Path("d/report.html").read_text(encoding="utf-8")
+    assert "careful" in report
+    assert Path("figures/d/splits.png").is_file()
 
 
 @pytest.mark.slow
