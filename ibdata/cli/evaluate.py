@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ibdata.cli._completion import policies as completed_policies
 from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
 from ibdata.numerics.naming import exact
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     required=True,
     multiple=True,
     metavar="NAME|YAML",
+    shell_complete=completed_policies,
     help="A kind of policy, a block such as '{kind: safe}', or a file with a block; may be repeated.",
 )
 @click.option(
