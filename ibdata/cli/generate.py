@@ -105,9 +105,10 @@ def command(
     elif suite:
         generate_suite(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        from ibdata.generation.generate import default_folder, resolve
+        from ibdata.experiment import load
+        from ibdata.generation.generate import default_folder
 
-        experiment = resolve(config, **changes)
+        experiment = load(config, **changes)
         folder = out or default_folder(experiment)
         if dry_run:
             estimate_one(experiment, folder, as_json, **common, **whole)

@@ -8,13 +8,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ibdata.experiment import Experiment, as_recorded
+from ibdata.experiment import Config, Experiment, Overrides, load
 from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import output_folder
 from ibdata.generation.division import available_processors, divide
 from ibdata.generation.engine import refuse_workers
+from ibdata.generation.generate import default_folder
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation.rollout import rollout
 from ibdata.system.atomic_files import HashingFile
@@ -27,22 +28,27 @@ PARTS = 8
 
 
 def estimate(
-    experiment: Experiment,
-    folder: str | os.PathLike[str],
+    experiment: Config,
+    folder: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
     allow_code: bool = False,
+    *,
+    overrides: Overrides = (),
+    seed: int | None = None,
 ) -> dict[str, Any]:
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: The experiment that would be generated.
-        folder: The folder in which it would be generated.
+        experiment: What would be generated, as `config` of `generate`.
+        folder: The folder in which it would be generated; by default data/<name>.
         workers: How many processes would be used; by default chosen by the work.
         resume: As in `generate`.
         overwrite: As in `generate`.
         allow_code: As in `generate`.
+        overrides: As in `generate`.
+        seed: As in `generate`.
 
     Returns:
         out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
@@ -51,25 +57,25 @@ def estimate(
         IbdataError: As in `generate`.
     """
     refuse_workers(workers)
-    experiment = as_recorded(experiment)
-    out = Path(folder)
-    spec = DatasetSpec.of(experiment)
-    require_consent(spec, experiment.name, allow_code)
+    planned = load(experiment, overrides, seed)
+    out = default_folder(planned) if folder is None else Path(folder)
+    spec = DatasetSpec.of(planned)
+    require_consent(spec, planned.name, allow_code)
     refuse_busy(out)
-    output_folder.check(out, experiment, resume, overwrite)
+    output_folder.check(out, planned, resume, overwrite)
     with in_one_folder(spec):
-        warm_up(experiment)
-        size, seconds = _sample(experiment)
-    shards = plan(experiment)
+        warm_up(planned)
+        size, seconds = _sample(planned)
+    shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
     return {
-        "out": str(folder),
-        "episodes": len(experiment.cells) * experiment.episodes,
-        "rows": experiment.rows,
+        "out": str(out if folder is None else folder),
+        "episodes": len(planned.cells) * planned.episodes,
+        "rows": planned.rows,
         "shards": len(shards),
-        "bytes": round(size * experiment.rows),
-        "seconds": seconds * experiment.rows / busy,
+        "bytes": round(size * planned.rows),
+        "seconds": seconds * planned.rows / busy,
         "workers": division.processes,
     }
 

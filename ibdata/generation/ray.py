@@ -30,7 +30,7 @@ def library() -> Any:
         try:
             import ray
         except ImportError:
-            raise MissingError("--engine ray", "ray", "ray") from None
+            raise MissingError("the engine ray", "ray", "ray") from None
     return ray
 
 

@@ -157,7 +157,7 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
     from ibdata.dataset.manifest import refuse_inside
 
     if os.path.lexists(path) and (path.is_dir() or not overwrite):
-        todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
+        todo = "another name" if path.is_dir() else "another name, or --overwrite"
         raise UsageError(f"{path}: exists already; choose {todo}")
     refuse_inside(path)
 
