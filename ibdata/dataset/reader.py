@@ -18,6 +18,7 @@ from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, selected_runs
+from ibdata.dataset.tabular import Table, Tabular, as_html
 from ibdata.errors import DatasetError, UsageError
 from ibdata.system import object_store
 
@@ -25,6 +26,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TRIES = 5
+
+
+class Splits(Tabular, dict[str, dict[str, Any]]):
+    """The splits of a dataset by name: a dict that shows as a table."""
+
+    def tables(self) -> list[Table]:
+        """The splits, a row each; those without files of their own are labels of episodes."""
+        rows = [
+            (name, split["episodes"], split["rows"], "labels" if split["files"] is None else "whole files")
+            for name, split in self.items()
+        ]
+        return [Table(("split", "episodes", "rows", "kind"), rows, "" if rows else "no splits")]
 
 
 class Dataset:
@@ -62,6 +75,16 @@ class Dataset:
         counts = self.info_model.counts
         return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
 
+    def _repr_html_(self) -> str:
+        info, counts = self.info_model, self.info_model.counts
+        sizes: dict[str, Any] = {"dataset": info.name, "rows": counts.rows, "episodes": counts.episodes}
+        cells = {
+            "policies": self.episode_table["policy"].unique().to_pylist(),
+            "setpoints": self.episode_table["setpoint"].unique().to_pylist(),
+        }
+        row = {**sizes, **cells, "content root": f"{self.content_root[:12]}…", "in": self.place}
+        return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
+
     def __len__(self) -> int:
         return self.manifest_model.rows
 
@@ -84,6 +107,11 @@ class Dataset:
     def info_model(self) -> Info:
         """`info` as a model."""
         return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
+
+    @property
+    def splits(self) -> Splits:
+        """For each split its numbers of episodes and rows, and its files; None for files if it has none."""
+        return Splits({name: split.plain() for name, split in self.info_model.splits.items()})
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """Statistics of the float columns.

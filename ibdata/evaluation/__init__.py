@@ -5,18 +5,22 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.play import returns
 from ibdata.evaluation.policies import policy_of
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import estimate
 from ibdata.system.memory import refuse_too_much
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
@@ -52,14 +56,28 @@ class Difference(NamedTuple):
     interval: tuple[float, float] | None
 
 
-@dataclasses.dataclass(frozen=True)
-class Evaluation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both."""
 
     results: list[Result]
     differences: list[Difference]
     scale: str | None
     returns: Floats  # (policies, setpoints, episodes)
+
+    def tables(self) -> list[Table]:
+        """The results and, if there are several policies, their differences."""
+        note = f"score: {self.scale}" if self.scale else ""
+        shown = [Table(Result._fields, [_with_all(row) for row in self.results], note)]
+        if self.differences:
+            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
+        return shown
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The results, a row each, as a pandas DataFrame; the setpoint is missing where it means all."""
+        import pandas as pd
+
+        return pd.DataFrame(self.results, columns=list(Result._fields))
 
     def plain(self) -> dict[str, Any]:
         """Results, differences and scale as plain data."""
@@ -68,6 +86,12 @@ class Evaluation:
             "differences": [difference._asdict() for difference in self.differences],
             "scale": self.scale,
         }
+
+
+def _with_all(row: Result | Difference) -> Result | Difference:
+    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else row.setpoint
+    return row._replace(setpoint=shown)
 
 
 def evaluate(

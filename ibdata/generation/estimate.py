@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.experiment import Config, Experiment, Overrides, load
 from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -27,6 +28,14 @@ SAMPLE_ROWS = 100_000
 PARTS = 8
 
 
+class Estimate(Tabular, dict[str, Any]):
+    """The size and duration of a run: a dict that shows as a table."""
+
+    def tables(self) -> list[Table]:
+        """The names and values, a row of all of them."""
+        return [Table(list(self), [list(self.values())])]
+
+
 def estimate(
     experiment: Config,
     folder: str | os.PathLike[str] | None = None,
@@ -37,7 +46,7 @@ def estimate(
     *,
     overrides: Overrides = (),
     seed: int | None = None,
-) -> dict[str, Any]:
+) -> Estimate:
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
@@ -51,7 +60,8 @@ def estimate(
         seed: As in `generate`.
 
     Returns:
-        out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
+        out, episodes, rows, shards, workers (the number of processes), and estimated bytes and seconds; a
+        dict that notebooks show as a table.
 
     Raises:
         IbdataError: As in `generate`.
@@ -69,15 +79,15 @@ def estimate(
     shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
-    return {
-        "out": str(out if folder is None else folder),
-        "episodes": len(planned.cells) * planned.episodes,
-        "rows": planned.rows,
-        "shards": len(shards),
-        "bytes": round(size * planned.rows),
-        "seconds": seconds * planned.rows / busy,
-        "workers": division.processes,
-    }
+    return Estimate(
+        out=str(out if folder is None else folder),
+        episodes=len(planned.cells) * planned.episodes,
+        rows=planned.rows,
+        shards=len(shards),
+        bytes=round(size * planned.rows),
+        seconds=seconds * planned.rows / busy,
+        workers=division.processes,
+    )
 
 
 def _sample(experiment: Experiment) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from ibdata.system.atomic_files import file_sha256
 from ibdata.system.lock import is_locked
 from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
-from ibdata.validation.rules import Problem
+from ibdata.validation.rules import Findings, Problem
 from ibdata.writing.metadata import as_json
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
@@ -30,7 +30,7 @@ Hashes = dict[str, "Future[str | None]"]  # the SHA-256 of files, by path
 PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
-def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
+def validate(folder: str | os.PathLike[str], quick: bool = False) -> Findings:
     """Find every problem of a dataset, without running any code of the dataset.
 
     First, the SHA-256 of every file is compared. Then every rule of the rows is checked (schema, no nulls,
@@ -43,7 +43,7 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
         quick: Compare only the SHA-256 of the files.
 
     Returns:
-        The problems; empty if there are none.
+        The problems, a list that is empty if there are none, and that notebooks show as a table.
 
     Raises:
         BusyError: The dataset was being replaced each time it was read.
@@ -54,9 +54,10 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
         try:
             listed = manifest.read(path)
         except DatasetError as error:
-            return [*_interrupted(path), Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")]
+            unread = Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")
+            return Findings([*_interrupted(path), unread])
         try:
-            problems = [*_interrupted(path), *_problems(path, listed, quick)]
+            problems = Findings([*_interrupted(path), *_problems(path, listed, quick)])
             manifest.refuse_replaced(path, listed)
         except manifest.ReplacedError:
             continue
