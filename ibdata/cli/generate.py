@@ -20,6 +20,7 @@ from ibdata.cli._shared import (
     allow_code_option,
     config_option,
     json_option,
+    quiet_option,
     seed_option,
     set_option,
 )
@@ -63,7 +64,7 @@ from ibdata.cli._shared import (
 )
 @click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
 @allow_code_option
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
+@quiet_option
 @json_option
 def command(
     config: str,

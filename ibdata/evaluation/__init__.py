@@ -18,6 +18,7 @@ from ibdata.evaluation.policies import policy_of
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import estimate
 from ibdata.system.memory import refuse_too_much
+from ibdata.system.progress import bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,6 +107,7 @@ def evaluate(
     seed: int = 0,
     history: int = 1,
     allow_code: bool = False,
+    progress: bool | None = False,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -126,6 +128,7 @@ def evaluate(
         history: the number of observations that an object without `history_length` sees. `predict` gets them
             newest first, flattened to (n, 6 · history).
         allow_code: whether a custom policy that a file names may run.
+        progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -153,7 +156,8 @@ def evaluate(
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
     options = validated({**plain, **settings}).options()
     experiment = Experiment.model_construct(**{**options, "policies": policies})  # of any class
-    discounted, undiscounted = returns(experiment, float(discount))
+    with bar(progress, experiment.rows, "steps") as advance:
+        discounted, undiscounted = returns(experiment, float(discount), advance)
     scale = None
     if not experiment.drifting:
         scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)

@@ -11,6 +11,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
 from ibdata.simulation.rollout import CHUNK, Block, blocks
 from ibdata.simulation.variables import record_rows
+from ibdata.system.progress import Advance, unseen
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,7 +25,7 @@ class EvaluationBlock(Block):
         common = {key: value for key, value in form.items() if key != "policy"}
         return form_digest(common), form_digest(form)
 
-    def returns(self, discount: float) -> tuple[Floats, Floats]:
+    def returns(self, discount: float, advance: Advance = unseen) -> tuple[Floats, Floats]:
         """The discounted and the undiscounted return of each episode, (n,)."""
         chunk = min(CHUNK, self.experiment.steps)
         rewards = np.empty((1, chunk + 1, self.n))
@@ -35,17 +36,20 @@ class EvaluationBlock(Block):
                 discounted += weight * reward
                 plain += reward
                 weight *= discount
+            advance(count * self.n)
         return discounted, plain
 
 
-def returns(experiment: Experiment, discount: float) -> tuple[Floats, Floats]:
+def returns(experiment: Experiment, discount: float, advance: Advance = unseen) -> tuple[Floats, Floats]:
     """Discounted and undiscounted returns (policies, setpoints, episodes) of an experiment's episodes.
+
+    `advance` is called with the number of steps of each part.
 
     Raises PolicyError if a policy fails or returns no valid action.
     """
     total = len(experiment.cells) * experiment.episodes
     out = np.empty((2, total))
     for first, stop in blocks(experiment, 0, total):
-        out[:, first:stop] = EvaluationBlock(experiment, first, stop).returns(discount)
+        out[:, first:stop] = EvaluationBlock(experiment, first, stop).returns(discount, advance)
     shape = (len(experiment.policies), -1, experiment.episodes)
     return out[0].reshape(shape), out[1].reshape(shape)

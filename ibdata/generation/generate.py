@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import Config, Experiment, Overrides, load
@@ -16,11 +14,13 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
+from ibdata.generation.make_shard import CountedParts
 from ibdata.generation.origin import Origin
 from ibdata.generation.staging import discard
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
+from ibdata.system.progress import bar
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -146,10 +146,10 @@ def make(
     missing = [shard for shard in shards if shard.number not in done]
     output_folder.forget(root, missing)
     rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
-    disable = None if progress is None else not progress
-    with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
-        bar.update(sum(w.content.moments.rows for w in written))
-        for w in run(spec, missing, root, identity):
+    with bar(progress, rows, "transitions") as advance:
+        advance(sum(w.content.moments.rows for w in written))
+        counted = CountedParts(advance)
+        for w in run(spec, missing, root, identity, counted.tell):
             written.append(w)
-            bar.update(w.content.moments.rows)
+            counted.done(w.shard.number, w.content.moments.rows)
     return written
