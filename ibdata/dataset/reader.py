@@ -6,19 +6,19 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.history import stacked
+from ibdata.dataset.history import array_columns, arrays_of
 from ibdata.dataset.models import Info, Manifest, Stats
+from ibdata.dataset.overview import Splits, overview
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, selected_runs
-from ibdata.dataset.tabular import Table, Tabular, as_html
+from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, selected_runs
 from ibdata.errors import DatasetError, UsageError
 from ibdata.system import object_store
 
@@ -26,18 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TRIES = 5
-
-
-class Splits(Tabular, dict[str, dict[str, Any]]):
-    """The splits of a dataset by name: a dict that shows as a table."""
-
-    def tables(self) -> list[Table]:
-        """The splits, a row each; those without files of their own are labels of episodes."""
-        rows = [
-            (name, split["episodes"], split["rows"], "labels" if split["files"] is None else "whole files")
-            for name, split in self.items()
-        ]
-        return [Table(("split", "episodes", "rows", "kind"), rows, "" if rows else "no splits")]
 
 
 class Dataset:
@@ -76,14 +64,7 @@ class Dataset:
         return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
 
     def _repr_html_(self) -> str:
-        info, counts = self.info_model, self.info_model.counts
-        sizes: dict[str, Any] = {"dataset": info.name, "rows": counts.rows, "episodes": counts.episodes}
-        cells = {
-            "policies": self.episode_table["policy"].unique().to_pylist(),
-            "setpoints": self.episode_table["setpoint"].unique().to_pylist(),
-        }
-        row = {**sizes, **cells, "content root": f"{self.content_root[:12]}…", "in": self.place}
-        return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
+        return overview(self)
 
     def __len__(self) -> int:
         return self.manifest_model.rows
@@ -210,7 +191,9 @@ class Dataset:
         """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        return self._batches(self._shards(split, setpoint, policy), self._columns(columns), batch_rows)
+        names, shards = self._columns(columns), self._shards(split, setpoint, policy)
+        parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
+        return chain.from_iterable(parts)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
@@ -264,24 +247,9 @@ class Dataset:
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
-        groups = self.info_model.groups
-        roles = ("observation", "action", "reward", "next_observation")
-        names = ["episode", "step", "terminated", "truncated"]
-        columns = [*names, *(name for role in roles for name in groups[role])]
-        table = self.table(columns, split, setpoint=setpoint, policy=policy)
-
-        def stack(role: str) -> npt.NDArray[Any]:
-            return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
-
-        out = {name: table[name].to_numpy() for name in names}
-        observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        return {
-            "observations": observations,
-            "actions": stack("action"),
-            "rewards": table["reward"].to_numpy(),
-            "next_observations": after,
-            **out,
-        }
+        names = array_columns(self.info_model.groups)
+        table = self.table(names, split, setpoint=setpoint, policy=policy)
+        return arrays_of(table, self.info_model.groups, history)
 
     @cached_property
     def episode_table(self) -> pa.Table:
@@ -307,23 +275,8 @@ class Dataset:
             return [(number, None) for number, shard in shards if shard.path in known]
         return sorted(selected_runs(self.episode_table, split, setpoint, policy).items())
 
-    def _batches(
-        self, shards: list[tuple[int, Runs | None]], names: list[str], rows: int
-    ) -> Iterator[pa.RecordBatch]:
-        for number, runs in shards:
-            first = 0
-            for batch in self.shard_batches(number, names, rows):
-                stop = first + batch.num_rows
-                for start, end in [(first, stop)] if runs is None else runs:
-                    low, high = max(start, first), min(end, stop)
-                    if low < high:
-                        yield batch.slice(low - first, high - low)
-                first = stop
-
     def _known(self, split: str) -> str:
         """Return the split. Raises UsageError if the dataset does not have it."""
-        splits = self.info_model.splits
-        if not splits:
+        if not self.splits:
             raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
-        known_of("split", split, list(splits))
-        return split
+        return str(known_of("split", split, list(self.splits))[0])

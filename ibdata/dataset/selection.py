@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Real
 from typing import Any
 
@@ -52,6 +52,18 @@ def selected_runs(
             start = own.pop()[0]
         own.append((start, stop))
     return found
+
+
+def rows_in(batches: Iterable[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:
+    """The rows of a shard that are in the runs, or all of them, from its batches in order."""
+    first = 0
+    for batch in batches:
+        stop = first + batch.num_rows
+        for start, end in [(first, stop)] if runs is None else runs:
+            low, high = max(start, first), min(end, stop)
+            if low < high:
+                yield batch.slice(low - first, high - low)
+        first = stop
 
 
 def _in_split(splits: pa.ListArray, split: str) -> npt.NDArray[np.bool_]:
