@@ -63,18 +63,25 @@ def array_columns(groups: Mapping[str, list[str]]) -> list[str]:
     return [*INDICES, *(name for role in ROLES for name in groups[role])]
 
 
-def arrays_of(table: pa.Table, groups: Mapping[str, list[str]], history: int) -> dict[str, Array]:
-    """The rows of whole episodes as the arrays that `Dataset.arrays` describes."""
+def arrays_of(table: pa.Table, groups: Mapping[str, list[str]], history: int, drop: bool) -> dict[str, Array]:
+    """The rows of whole episodes as the arrays that `Dataset.arrays` describes.
+
+    `drop` leaves out the rows with fewer observations before them.
+    """
 
     def stack(role: str) -> Array:
         return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
 
     out = {name: table[name].to_numpy() for name in INDICES}
     observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-    return {
+    arrays = {
         "observations": observations,
         "actions": stack("action"),
         "rewards": table["reward"].to_numpy(),
         "next_observations": after,
         **out,
     }
+    if not drop or history == 1:
+        return arrays
+    whole = out["step"] >= history - 1
+    return {name: array[whole] for name, array in arrays.items()}

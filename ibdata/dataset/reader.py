@@ -223,6 +223,7 @@ class Dataset:
         self,
         history: int = 1,
         split: str | None = None,
+        pad: str = "repeat",
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
@@ -230,9 +231,10 @@ class Dataset:
         """The rows as the arrays that learning libraries take.
 
         Args:
-            history: How many observations to stack, newest first. Before the start of an episode, its first
-                observation is repeated.
+            history: How many observations to stack, newest first.
             split: As in `table`.
+            pad: What is done with the first rows of an episode, which have fewer observations before them:
+                "repeat" repeats the first recorded observation, "drop" leaves these rows out.
             setpoint: As in `table`.
             policy: As in `table`.
 
@@ -242,14 +244,17 @@ class Dataset:
             step (N,).
 
         Raises:
-            UsageError: The history is below 1, or the dataset has no such split, setpoint or policy.
+            UsageError: The history is below 1, pad is neither of the two, or the dataset has no such split,
+                setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
+        if pad not in ("repeat", "drop"):
+            raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
         names = array_columns(self.info_model.groups)
         table = self.table(names, split, setpoint=setpoint, policy=policy)
-        return arrays_of(table, self.info_model.groups, history)
+        return arrays_of(table, self.info_model.groups, history, pad == "drop")
 
     @cached_property
     def episode_table(self) -> pa.Table:

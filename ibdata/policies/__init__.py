@@ -16,7 +16,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
-from ibdata.policies.base import OBSERVATION, Deterministic, Policy, Wrapper
+from ibdata.policies.base import OBSERVATION, Deterministic, Policy
+from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
