@@ -183,7 +183,7 @@ def _check_atoms(policy: Policy, one: Given) -> None:
     actions, counts = np.unique(_decided(policy, many)[0], axis=0, return_counts=True)
     actions, shares = actions[counts > REPEATS // 100], counts[counts > REPEATS // 100] / REPEATS
     said = np.exp(_log_density(policy, _rows(many, slice(len(actions))), actions))
-    error = CERTAIN * np.sqrt(shares * (1.0 - shares) / REPEATS) + 1e-6
+    error = CERTAIN * np.sqrt((shares * (1.0 - shares) + 1.0 / REPEATS) / REPEATS)
     wrong = np.abs(said - shares) > error  # False where the density is NaN
     assert not wrong.any(), (
         f"log_prob gives {actions[wrong][0]} the probability {said[wrong][0]:.4f}, but its share of "

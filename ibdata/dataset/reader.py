@@ -23,6 +23,7 @@ from ibdata.system import object_store
 if TYPE_CHECKING:
     import pandas as pd
 
+Arrays = dict[str, npt.NDArray[Any]]
 Runs = list[tuple[int, int]]
 TRIES = 5
 
@@ -183,16 +184,13 @@ class Dataset:
             manifest.refuse_replaced(self.path, self.manifest_model)
             raise
 
-    def arrays(
-        self, history: int = 1, split: str | None = None, pad: str = "repeat"
-    ) -> dict[str, npt.NDArray[Any]]:
+    def arrays(self, history: int = 1, split: str | None = None, pad: str = "repeat") -> Arrays:
         """The rows as the arrays that learning libraries take.
 
         Args:
             history: How many observations to stack, newest first.
             split: Only rows of this split.
-            pad: What is done with the first rows of an episode, which have fewer observations before them:
-                "repeat" repeats the first recorded observation, "drop" leaves these rows out.
+            pad: In rows with fewer observations before: "repeat" the first, or "drop" these rows.
 
         Returns:
             observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
@@ -216,18 +214,16 @@ class Dataset:
             return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
 
         out = {name: table[name].to_numpy() for name in names}
-        observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        arrays = {
-            "observations": observations,
+        now, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
+        rewards = table["reward"].to_numpy()
+        given = {
+            "observations": now,
             "actions": stack("action"),
-            "rewards": table["reward"].to_numpy(),
+            "rewards": rewards,
             "next_observations": after,
-            **out,
         }
-        if pad == "drop" and history > 1:
-            whole = out["step"] >= history - 1
-            return {name: array[whole] for name, array in arrays.items()}
-        return arrays
+        kept = slice(None) if pad == "repeat" else out["step"] >= history - 1
+        return {name: array[kept] for name, array in {**given, **out}.items()}
 
     @cached_property
     def episode_table(self) -> pa.Table:

@@ -156,6 +156,19 @@ class Policy(FrozenModel):
         """
         return self.log_prob(given.observations, action)
 
+    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Whether the measure of the density has a unit mass at a whole action; by default at its corners.
+
+        Args:
+            given: as in `decide`.
+            action: as in `log_density`.
+
+        Returns:
+            Bool (n,).
+        """
+        corners: npt.NDArray[np.bool_] = (np.abs(action) == 1.0).all(axis=1)
+        return corners
+
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         """Return the actions of n episodes at one step: the short form of `decide`.
 
@@ -204,7 +217,14 @@ class Deterministic(Policy):
         return applied(self.act(history, np.empty((len(history), 0))))
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        return np.where((action == applied(self.decide(given).actions)).all(axis=1), 0.0, -np.inf)
+        return np.where(self._takes(given, action), 0.0, -np.inf)
+
+    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        return super().has_mass(given, action) | self._takes(given, action)
+
+    def _takes(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        same: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
+        return same
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
