@@ -215,15 +215,10 @@ class Dataset:
 
         out = {name: table[name].to_numpy() for name in names}
         now, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        rewards = table["reward"].to_numpy()
-        given = {
-            "observations": now,
-            "actions": stack("action"),
-            "rewards": rewards,
-            "next_observations": after,
-        }
+        first = {"observations": now, "actions": stack("action"), "rewards": table["reward"].to_numpy()}
+        out = {**first, "next_observations": after, **out}
         kept = slice(None) if pad == "repeat" else out["step"] >= history - 1
-        return {name: array[kept] for name, array in {**given, **out}.items()}
+        return {name: array[kept] for name, array in out.items()}
 
     @cached_property
     def episode_table(self) -> pa.Table:
