@@ -114,6 +114,11 @@ class Policy(FrozenModel):
         return None
 
     @property
+    def is_short(self) -> bool:
+        """Whether actions depend on nothing but the last observations and random numbers of the step."""
+        return type(self).decide is Policy.decide
+
+    @property
     def inner(self) -> tuple[Policy, ...]:
         """The policies of which this one is made; none by default."""
         return ()
@@ -201,10 +206,10 @@ class Policy(FrozenModel):
         return self.log_density(self._at_start(history, np.empty((len(action), 0))), action)
 
     def _at_start(self, history: History, u: Floats) -> Given:
-        if self.memory_size or self.uniforms_per_episode:
+        if not self.is_short:
             raise TypeError(
                 f"{self.label}: found a call of act or log_prob, expected one of decide or log_density, "
-                "because the policy depends on earlier steps or on random numbers of the episode"
+                "because the policy may depend on more than the last observations"
             )
         return at_start(history, u)
 

@@ -49,6 +49,11 @@ class EpsilonGreedy(Wrapper):
         """One or three draws that decide, and three for the random action."""
         return 6 if self.per_dimension else 4
 
+    @property
+    def is_short(self) -> bool:
+        """Whether that is true of the base."""
+        return self.base.is_short
+
     def decide(self, given: Given) -> Decision:
         chosen = self.base.decide(self.for_base(given))
         base = applied(chosen.actions)

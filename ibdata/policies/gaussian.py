@@ -39,6 +39,11 @@ class Gaussian(Wrapper):
         description="standard deviation of the noise"
     )
 
+    @property
+    def is_short(self) -> bool:
+        """Whether that is true of the base."""
+        return self.base.is_short
+
     def decide(self, given: Given) -> Decision:
         chosen = self.base.decide(self.for_base(given))
         base = applied(chosen.actions)

@@ -57,6 +57,22 @@ def test_a_custom_base_leaves_no_density():
     assert np.isnan(policy.log_density(given, action)).all()
 
 
+@pytest.mark.parametrize("kind", ["sticky", "epsilon_greedy"])
+def test_the_short_forms_of_what_depends_on_earlier_steps_are_refused(kind):
+    """They could only answer as at the first step."""
+    base, options = {"kind": "prbs"}, {"sticky": {"kappa": 0.5}, "epsilon_greedy": {"epsilon": 0.5}}
+    policy = POLICIES[kind](base=base, **options[kind])
+    history = np.zeros((2, policy.history_length, 6), dtype=np.float32)
+    for short in (
+        lambda: policy.act(history, np.zeros((2, policy.uniforms_per_step))),
+        lambda: policy.log_prob(history, np.zeros((2, 3), dtype=np.float32)),
+    ):
+        with pytest.raises(
+            TypeError, match=f"^{kind}: found a call of act or log_prob, expected one of decide"
+        ):
+            short()
+
+
 @pytest.mark.parametrize(("weights", "share"), [(None, 0.5), ([1.0, 3.0], 0.25)])
 def test_one_policy_of_a_mixture_acts_in_a_whole_episode(weights, share):
     action = played(Mixture(bases=[UP, DOWN], weights=weights), N, 3)
