@@ -17,7 +17,8 @@ from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError, suggestion
+from ibdata.numerics.naming import counted
 from ibdata.system import object_store
 
 if TYPE_CHECKING:
@@ -61,7 +62,8 @@ class Dataset:
 
     def __repr__(self) -> str:
         counts = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
+        rows, episodes = counted(counts.rows, "row"), counted(counts.episodes, "episode")
+        return f"<ibdata.Dataset {self.place}: {rows}, {episodes}>"
 
     def __len__(self) -> int:
         return self.manifest_model.rows
@@ -233,7 +235,8 @@ class Dataset:
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
         unknown = [name for name in columns if name not in known]
         if unknown:
-            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
+            near = suggestion(unknown[0], known)
+            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}{near}")
         return list(columns)
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
@@ -282,5 +285,5 @@ class Dataset:
         splits = self.info_model.splits
         if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
-            raise UsageError(f"split: found {split!r}, expected {known}")
+            raise UsageError(f"split: found {split!r}, expected {known}{suggestion(split, splits)}")
         return split

@@ -49,7 +49,7 @@ else:
     # The types of policies within others, known once all policies are.
     AnyPolicy = _one_of(POLICIES.values())
     AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper | Choice))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if issubclass(p, Deterministic))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
     for _block in _subclasses(FrozenModel):
         _block.model_rebuild(
             _types_namespace={

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -162,7 +162,9 @@ class Policy(FrozenModel):
         return self.log_prob(given.observations, action)
 
     def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        """Whether the measure of the density has a unit mass at a whole action; by default at its corners.
+        """Whether the measure of the density has a unit mass at a whole action.
+
+        By default, it has one at each corner of [-1, 1]³ and at an action that is certain.
 
         Args:
             given: as in `decide`.
@@ -172,7 +174,10 @@ class Policy(FrozenModel):
             Bool (n,).
         """
         corners: npt.NDArray[np.bool_] = (np.abs(action) == 1.0).all(axis=1)
-        return corners
+        if not is_deterministic(self):
+            return corners
+        own: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
+        return corners | own
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         """Return the actions of n episodes at one step: the short form of `decide`.
@@ -222,14 +227,12 @@ class Deterministic(Policy):
         return applied(self.act(history, np.empty((len(history), 0))))
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        return np.where(self._takes(given, action), 0.0, -np.inf)
-
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        return super().has_mass(given, action) | self._takes(given, action)
-
-    def _takes(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        same: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
-        return same
+        return np.where((action == applied(self.decide(given).actions)).all(axis=1), 0.0, -np.inf)
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
+
+
+def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
+    """Whether a policy's action is certain, given what is known before it, by class or by promise."""
+    return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)

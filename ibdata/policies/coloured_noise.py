@@ -16,7 +16,7 @@ from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.constant import Constant
 from ibdata.policies.given import Decision, Given, Steps
-from ibdata.policies.wrapper import Unnamed, Wrapper
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -41,7 +41,7 @@ class ColouredNoise(Wrapper):
     """
 
     kind: Literal["coloured_noise"] = "coloured_noise"
-    base: Annotated[DeterministicBase, Unnamed] = Field(
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(
         default=Constant(), description="a deterministic policy; by default constant, with the action 0"
     )
     beta: Annotated[float, Field(ge=0.0, le=4.0, strict=True), AfterValidator(lambda x: x + 0.0)] = Field(

@@ -14,7 +14,7 @@ from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.given import Decision, Given
-from ibdata.policies.wrapper import Unnamed, Wrapper
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -34,7 +34,7 @@ class Gaussian(Wrapper):
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed] = Field(description="a deterministic policy")
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(description="a deterministic policy")
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )

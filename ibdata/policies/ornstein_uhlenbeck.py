@@ -15,7 +15,7 @@ from ibdata.policies.base import Floats
 from ibdata.policies.constant import Constant
 from ibdata.policies.gaussian import log_clipped_normal
 from ibdata.policies.given import Decision, Given
-from ibdata.policies.wrapper import Unnamed, Wrapper
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -36,7 +36,7 @@ class OrnsteinUhlenbeck(Wrapper):
     own_memory_size: ClassVar[int] = 3
 
     kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
-    base: Annotated[DeterministicBase, Unnamed] = Field(
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(
         default=Constant(), description="a deterministic policy; by default constant, with the action 0"
     )
     theta: Annotated[float, Field(ge=1e-9, le=1.0, strict=True)] = Field(

@@ -11,7 +11,7 @@ from pydantic import Field
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats
+from ibdata.policies.base import Floats, is_deterministic
 from ibdata.policies.epsilon_greedy import Probability, log_share
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.wrapper import Unnamed, Wrapper
@@ -24,8 +24,8 @@ class Sticky(Wrapper):
     """Repeats the last action with probability κ; else, and at the first step, the base acts.
 
     An action is held for 1/(1 - κ) steps on average. Its density has a unit mass at the last action, and is
-    not known (NaN) around a custom policy. Source: the sticky actions of Machado et al. 2018, Revisiting the
-    Arcade Learning Environment; there they belong to the environment.
+    not known (NaN) around a custom policy without `deterministic: true`. Source: the sticky actions of
+    Machado et al. 2018, Revisiting the Arcade Learning Environment; there they belong to the environment.
     """
 
     own_uniforms_per_step: ClassVar[int] = 1
@@ -51,7 +51,7 @@ class Sticky(Wrapper):
         It is log(1 - κ) more than the base's, except at the last action: there it is log(κ + (1 - κ) p) if
         the base takes this action with a probability p, else log κ.
         """
-        if any(policy.code_target for policy in self.base.everywhere()):
+        if any(policy.code_target and not is_deterministic(policy) for policy in self.base.everywhere()):
             return np.full(len(action), np.nan)  # nobody says where its measure has unit masses
         base, out = self.for_base(given), np.empty(len(action))
         density, mass = self.base.log_density(base, action), self.base.has_mass(base, action)

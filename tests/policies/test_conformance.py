@@ -29,9 +29,10 @@ def needs_options(kind):
 ALONE = [kind for kind in POLICIES if not needs_options(kind)]
 # Options to try for each kind that has any to give, all of them different from their defaults.
 CUSTOM = {"target": "ibdata.policies.safe:Safe", "uniforms": 5}  # code that everyone has
+SURE = {"target": "ibdata.policies.mediocre:Mediocre", "deterministic": True}
 EXAMPLES = {
     "constant": [{}, {"action": [1.0, -0.25, 0.1]}],
-    "custom": [CUSTOM],
+    "custom": [CUSTOM, SURE],
 }
 # Around every policy that may be a base, but multisine, which is like prbs; 24 nodes integrate a normal of
 # 0.4 to 1e-7.
@@ -46,8 +47,12 @@ EXAMPLES["epsilon_greedy"] = [
         for epsilon in (0.0, 1.0)
     ),
     {"base": {"kind": "constant", "action": [1.0, -0.25, 0.1]}, "epsilon": 0.4},
+    {"base": {"kind": "custom", **SURE}, "epsilon": 0.4, "per_dimension": True},
 ]
-EXAMPLES["gaussian"] = [{"base": {"kind": kind}, "scale": 0.4} for kind in FIXED]
+EXAMPLES["gaussian"] = [
+    *({"base": {"kind": kind}, "scale": 0.4} for kind in FIXED),
+    {"base": {"kind": "custom", **SURE}, "scale": 0.4},
+]
 NOISE = {"base": {"kind": "constant", "action": [0.5, -0.25, 1.0]}}
 EXAMPLES["ornstein_uhlenbeck"] = [{}, {**NOISE, "theta": 0.5, "sigma": 0.4}]
 EXAMPLES["coloured_noise"] = [{"period": 8}, {**NOISE, "beta": 0.5, "scale": 2.0, "period": 2}]
@@ -56,6 +61,7 @@ EXAMPLES["multisine"] = [{}, {"sines": 2, "period": 16, "amplitude": 0.5}]
 EXAMPLES["sticky"] = [
     {"base": {"kind": "random"}, "kappa": 0.5},
     {"base": {"kind": "optimized"}, "kappa": 0.5},
+    {"base": {"kind": "custom", **SURE}, "kappa": 0.5},
     {"base": {"kind": "epsilon_greedy", "base": {"kind": "prbs"}, "epsilon": 0.4}, "kappa": 0.25},
     {"base": {"kind": "sticky", "base": {"kind": "safe"}, "kappa": 0.5}, "kappa": 0.5},
 ]
