@@ -12,11 +12,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
-from ibdata.policies.base import OBSERVATION, Deterministic, Policy
+from ibdata.policies.base import OBSERVATION, Deterministic, FrozenModel, Policy
+from ibdata.policies.choice import Choice
 from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
@@ -68,12 +70,25 @@ if TYPE_CHECKING:
     AnyBase = Policy
     DeterministicBase = Deterministic
 else:
-    # The types of a wrapper's base, known once all policies are. Wrappers cannot be nested.
-    AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
-    for _policy in POLICIES.values():
-        _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
+    # The types of policies within others, known once all policies are.
     AnyPolicy = _one_of(POLICIES.values())
+    AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper | Choice))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
+    for _block in _subclasses(FrozenModel):
+        _block.model_rebuild(
+            _types_namespace={
+                "AnyPolicy": AnyPolicy,
+                "AnyBase": AnyBase,
+                "DeterministicBase": DeterministicBase,
+            }
+        )
+
+
+def _plain_default(field: FieldInfo) -> Any:
+    """The default of an option as JSON holds it; None where there is none."""
+    if field.is_required():
+        return None
+    return field.default.form() if isinstance(field.default, Policy) else field.default
 
 
 def described() -> list[dict[str, Any]]:
@@ -86,7 +101,7 @@ def described() -> list[dict[str, Any]]:
                 {
                     "name": name,
                     "required": field.is_required(),
-                    "default": None if field.is_required() else field.default,
+                    "default": _plain_default(field),
                     "description": field.description or "",
                 }
                 for name, field in policy.model_fields.items()
