@@ -106,9 +106,10 @@ def discard(root: Path, keep: str = "") -> None:
                 folder.rmdir()
             elif staged and all(is_busy(path) for path in folder.iterdir()):
                 folder.rename(root / f"old-{secrets.token_hex(4)}")
-    for name in (manifest.CARD, manifest.REPORT):
-        if staged or name != manifest.CARD or not is_foreign(root / name):
-            (root / name).unlink(missing_ok=True)
+    if staged or not is_foreign(root / manifest.CARD):
+        (root / manifest.CARD).unlink(missing_ok=True)
+    if staged:  # no unfinished run has a report
+        (root / manifest.REPORT).unlink(missing_ok=True)
     empty_run(root / receipt.FOLDER)
     if staged:
         (root / manifest.MARK).unlink(missing_ok=True)  # last, so that who goes on knows the rest

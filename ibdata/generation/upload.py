@@ -58,11 +58,25 @@ def find(remote: Remote, experiment: Experiment, work: Path, resume: bool, overw
         )
     recorded = found.listed.entries().get(manifest.EXPERIMENT)
     same = recorded is not None and recorded.sha256 == hashlib.sha256(as_yaml(experiment)).hexdigest()
-    if not same or found.listed.data_version != manifest.DATA_VERSION:
+    if not same or found.listed.data_version != experiment.data_version:
         what = "dataset" if found.finished else "interrupted upload"
         other = "another data version" if same else "another experiment"
         raise UsageError(f"{remote.name}: holds the {what} of {other}; choose another --out")
+    if found.finished:
+        _refuse_incomplete(remote, found)
     return found
+
+
+def _refuse_incomplete(remote: Remote, found: Found) -> None:
+    """Raise DatasetError if a file of a finished dataset is missing or has another size."""
+    assert found.listed is not None
+    for file in found.listed.files:
+        size = found.sizes.get(file.path)
+        if size != file.bytes:
+            seen = "is missing" if size is None else f"has {size} bytes, expected {file.bytes}"
+            raise DatasetError(
+                f"{remote.name}: {file.path} {seen}; remove what is there, or choose another --out"
+            )
 
 
 def _found(remote: Remote, work: Path) -> Found:

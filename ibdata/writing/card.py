@@ -45,6 +45,12 @@ def listed_root(path: Path) -> str | None:
     return found[1].decode() if found else None
 
 
+def machine_readable(text: bytes) -> list[bytes]:
+    """The lines of a card that programs read: the data files of each set, and the content root."""
+    lines = rb"^(?:  - config_name:|    data_files:|      - |\| content root \|).*$"
+    return re.findall(lines, text, re.MULTILINE)
+
+
 def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
     """The bytes of the card. The shards need their file entries, but not their content."""
     return f"{_front_matter(spec, written)}\n{_text(spec, written, root)}".encode()

@@ -14,7 +14,7 @@ from helpers.tiny import FOUR_SHARDS
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError
-from ibdata.generation import replacement, staging
+from ibdata.generation import receipt, replacement, staging
 from ibdata.maintenance import rewrite
 
 OTHER = FOUR_SHARDS.model_copy(update={"seed": 1})
@@ -93,6 +93,19 @@ def test_a_file_of_somebody_beside_ours_is_named_before_anything_is_removed(here
     with pytest.raises(UsageError, match=r"found something that ibdata did not write; move it away"):
         WRITERS["overwrite"]()
     assert contents(here) == before
+
+
+def test_a_users_files_beside_an_unfinished_run_stay(here):
+    (here / manifest.PATH).unlink()
+    (here / receipt.FOLDER).mkdir()
+    (here / staging.EXPERIMENT).write_text("of another run")
+    for name in (manifest.CARD, manifest.REPORT):
+        (here / name).write_text("mine")
+    with pytest.raises(UsageError, match=r"README\.md: found a text that ibdata did not write"):
+        WRITERS["overwrite"]()
+    (here / manifest.CARD).unlink()
+    WRITERS["overwrite"]()
+    assert (here / manifest.REPORT).read_text() == "mine"
 
 
 def test_what_a_full_disk_left_in_the_place_of_a_replaced_folder_is_ours(here):

@@ -81,6 +81,15 @@ def test_resuming_takes_what_is_there_and_another_experiment_is_refused(url):
         made(url, seed=5, resume=True)
 
 
+@pytest.mark.parametrize("cut", [False, True])
+def test_resuming_names_a_file_of_the_finished_dataset_that_is_missing(url, cut):
+    made(url)
+    path = sorted(Path("there/data").iterdir())[1]
+    path.write_bytes(path.read_bytes()[:-1]) if cut else path.unlink()
+    with pytest.raises(DatasetError, match=rf"data/{path.name} (is missing|has \d+ bytes, expected \d+);"):
+        made(url, resume=True)
+
+
 # --- an upload that was interrupted
 
 

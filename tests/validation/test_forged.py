@@ -111,6 +111,19 @@ def test_a_text_that_does_not_follow_from_the_experiment_is_named(copied, path, 
     assert {problem.path for problem in validate(copied)} == {path}
 
 
+def test_the_card_of_another_version_may_have_other_texts_but_no_other_root_and_files(copied):
+    def aged(change):
+        (copied / "README.md").write_text(change(text))
+        seal(copied, lambda listed: listed["versions"].update(ibdata="0.0.1"))
+        return {problem.path for problem in validate(copied)}
+
+    text = (copied / "README.md").read_text()
+    assert aged(lambda text: text.replace("A row is", "Each row is")) == set()
+    root = json.loads((copied / manifest.PATH).read_bytes())["content_root"]
+    assert aged(lambda text: text.replace(root, "0" * 64)) == {"README.md"}
+    assert aged(lambda text: text.replace("data_files: data/*", "data_files: more/*")) == {"README.md"}
+
+
 MANIFEST = {
     "a setpoint less": lambda m: m["experiments"][0].update(setpoints=[20.0], splits={}),
     "steps": lambda m: m["experiments"][0].update(steps=20),
