@@ -23,14 +23,13 @@ MORE = {  # public too, beside `ibdata.__all__`
 
 def page() -> str:
     """The page."""
-    parts = [NOTE + OPENING, "## ibdata\n\n"]
+    parts = [NOTE + OPENING, "## ibdata\n\n`ibdata.open` is another name of `ibdata.Dataset`.\n\n"]
     parts += [_section(ibdata, name) for name in ibdata.__all__ if name not in ("__version__", "open")]
     for module, names in MORE.items():
         parts += [f"## {module}\n\n", *(_section(import_module(module), name) for name in names)]
-    text = "".join(parts).rstrip() + "\n"
-    return text.replace("### Dataset\n", "### Dataset\n\n`ibdata.open` is another name of this class.\n")
+    return "".join(parts).rstrip() + "\n"
 
 
 def _section(module: object, name: str) -> str:
     found = getattr(module, name)
-    return f"### {name}\n\n::: {found.__module__}.{found.__qualname__}\n\n"
+    return f"::: {found.__module__}.{found.__qualname__}\n\n"
