@@ -132,7 +132,7 @@ def evaluate(
     discounted, undiscounted = returns(experiment, float(discount))
     scale = None
     if not experiment.drifting:
-        scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)
+        scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: discounted.shape[1]]]
     results: list[Result] = []
     labels = experiment.labels

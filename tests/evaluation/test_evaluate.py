@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ibdata import evaluate, generate
+from ibdata.dataset.reference_returns import scale
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.play import EvaluationBlock
@@ -17,6 +18,7 @@ from ibdata.numerics.exact import exponential, normal
 from ibdata.numerics.random import Purpose, integers, stream_key, uniform
 from ibdata.policies.checked import PolicyError
 
+FEW_STEPS = {"burn_in": [1, 2]}
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
 ENVIRONMENT = (
@@ -216,10 +218,17 @@ def test_the_score_is_that_of_the_scale_where_there_is_one():
     assert all(r.score < 0.0 for r in found.results[3:])
     assert found.results[2].score == (found.results[0].score + found.results[1].score) / 2.0
     assert found.scale.startswith("0 = random, 100 = optimized at the same setpoint: siemens dynamics")
-    for other in ({"steps": 99}, {"discount": 1.0}, {"start": "uniform"}, {"dynamics": {"base": "paper"}}):
+    for other in ({"steps": 99}, {"discount": 1.0}, {"start": FEW_STEPS}, {"dynamics": {"base": "paper"}}):
         unscaled = evaluate("optimized", **{"episodes": 2, **other})
         assert (unscaled.scale, unscaled.results[0].score) == (None, None)
     assert [r.score for r in evaluate("optimized", [70.0, 71.0], episodes=2).results][1:] == [None, None]
+
+
+@pytest.mark.parametrize("start", ["uniform", {"burn_in": [15, 64]}], ids=str)
+def test_the_score_is_that_of_the_start(start):
+    found, known = evaluate("optimized", 75.0, start=start), scale("siemens", start, 100, 0.97)
+    assert found.results[0].score == known.score(75.0, found.results[0].mean_return)
+    assert found.scale == known.text
 
 
 def test_plain_is_json():
