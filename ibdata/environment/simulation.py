@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics import initial_state
+from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.variables import VARIABLES, rows
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
@@ -48,7 +48,10 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
-        state = self._episodes.begin(_one_step(draw), which, setpoints)
+        self.place(which, self._episodes.begin(_one_step(draw), which, setpoints))
+
+    def place(self, which: Indices, state: State) -> None:
+        """Put these lanes into the states of k lanes, with histories that repeat the observation."""
         put(self._state, which, state)
         self.seen[which] = first_history(state, self.settings.history)
 
