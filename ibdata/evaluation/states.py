@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import spec_in
-from ibdata.simulation.replay import Ints, Visited, replay
+from ibdata.policies import Policy
+from ibdata.policies.constant import Constant
+from ibdata.simulation.revisit import Ints, Revisit, Visited, Watching
 from ibdata.simulation.rollout import PART_ROWS
 from ibdata.simulation.variables import Table, layout
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 
 BATCH_ROWS = 65_536
 
@@ -43,21 +44,16 @@ def state_at(ds: Dataset, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     source = Source(ds)
-    return source.visited(*source.places(episode, step), 0).state
+    return source.visited(*source.places(episode, step), Constant()).state  # any policy that sees nothing
 
 
 class Source:
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
     def __init__(self, ds: Dataset) -> None:
-        listed = ds.manifest_model
-        if listed.data_version != manifest.DATA_VERSION:
-            raise DatasetError(
-                f"{ds.place}: found data version {listed.data_version}, expected {manifest.DATA_VERSION}, "
-                f"the only one that this ibdata simulates; use ibdata {listed.versions.get('ibdata')}"
-            )
-        self._ds, self._spec = ds, spec_in(ds.path, listed)
-        refuse_other_plan(self._spec, listed)
+        self._ds, self._spec = ds, spec_in(ds.path, ds.manifest_model)
+        refuse_other_data_version(ds.path, self._spec, ds.manifest_model)
+        refuse_other_plan(self._spec, ds.manifest_model)
         names = ("length", "shard", "row_start")
         self.lengths, self._shards, self._starts = (ds.episode_table[name].to_numpy() for name in names)
 
@@ -94,15 +90,15 @@ class Source:
             own = np.flatnonzero(experiments == i)
             yield self._spec.experiments[i], own, episodes[own] - offsets[own]
 
-    def visited(self, episodes: Ints, steps: Ints, length: int) -> Visited:
+    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Visited:
         """Simulate rows again. Raises DatasetError if they differ from the stored ones.
 
         Args:
             episodes: the episodes (n,) of the rows.
             steps: their steps (n,).
-            length: the number of observations that a policy sees.
+            policy: the policy that watches.
         """
-        out = Visited.room(len(episodes), length)
+        out = Visited.room(len(episodes), policy)
         different = np.unique(episodes)
         for experiment, own, numbers in self.by_experiment(different):
             most = max(1, PART_ROWS // (int(steps.max()) + 1))
@@ -110,27 +106,24 @@ class Source:
                 some = different[own[i : i + most]]
                 rows = np.flatnonzero(np.isin(episodes, some))
                 lanes = np.searchsorted(some, episodes[rows])
-                part = self._simulated(experiment, some, numbers[i : i + most], lanes, steps[rows], length)
-                out.put(rows, part)
+                again = Revisit(experiment, numbers[i : i + most], Watching.of(policy, some))
+                out.put(rows, self._simulated(again, some, lanes, steps[rows]))
         return out
 
-    def _simulated(
-        self, experiment: Experiment, episodes: Ints, numbers: Ints, lanes: Ints, steps: Ints, length: int
-    ) -> Visited:
-        """As `visited`. The episodes are counted in the dataset, their numbers in the experiment."""
+    def _simulated(self, again: Revisit, episodes: Ints, lanes: Ints, steps: Ints) -> Visited:
+        """Some rows of these episodes, by the places of their episodes, and compare them."""
         counts = np.zeros(len(episodes), dtype=np.int64)
         np.maximum.at(counts, lanes, steps + 1)
-        places = layout(experiment)
+        places = layout(again.experiment)
         names = [name for i, name in enumerate(places.names) if i != places.log_prob]
-        stored = self._stored(names, episodes, counts, np.dtype(experiment.output.dtype))
+        stored = self._stored(names, episodes, counts, np.dtype(again.experiment.output.dtype))
         actions = stored[places.first_action : places.first_action + 3].transpose(2, 1, 0)
         for row, lane, _ in np.argwhere(~(np.abs(actions) <= 1.0))[:1].tolist():
             raise DatasetError(
                 f"{self._ds.place}: episode {episodes[lane]}: step {row}: found the action "
                 f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
-        floats = np.ascontiguousarray(actions, dtype=np.float32)
-        found, table = replay(experiment, numbers, floats, lanes, steps, length)
+        found, table = again.rows(np.ascontiguousarray(actions, dtype=np.float32), lanes, steps)
         made = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
         differing = (stored != made) & (np.arange(len(actions)) < counts[:, None])
         for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():

@@ -19,7 +19,7 @@ from ibdata.experiment import validated
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation.episodes import Float32s
-from ibdata.simulation.replay import Ints
+from ibdata.simulation.revisit import Ints
 from ibdata.system.memory import refuse_too_much
 
 RETURN_BYTES = 16  # least memory per branch, for two sums
@@ -87,7 +87,9 @@ def true_values(
         ds: The dataset.
         rows: The numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the
             columns `episode` and `step`, such as some rows of `ds.to_pandas()`.
-        policy: A policy as in `evaluate`. In the first steps of a branch it sees the row's own history.
+        policy: A policy as in `evaluate`. At the row it knows what it would know if it had watched the
+            episode up to there: the observations, the actions and the step. If it has a memory or random
+            numbers of the episode, they are those that it has with the dataset's own random numbers.
         actions: For Q, the first action of each row, (n, 3), clipped to [-1, 1] and rounded to float32; for
             V, None.
         steps: The number of rewards in a return.
@@ -114,16 +116,19 @@ def true_values(
         refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     plain = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
     settings = validated({**plain, "steps": steps, "episodes": episodes, "seed": seed})
-    begun = source.visited(numbers, times, acting.history_length)
+    begun = source.visited(numbers, times, acting)
     found = np.empty((len(numbers), settings.episodes))
     for experiment, own, inner in source.by_experiment(numbers):
         points = Points(
-            experiment,
+            experiment.part(settings.steps, 1),
+            acting,
+            numbers[own],
+            times[own],
             begun.take(own),
             keys(settings.seed, experiment, acting, inner, times[own]),
             None if first is None else first[own],
         )
-        found[own] = returns(settings, acting, points, float(discount))
+        found[own] = returns(points, settings.episodes, float(discount))
     results = [
         Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))

@@ -1,88 +1,110 @@
-"""Play recorded actions of episodes again, which gives the exact states that the episodes passed through."""
+"""The log densities of recorded actions, as they were when the episodes were simulated."""
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
-from ibdata.dynamics import State
-from ibdata.dynamics.variables import FLOATS, INTEGERS
 from ibdata.experiment import Experiment
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.simulation import kernel
-from ibdata.simulation.episodes import Episodes, Float32s, Lanes, first_history, put, take
-from ibdata.simulation.rollout import CHUNK
-from ibdata.simulation.variables import Table, layout
-
-Ints = npt.NDArray[np.int64]
+from ibdata.numerics.random import Purpose
+from ibdata.policies.given import Given
+from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
+from ibdata.simulation.rollout import CHUNK, Block
 
 
-class Visited(NamedTuple):
-    """The beginnings of n rows: the states before their actions, and what a policy sees there."""
+def log_densities(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    observations: Float32s,
+    actions: Float32s,
+    burn_in_seen: bool = True,
+) -> Floats:
+    """Compute the log densities of the actions of episodes first … stop - 1, all of one policy.
 
-    state: State
-    history: Float32s  # (n, length, 6), newest first
-
-    @classmethod
-    def room(cls, n: int, length: int) -> Visited:
-        """Room for n rows."""
-        floats, whole = np.empty((len(FLOATS), n)), np.empty((len(INTEGERS), n), dtype=np.int64)
-        return cls(State(floats, whole), np.empty((n, length, 6), dtype=np.float32))
-
-    def take(self, rows: Ints) -> Visited:
-        """A copy of some rows."""
-        return Visited(take(self.state, rows), self.history[rows])
-
-    def put(self, rows: Ints, part: Visited) -> None:
-        """Write some rows."""
-        put(self.state, rows, part.state)
-        self.history[rows] = part.history
-
-
-def replay(
-    experiment: Experiment, numbers: Ints, actions: Float32s, lanes: Lanes, steps: Ints, length: int
-) -> tuple[Visited, Table]:
-    """Play recorded actions again, with the random numbers of the episodes' own addresses.
+    What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
+    actions and the random numbers at their addresses. Nothing is simulated but the burn-in.
 
     Args:
         experiment: the experiment.
-        numbers: the episodes (m,), counted in the experiment.
-        actions: their first actions (rows, m, 3).
-        lanes: for each of n wanted rows, the place of its episode among the numbers (n,).
-        steps: the steps (n,) of the wanted rows.
-        length: the number of observations that a policy sees.
+        first: the first episode.
+        stop: the episode after the last.
+        observations: the recorded observations, float32 (episodes, steps, 6).
+        actions: the recorded actions, float32 (episodes, steps, 3).
+        burn_in_seen: whether the policy saw the observations of the burn-in; in data version 1 it did not.
 
     Returns:
-        The n wanted rows, and the columns of all rows, (columns, m · rows), in the order of `rollout`. No
-        policy is asked, so the column of log densities is 0.
+        Log densities (episodes, steps).
     """
-    cell_numbers, indices = np.divmod(numbers, experiment.episodes)
-    cells = [experiment.cells[i] for i in cell_numbers.tolist()]
-    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])
+    return _Replay(experiment, first, stop).log_densities(observations, actions, burn_in_seen)
 
-    def draw(some: Lanes, purpose: Purpose, step: int, count: int, slots: int) -> Raw:
-        return integers(keys[some], indices[some], purpose, step, count, slots)
 
-    rows, everyone, places = len(actions), np.arange(len(numbers)), layout(experiment)
-    episodes = Episodes.of(experiment.start, experiment.drifting, experiment.variant)
-    state = episodes.begin(draw, everyone, np.array([cell.setpoint for cell in cells]))
-    now = Visited(state, first_history(state, length))
-    wanted = Visited.room(len(steps), length)
-    table = np.empty((len(places.names), len(numbers) * rows), dtype=experiment.output.dtype)
-    record = np.empty((len(places.rows), CHUNK + 1, len(numbers)), dtype=table.dtype)
-    unknown = np.zeros((CHUNK, len(numbers)))
-    for t, stop in pairwise(sorted({*steps.tolist(), *range(0, rows, CHUNK), rows})):
-        here = np.flatnonzero(steps == t)
-        wanted.put(here, now.take(lanes[here]))
-        record[:, 0] = np.concatenate(state)[places.rows] + 0.0
-        raw, drift = episodes.integers(draw, everyone, t + 1, stop - t)
-        episodes.advance(state, actions[t:stop], raw, drift, now.history, record, places.rows, 1)
-        kernel.scatter_columns(
-            record, actions[t:stop], unknown, places.sources, places.first_action, places.log_prob,
-            table, t, stop - t, rows,
-        )  # fmt: skip
-    return wanted, table
+class _Replay(Block):
+    """Episodes whose actions are known."""
+
+    def log_densities(self, observations: Float32s, actions: Float32s, burn_in_seen: bool) -> Floats:
+        """The log densities (n, steps); see the function of the same name."""
+        seen, done = self._windows(observations, actions, burn_in_seen)
+        if self.policy.memory_size == 0:
+            return self._at_once(seen, done, actions)
+        out = np.empty(actions.shape[:2])
+        for t, u in self._uniforms(actions.shape[1]):
+            before, chosen = np.ascontiguousarray(done[:, t]), np.ascontiguousarray(actions[:, t])
+            now, step = np.ascontiguousarray(seen[:, t]), np.full(self.n, t)
+            given = Given(now, before, step, u, self.drawn, self.memory)
+            out[:, t] = self.policy.log_density(given, chosen)
+            self.memory = np.asarray(self.policy.decide(given).memory, dtype=np.float64)
+        return out
+
+    def _at_once(self, seen: Float32s, done: Float32s, actions: Float32s) -> Floats:
+        """The log densities of a policy that remembers nothing, which do not depend on the steps before."""
+        n, steps = actions.shape[:2]
+        given = Given(
+            seen.reshape(n * steps, self.policy.history_length, 6),
+            done.reshape(n * steps, self.policy.history_length, 3),
+            np.tile(np.arange(steps), n),
+            np.zeros((n * steps, self.policy.uniforms_per_step)),  # a density depends on no random number
+            np.repeat(self.drawn, steps, axis=0),
+            np.zeros((n * steps, 0)),
+        )
+        found: Floats = self.policy.log_density(given, actions.reshape(n * steps, 3))
+        return found.reshape(n, steps)
+
+    def _windows(
+        self, observations: Float32s, actions: Float32s, burn_in_seen: bool
+    ) -> tuple[Float32s, Float32s]:
+        """The observations (n, steps, length, 6) and actions (n, steps, length, 3) seen at each step."""
+        length = self.policy.history_length
+        if length == 0:
+            return observations[:, :, None][:, :, :0], actions[:, :, None][:, :, :0]
+        past = self.past if burn_in_seen else Past.of(self.state, length)
+        return (
+            _windows(past.observations[:, 1:], observations, length),
+            _windows(past.actions, actions[:, :-1], length),
+        )
+
+    def _uniforms(self, steps: int) -> Iterator[tuple[int, Floats]]:
+        """The steps and the policy's random numbers (n, uniforms_per_step) at each."""
+        draws = self.policy.uniforms_per_step
+        for t in range(0, steps, CHUNK):
+            count = min(CHUNK, steps - t)
+            u = draw_uniforms(self.draw, self.lanes, Purpose.POLICY, t, count, draws)
+            yield from ((t + i, u[i]) for i in range(count))
+
+
+def _windows(before: Float32s, recorded: Float32s, length: int) -> Float32s:
+    """The last `length` rows before each step, newest first.
+
+    Args:
+        before: the rows before those that are recorded, newest first (n, k, c).
+        recorded: (n, rows, c).
+        length: the length of the history.
+
+    Returns:
+        (n, steps, length, c), for as many steps as there are whole windows.
+    """
+    joined = np.concatenate([before[:, ::-1], recorded], axis=1)
+    windows = sliding_window_view(joined, length, axis=1)  # (n, steps, c, length), oldest first
+    return np.ascontiguousarray(np.moveaxis(windows, 2, 3)[:, :, ::-1])

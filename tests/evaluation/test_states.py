@@ -163,7 +163,14 @@ def test_rows_that_the_simulation_does_not_give_are_one_line(copied, column, val
     equal(state_at(ds, 1, 9), state_at(ds, [1], [9]))  # rows after the given one do not matter
 
 
-def test_data_of_another_version_are_refused(dataset, monkeypatch):
-    monkeypatch.setattr("ibdata.dataset.manifest.DATA_VERSION", 2)
-    with pytest.raises(DatasetError, match=r": found data version 1, expected 2, the only"):
-        state_at(dataset, 0, 0)
+@pytest.mark.parametrize(
+    ("version", "message"),
+    [(1, ": found data version 1, in which policies did not see the burn-in"), (3, "expected at most 2")],
+)
+def test_data_of_another_version_are_refused(describe, tmp_path, version, message):
+    changes = {"policies": [{"kind": "optimized"}], "start": {"burn_in": [3, 9]}}
+    ds = ibdata.generate(describe(**changes), tmp_path / "data", workers=1)
+    assert state_at(ds, 0, 7).gain.shape == (1,)
+    ds.manifest_model = ds.manifest_model.model_copy(update={"data_version": version})
+    with pytest.raises(DatasetError, match=message):
+        state_at(ds, 0, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -13,10 +14,28 @@ import ibdata
 from ibdata import state_at, true_values
 from ibdata.errors import ConfigError, UsageError
 from ibdata.numerics.random import Purpose
-from ibdata.policies import POLICIES
+from ibdata.policies import POLICIES, Policy
 from ibdata.policies.checked import PolicyError
+from ibdata.policies.given import Decision
 
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
+
+
+class Recalling(Policy):
+    """Does nothing, records what it is given, and counts its steps and sums past actions in its memory."""
+
+    history_length: ClassVar[int] = 2
+    memory_size: ClassVar[int] = 2
+    uniforms_per_step: ClassVar[int] = 1
+    uniforms_per_episode: ClassVar[int] = 1
+    given: ClassVar[list] = []
+
+    kind: Literal["recalling"] = "recalling"
+
+    def decide(self, given):
+        self.given.append(given.apply(np.copy))
+        added = np.stack([np.ones(len(given.step)), given.actions[:, 0, 0]], axis=1)
+        return Decision(np.zeros((len(given.step), 3)), given.memory + added)
 
 
 class Watching:
@@ -104,6 +123,24 @@ def test_a_policy_sees_the_rows_own_history(dataset):
     first, second = watching.seen[:2]
     np.testing.assert_array_equal(first, stored[[220, 220, 201, 201]])
     np.testing.assert_array_equal(second[:, 1:], first[:, :2])
+
+
+def test_a_policy_knows_what_it_would_know_if_it_had_watched_the_episode(dataset, monkeypatch):
+    monkeypatch.setattr(Recalling, "given", [])
+    branches(dataset, [40 * 5 + 20, 40 * 5 + 3], Recalling(), [[1, 0, 0], [1, 0, 0]], episodes=2)
+    moved = dataset.to_pandas()["act_velocity"].to_numpy()[200:]
+    digest = by_hand.experiment_of(dataset).cells[1].digest
+    [drawn] = by_hand.uniforms_at(0, digest, 2, Purpose.EPISODE_POLICY, 0, 4)[:1]
+    first, second = Recalling.given[-12:-10]
+    assert first.step.tolist() == [20, 20, 3, 3]
+    assert second.step.tolist() == [21, 21, 4, 4]
+    np.testing.assert_array_equal(first.actions[[0, 2], :, 0], [[moved[19], moved[18]], [moved[2], moved[1]]])
+    np.testing.assert_array_equal(second.actions[[0, 2], :, 0], [[1, moved[19]], [1, moved[2]]])
+    sums = [moved[:19].sum(dtype=float), moved[:2].sum(dtype=float)]
+    np.testing.assert_allclose(first.memory[[0, 2]], [[20, sums[0]], [3, sums[1]]], rtol=1e-6)
+    np.testing.assert_array_equal(second.memory[:, 0], first.memory[:, 0] + 1)
+    assert (first.episode_uniforms == drawn).all()
+    assert len(np.unique([first.uniforms, second.uniforms])) == 8
 
 
 def test_nothing_but_the_address_matters(dataset):
@@ -213,5 +250,5 @@ def test_a_policy_that_fails_is_named(dataset):
         def act(self, history, u):
             return np.full((len(history), 3), np.nan)
 
-    with pytest.raises(PolicyError, match=r"policy failing in a branch: .*step 0: found action \[nan"):
-        branches(dataset, [0], Failing())
+    with pytest.raises(PolicyError, match=r"^policy failing: from episode 3: step 5: found action \[nan"):
+        true_values(dataset, [125], Failing())
