@@ -108,7 +108,7 @@ class Remembering(Stubborn):
     sides: ClassVar[dict[int, np.ndarray]] = {}
 
     def decide(self, given):
-        actions, side = super().decide(given)
+        _, side = super().decide(given)
         before = self.sides.setdefault(len(side), side)
         self.sides[len(side)] = side
         return Decision(np.where(given.step[:, None] == 0, before, side) * np.ones(3), side)
