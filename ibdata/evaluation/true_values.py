@@ -13,7 +13,7 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.play import Floats
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
 from ibdata.numerics.confidence import estimate
@@ -109,7 +109,10 @@ def true_values(
     """
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
-    acting, source = policy_of(policy, history, allow_code), Source(ds)
+    policies, source = list(policies_of(policy, history, allow_code).values()), Source(ds)
+    if len(policies) != 1:
+        raise UsageError(f"policy: found {len(policies)}, expected one")
+    [acting] = policies
     numbers, times = _places(source, rows)
     first = None if actions is None else _applied(actions, len(numbers))
     if isinstance(episodes, int):

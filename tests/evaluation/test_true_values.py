@@ -235,6 +235,8 @@ def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_pat
         ({"episodes": 0}, "episodes: found 0, expected a whole number of at least 1"),
         ({"episodes": 2**47}, "episodes: this number takes "),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
+        ({"policy": ["safe", "bad"]}, "policy: found 2, expected one"),
+        ({"policy": Watching(), "history": 0}, "history: found 0, expected a whole number of at least 1"),
     ],
     ids=str,
 )
@@ -243,6 +245,11 @@ def test_what_cannot_be_meant_is_one_line(dataset, arguments, message):
         true_values(dataset, **{"rows": [0, 1], "policy": "random", **arguments})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_function_is_a_policy_as_in_an_evaluation(dataset):
+    still = branches(dataset, [7, 300], "constant")
+    np.testing.assert_array_equal(branches(dataset, [7, 300], lambda seen: np.zeros((len(seen), 3))), still)
 
 
 def test_a_policy_that_fails_is_named(dataset):
