@@ -83,7 +83,7 @@ class Evaluation(Tabular):
     def tables(self) -> list[Table]:
         """The results and, if there are several policies, their differences."""
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
-        shown = [Table(Result._fields, [_with_all(row) for row in self.results], "\n".join(said))]
+        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
         if self.differences:
             shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
         return shown
