@@ -147,10 +147,11 @@ def _end_at_signals() -> None:
 
 def _lines(error: Exception) -> list[str]:
     if isinstance(error, ConfigError):
-        more = len(error.problems) - MAX_LINES
-        return [*error.problems[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
+        lines = error.with_options.split("\n")
+        more = len(lines) - MAX_LINES
+        return [*lines[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
     if isinstance(error, IbdataError):
-        return [printable(str(error))]
+        return [printable(error.with_options)]
     if isinstance(error, OSError) and error.strerror:
         unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]

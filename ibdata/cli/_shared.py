@@ -92,6 +92,7 @@ set_option = click.option(
     help="Override an option of the experiment, e.g. --set episodes=100.",
 )
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")
 
 

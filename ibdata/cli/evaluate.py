@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._completion import policies as completed_policies
-from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
+from ibdata.cli._shared import (
+    allow_code_option,
+    json_option,
+    print_json,
+    print_table,
+    quiet_option,
+    say,
+)
 from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
@@ -50,12 +57,14 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
 @allow_code_option
+@quiet_option
 @json_option
 def command(
     policies: tuple[str, ...],
     setpoints: tuple[str, ...],
     start: str,
     dynamics: str,
+    quiet: bool,
     as_json: bool,
     **settings: Any,
 ) -> None:
@@ -75,6 +84,7 @@ def command(
         points if len(points) > 1 else points[0],
         start=_value("--start", start),
         dynamics=_value("--dynamics", dynamics),
+        progress=False if quiet else None,
         **settings,
     )
     if as_json:

@@ -13,6 +13,7 @@ from ibdata.cli._shared import (
     json_option,
     print_json,
     print_pairs,
+    quiet_option,
     say,
     say_all,
     summaries,
@@ -51,7 +52,7 @@ def _formats() -> list[tuple[str, str]]:
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
+@quiet_option
 @json_option
 def command(
     folder: Path,

@@ -20,6 +20,7 @@ from ibdata.cli._shared import (
     Place,
     allow_code_option,
     json_option,
+    quiet_option,
     seed_option,
     set_option,
 )
@@ -70,7 +71,7 @@ from ibdata.cli._shared import (
 )
 @click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
 @allow_code_option
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
+@quiet_option
 @json_option
 def command(
     config: str | None,
@@ -116,9 +117,10 @@ def command(
     elif suite:
         generate_suite(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        from ibdata.generation.generate import default_folder, resolve
+        from ibdata.experiment import load
+        from ibdata.generation.generate import default_folder
 
-        experiment = resolve(config, **changes)
+        experiment = load(config, **changes)
         folder = out or default_folder(experiment)
         if dry_run:
             estimate_one(experiment, folder, as_json, **common, **whole)

@@ -6,12 +6,13 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
@@ -19,6 +20,10 @@ from ibdata.evaluation.policies import policies_of
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
+from ibdata.system.progress import bar
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
@@ -57,8 +62,8 @@ class Difference(NamedTuple):
     interval: tuple[float, float] | None
 
 
-@dataclasses.dataclass(frozen=True)
-class Evaluation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
     `notes` says why errors or scores are missing, a line for each reason.
@@ -72,6 +77,20 @@ class Evaluation:
     discount: float
     notes: list[str]
 
+    def tables(self) -> list[Table]:
+        """The results and, if there are several policies, their differences."""
+        said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
+        shown = [Table(Result._fields, [_with_all(row) for row in self.results], "\n".join(said))]
+        if self.differences:
+            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
+        return shown
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The results, a row each, as a pandas DataFrame; the setpoint is missing where it means all."""
+        import pandas as pd
+
+        return pd.DataFrame(self.results, columns=list(Result._fields))
+
     def plain(self) -> dict[str, Any]:
         """Everything but the returns of single episodes, as plain data."""
         return {
@@ -82,6 +101,12 @@ class Evaluation:
             "discount": self.discount,
             "notes": self.notes,
         }
+
+
+def _with_all(row: Result | Difference) -> Result | Difference:
+    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else row.setpoint
+    return row._replace(setpoint=shown)
 
 
 def evaluate(
@@ -96,6 +121,7 @@ def evaluate(
     seed: int = 0,
     history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
+    progress: bool | None = False,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -119,6 +145,7 @@ def evaluate(
         history: the number of observations that an object sees, if it has no attribute `history_length`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
+        progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -147,7 +174,8 @@ def evaluate(
         **{**options, "policies": list(policies.values())}
     )  # of any class
     vars(experiment)["labels"] = labels
-    played = episodes_of(experiment, float(discount))
+    with bar(progress, experiment.rows, "steps") as advance:
+        played = episodes_of(experiment, float(discount), advance)
     scale = None
     if not experiment.drifting:
         scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)

@@ -218,7 +218,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
             "found 3 transitions, expected at least those of an episode",
         ),
         ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
-        ({"scheme": "distance", "source": [50]}, "needs both --source and --within"),
+        ({"scheme": "distance", "source": [50]}, "needs both source=… and within=…"),
         ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
         ({"scheme": "nearest"}, "found the scheme 'nearest', expected one of transfer"),
         ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
