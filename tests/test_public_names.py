@@ -31,6 +31,8 @@ def test_the_names_of_ibdata():
         "repair",
         "reproduce",
         "split",
+        "state_at",
+        "true_values",
         "validate",
     ]
     assert all(hasattr(ibdata, name) for name in ibdata.__all__)

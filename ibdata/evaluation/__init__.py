@@ -178,7 +178,7 @@ def evaluate(
         played = episodes_of(experiment, float(discount), advance)
     scale = None
     if not experiment.drifting:
-        scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)
+        scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
     for i, label in enumerate(labels):

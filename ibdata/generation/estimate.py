@@ -14,13 +14,14 @@ from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import output_folder
-from ibdata.generation.division import available_processors, divide
+from ibdata.generation.division import divide
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import default_folder
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation.rollout import rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.system.lock import refuse_busy
+from ibdata.system.processes import available_processors
 from ibdata.writing.shard_writer import encode
 from ibdata.writing.summary import describe
 

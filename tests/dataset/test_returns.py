@@ -47,7 +47,7 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"start": "uniform"}, {"setpoints": {"drifting": 70}}, {"dynamics": {"base": "siemens"}}],
+    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}, {"dynamics": {"base": "siemens"}}],
     ids=str,
 )
 def test_other_episodes_have_none(describe, tmp_path, changes):
