@@ -55,7 +55,7 @@ def command(
 
     \b
     ibdata branch data/random --policy optimized --at 3:500 --at 7:20
-    ibdata branch data/random --policy optimized --at 3:500 --action 0 0.5 -1 --episodes 10000
+    ibdata branch data/random --policy optimized --at 3:500 --action 0 0.5 -1
     """
     from ibdata.dataset.reader import Dataset
     from ibdata.evaluation.true_values import true_values

@@ -1,4 +1,6 @@
-"""Measured returns of reference policies, and the scale of scores: 0 for `random`, 100 for `optimized`.
+"""Measured returns of reference policies, and the scales of scores.
+
+A score is 0 for `random` and 100 for `optimized`; an expert score is 0 for `random` and 100 for `expert`.
 
 scripts/reference-returns makes `reference_returns.json`, in which a list of values stands for a `Measured`.
 Reading it needs neither the simulator nor a policy.
@@ -15,7 +17,7 @@ from typing import Any, NamedTuple
 from ibdata.dataset.models import JsonObject
 
 FILE = Path(__file__).with_name("reference_returns.json")
-ZERO, HUNDRED = "random", "optimized"
+ZERO, HUNDRED, EXPERT = "random", "optimized", "expert"
 SIGMAS = 5.0
 
 
@@ -49,18 +51,18 @@ class Scale(JsonObject):
         else:
             start = "start after {} to {} random steps".format(*self.start["burn_in"])
         return (
-            f"0 = {ZERO}, 100 = {HUNDRED} at the same setpoint: {self.dynamics} dynamics, {start}, "
-            f"{self.steps} steps, discount {self.discount:g}"
+            f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, at the same setpoint: "
+            f"{self.dynamics} dynamics, {start}, {self.steps} steps, discount {self.discount:g}"
         )
 
-    def ends(self, setpoints: Sequence[float]) -> tuple[float, float] | None:
-        """The returns that score 0 and 100, each the mean over some setpoints.
+    def ends(self, setpoints: Sequence[float], top: str = HUNDRED) -> tuple[float, float] | None:
+        """The returns that score 0 and 100, each the mean over some setpoints; `top` is the policy of 100.
 
         None if the scale does not have one of the setpoints, or if the upper end is not above the lower one
         by more than five standard errors of their difference.
         """
         known = {(r.policy, r.setpoint): r for r in self.results}
-        pairs = [(known.get((ZERO, p)), known.get((HUNDRED, p))) for p in setpoints]
+        pairs = [(known.get((ZERO, p)), known.get((top, p))) for p in setpoints]
         found = [(low, high) for low, high in pairs if low is not None and high is not None]
         if len(found) < len(pairs):
             return None
@@ -69,9 +71,9 @@ class Scale(JsonObject):
         error = math.hypot(*(r.standard_error for pair in found for r in pair)) / n
         return (low, high) if high - low > SIGMAS * error else None
 
-    def score(self, setpoint: float, mean_return: float) -> float | None:
+    def score(self, setpoint: float, mean_return: float, top: str = HUNDRED) -> float | None:
         """Convert a mean return to a score; None if `ends` has none at the setpoint."""
-        ends = self.ends([setpoint])
+        ends = self.ends([setpoint], top)
         if ends is None:
             return None
         low, high = ends

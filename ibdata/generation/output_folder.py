@@ -76,7 +76,7 @@ def outlook(folder: Path, experiment: Experiment, resume: bool, overwrite: bool)
     try:
         root = check(folder, experiment, resume, overwrite)
     except TakenError as error:
-        return f"generate would stop with: {error}"
+        return f"generate would stop with: {error.with_options}"
     if root != folder:
         return "exists; generate would replace the dataset in it"
     if (folder / manifest.PATH).is_file():

@@ -221,7 +221,7 @@ def test_the_score_is_that_of_the_scale_where_there_is_one():
     assert [r.score for r in found.results[:3]] == pytest.approx([100.0] * 3, abs=2.0)
     assert all(r.score < 0.0 for r in found.results[3:])
     assert found.results[2].score == (found.results[0].score + found.results[1].score) / 2.0
-    assert found.scale.startswith("0 = random, 100 = optimized at the same setpoint: siemens dynamics")
+    assert found.scale.startswith("0 = random, 100 = optimized, or expert for the expert score, at the same")
     for other in ({"steps": 99}, {"discount": 1.0}, {"start": FEW_STEPS}, {"dynamics": {"base": "paper"}}):
         unscaled = evaluate("optimized", **{"episodes": 2, **other})
         assert (unscaled.scale, unscaled.results[0].score) == (None, None)

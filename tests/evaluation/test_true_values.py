@@ -238,7 +238,7 @@ def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_pat
         ({"policy": ["safe", "bad"]}, "policy: found 2, expected one"),
         ({"policy": Watching(), "history": 0}, "history: found 0, expected a whole number of at least 1"),
     ],
-    ids=str,
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )
 def test_what_cannot_be_meant_is_one_line(dataset, arguments, message):
     with pytest.raises((UsageError, ConfigError)) as caught:
