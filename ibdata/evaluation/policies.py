@@ -78,8 +78,9 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     text = os.fspath(given)
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
+    folder: Path | None = None
     if os.path.isfile(text):
-        place, source = text, Path(text).read_bytes()
+        place, source, folder = text, Path(text).read_bytes(), Path(text).parent
     elif "{" in text or ":" in text:
         place, source = "policy", text.encode()
     else:
@@ -93,7 +94,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise ConfigError([f"{place}:{error}"]) from None
     if not isinstance(block, dict):
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
-    policy = _block(block, place)
+    policy = _block(block, place, folder)
     if place != "policy" and not allow_code and any(customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code "
@@ -102,10 +103,10 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     return policy
 
 
-def _block(block: dict[str, Any], place: str) -> Policy:
-    """The policy of a block. The lines of a ConfigError begin with the place."""
+def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
+    """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     try:
-        return validated({"name": "x", "setpoints": 0, "policies": [block]}).policies[0]
+        return validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
     except ConfigError as error:
         problems = [problem.removeprefix("policies.0.") for problem in error.problems]
         raise ConfigError(

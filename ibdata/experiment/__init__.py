@@ -6,6 +6,7 @@ import io
 import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -60,7 +61,7 @@ def load(
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
     places = _override_all(document, [*overrides, *([] if seed is None else [f"seed={seed}"])])
     try:
-        experiment = Experiment.model_validate(document.data)
+        experiment = Experiment.model_validate(document.data, context={"folder": path.parent})
     except ValidationError as error:
         found = problems(error, Experiment, document.data)
         lines = [_line(problem, document, str(path), places) for problem in found]
@@ -69,10 +70,13 @@ def load(
     return experiment
 
 
-def validated(data: dict[str, Any]) -> Experiment:
-    """The experiment of plain data. Raises ConfigError with a line `key: found, expected` per problem."""
+def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
+    """The experiment of plain data, with paths relative to a folder, by default the current one.
+
+    Raises ConfigError with a line `key: found, expected` per problem.
+    """
     try:
-        return Experiment.model_validate(data)
+        return Experiment.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         found = problems(error, Experiment, data)
         raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None

@@ -35,7 +35,7 @@ def run_pool(
             division.processes,
             Spawning(),
             initializer=_start,
-            initargs=(spec.plain(), root, identity, division.threads > 1, *folders),
+            initargs=(spec.plain(), spec.weights, root, identity, division.threads > 1, *folders),
         )
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
@@ -61,7 +61,13 @@ _job: list[Any] = []  # what the shards of a worker have in common, set once whe
 
 
 def _start(
-    plain: dict[str, Any], root: Path, identity: str, overlap: bool, here: str, folder: Path | None
+    plain: dict[str, Any],
+    weights: dict[str, bytes],
+    root: Path,
+    identity: str,
+    overlap: bool,
+    here: str,
+    folder: Path | None,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -70,7 +76,7 @@ def _start(
     with suppress(OSError):  # the folder was removed
         os.chdir(here)  # a policy may have changed the parent's current folder
     started_in.set(here)
-    _job[:] = [DatasetSpec.from_plain(plain), root, identity, overlap, folder]
+    _job[:] = [DatasetSpec.from_plain(plain, weights), root, identity, overlap, folder]
 
 
 def _end_with_parent() -> None:
