@@ -183,13 +183,16 @@ class Dataset:
             manifest.refuse_replaced(self.path, self.manifest_model)
             raise
 
-    def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
+    def arrays(
+        self, history: int = 1, split: str | None = None, pad: str = "repeat"
+    ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
 
         Args:
-            history: How many observations to stack, newest first. Before the start of an episode, its first
-                observation is repeated.
+            history: How many observations to stack, newest first.
             split: Only rows of this split.
+            pad: What is done with the first rows of an episode, which have fewer observations before them:
+                "repeat" repeats the first recorded observation, "drop" leaves these rows out.
 
         Returns:
             observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
@@ -197,11 +200,13 @@ class Dataset:
             step (N,).
 
         Raises:
-            UsageError: The history is below 1, or the dataset has no such split.
+            UsageError: The history is below 1, the dataset has no such split, or pad is neither of the two.
             DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
+        if pad not in ("repeat", "drop"):
+            raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
         groups = self.info_model.groups
         roles = ("observation", "action", "reward", "next_observation")
         names = ["episode", "step", "terminated", "truncated"]
@@ -212,13 +217,17 @@ class Dataset:
 
         out = {name: table[name].to_numpy() for name in names}
         observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        return {
+        arrays = {
             "observations": observations,
             "actions": stack("action"),
             "rewards": table["reward"].to_numpy(),
             "next_observations": after,
             **out,
         }
+        if pad == "drop" and history > 1:
+            whole = out["step"] >= history - 1
+            return {name: array[whole] for name, array in arrays.items()}
+        return arrays
 
     @cached_property
     def episode_table(self) -> pa.Table:

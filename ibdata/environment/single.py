@@ -32,7 +32,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         setpoint: a number, "drifting" (starts at 50), or {"drifting": a number}.
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-        history: the number of observations returned together; at the start the first one is repeated.
+        history: the number of observations returned together; those before the first one repeat it.
         reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
         render_mode: "rgb_array" or None.
 

@@ -22,17 +22,13 @@ from ibdata.system.atomic_files import file_sha256
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every custom policy, including those that are the base of another policy."""
+    """Return every custom policy, including those of which another policy is made."""
     return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
-    """Yield the policy and its base, as far as they are custom."""
-    if isinstance(policy, Custom):
-        yield policy
-    base = getattr(policy, "base", None)
-    if isinstance(base, Policy):
-        yield from customs_in(base)
+    """Yield the policy and all of which it is made, as far as they are custom."""
+    return (each for each in policy.everywhere() if isinstance(each, Custom))
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> None:

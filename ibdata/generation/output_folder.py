@@ -115,10 +115,10 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         return folder / manifest.NEXT
     if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
         raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
-    if listed.data_version != manifest.DATA_VERSION:
+    if listed.data_version != experiment.data_version:
         raise UsageError(
             f"{folder}: holds a dataset of data version {listed.data_version}, and this ibdata makes "
-            f"{manifest.DATA_VERSION}; --overwrite to replace it"
+            f"{experiment.data_version}; --overwrite to replace it"
         )
     for problem in check_files(folder, listed):
         if problem.path in listed.entries():

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field
 
-from ibdata.policies.base import OBSERVATION, Deterministic, Policy, Wrapper
+from ibdata.policies.base import OBSERVATION, Deterministic, Policy
+from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,10 @@ from pydantic import Field
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats, History, Unnamed, Wrapper
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats
+from ibdata.policies.given import Decision, Given
+from ibdata.policies.wrapper import Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -36,16 +39,17 @@ class Gaussian(Wrapper):
         description="standard deviation of the noise"
     )
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        base, rest = self.split(history, u)
+    def decide(self, given: Given) -> Decision:
+        chosen = self.base.decide(self.for_base(given))
+        base = applied(chosen.actions)
         action = np.empty(base.shape)
-        _act(base, rest, self.scale, action)
-        return action
+        _act(base, self.own(given).uniforms, self.scale, action)
+        return Decision(action, chosen.memory)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
         out = np.empty(len(action))
-        _log_prob(self.base.mean_action(history), action, self.scale, out)
+        log_clipped_normal(applied(self.base.decide(self.for_base(given)).actions), action, self.scale, out)
         return out
 
 
@@ -57,9 +61,10 @@ def _act(base: npt.NDArray[np.float32], u: Floats, scale: float, out: Floats) ->
 
 
 @compiled
-def _log_prob(
-    own: npt.NDArray[np.float32], action: npt.NDArray[np.float32], scale: float, out: Floats
+def log_clipped_normal(
+    own: npt.NDArray[np.floating[Any]], action: npt.NDArray[np.float32], scale: float, out: Floats
 ) -> None:
+    """Write the log densities of N(own, scale²), clipped to [-1, 1], at actions (n, 3) into out (n,)."""
     log_height = -log(scale) - LOG_SQRT_2PI
     for i in range(out.shape[0]):
         total = 0.0

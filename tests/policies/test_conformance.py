@@ -16,8 +16,7 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Policy
-from ibdata.policies.base import Deterministic, Wrapper
+from ibdata.policies import POLICIES, Deterministic, Policy, Wrapper
 from ibdata.testing import check_policy
 
 
