@@ -18,7 +18,6 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
-from ibdata.policies import Policy, Wrapper
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
 
@@ -128,7 +127,7 @@ class DatasetSpec:
     @property
     def weights(self) -> dict[str, bytes]:
         """The files of the weights of all networks, by the names that they have in a dataset."""
-        policies = (policy for e in self.experiments for outer in e.policies for policy in _parts(outer))
+        policies = (policy for e in self.experiments for outer in e.policies for policy in outer.everywhere())
         return {p.file: p.weights.data for p in policies if isinstance(p, Network)}
 
     def of_shard(self, shard: Shard) -> Experiment:
@@ -163,13 +162,6 @@ class DatasetSpec:
     @cached_property
     def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:
         return [segments(experiment, self.later) for experiment in self.experiments]
-
-
-def _parts(policy: Policy) -> Iterator[Policy]:
-    """The policy and its base."""
-    yield policy
-    if isinstance(policy, Wrapper):
-        yield from _parts(policy.base)
 
 
 def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:

@@ -101,7 +101,7 @@ def test_a_file_is_read_as_it_was_written():
 @pytest.mark.parametrize("data", WRONG_BYTES.values(), ids=list(WRONG_BYTES))
 def test_a_damaged_file_is_one_line(data):
     content, message = data
-    with pytest.raises(ValueError, match="found|missing") as error:
+    with pytest.raises(ValueError, match=r"found|missing") as error:
         Weights(content)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
