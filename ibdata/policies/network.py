@@ -73,7 +73,7 @@ class Network(Deterministic):
     def outputs(self, history: History) -> npt.NDArray[np.float32]:
         """Return the outputs of the last layer, float32 (n, 3 or 6); see `Weights.has_log_std`."""
         w = self.weights
-        seen = np.ascontiguousarray(history).reshape(len(history), -1)
+        seen = np.ascontiguousarray(history).reshape(len(history), len(w.mean))
         out = np.empty((len(seen), 6 if w.has_log_std else 3), dtype=np.float32)
         widest = max(int(w.sizes.max()), seen.shape[1])
         for first in range(0, len(seen), BLOCK):
