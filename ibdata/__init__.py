@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
     open = Dataset
@@ -45,6 +46,7 @@ _MODULES = {
     "open": "dataset.reader",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
+    "save_network": "policies.save_network",
     "split": "maintenance.split",
     "validate": "validation.validate",
 }
