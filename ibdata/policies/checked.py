@@ -26,8 +26,13 @@ class CheckedPolicy(NamedTuple):
     first: int  # the episode in lane 0
     lanes: int
 
-    def decide(self, given: Given, out: npt.NDArray[np.float32]) -> tuple[int, npt.NDArray[np.float64]]:
-        """Write the policy's actions, clipped and rounded, into out (n, 3).
+    def decide(
+        self,
+        given: Given,
+        out: npt.NDArray[np.float32],
+        log_density: npt.NDArray[np.float64] | None = None,
+    ) -> tuple[int, npt.NDArray[np.float64]]:
+        """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
 
         A policy that sees and remembers nothing may act for several steps at once; n is then the number of
         steps times the number of lanes.
@@ -38,7 +43,16 @@ class CheckedPolicy(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        answer = self._asked(lambda: self.policy.decide(given), given, out.shape, "actions")
+        answer, density = self._asked(
+            lambda: (
+                (self.policy.decide(given), None)
+                if log_density is None
+                else self.policy.decide_with_density(given)
+            ),
+            given,
+            out.shape,
+            "actions",
+        )
         if not (isinstance(answer, tuple) and len(answer) == 2):
             wrong = f"found {type(answer).__name__}, expected a Decision of actions and memory"
             raise PolicyError(f"{self._place(given, 0)}: {wrong}")
@@ -52,6 +66,10 @@ class CheckedPolicy(NamedTuple):
             raise PolicyError(
                 f"{self._place(given, lane)}: found action {action[lane]}, expected finite numbers"
             )
+        if log_density is not None and density is not None:
+            log_density[:] = self._numbers(density, given, log_density.shape, "log densities")
+        elif log_density is not None:
+            log_density[:] = self.log_density(given, out)
         return clipped, memory
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:

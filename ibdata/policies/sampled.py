@@ -47,10 +47,12 @@ class Sampled(Wrapper):
     )
 
     def decide(self, given: Given) -> Decision:
+        return self._decide(given, *self._distribution(given))
+
+    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
         outputs, by_tanh = self._distribution(given)
-        action = np.empty((len(outputs), 3))
-        _act(outputs, given.uniforms, self.share, by_tanh, action)
-        return Decision(action, given.memory)
+        decision = self._decide(given, outputs, by_tanh)
+        return decision, self._log_density(applied(decision.actions), outputs, by_tanh)
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,): a mass at the whole mean action, and the density of a draw elsewhere.
@@ -58,7 +60,14 @@ class Sampled(Wrapper):
         A draw has masses at ±1. Where float32 is coarse, its density is the mean over the numbers that are
         rounded to the same action.
         """
-        outputs, by_tanh = self._distribution(given)
+        return self._log_density(action, *self._distribution(given))
+
+    def _decide(self, given: Given, outputs: Floats, by_tanh: bool) -> Decision:
+        action = np.empty((len(outputs), 3))
+        _act(outputs, given.uniforms, self.share, by_tanh, action)
+        return Decision(action, given.memory)
+
+    def _log_density(self, action: npt.NDArray[np.float32], outputs: Floats, by_tanh: bool) -> Floats:
         out = np.empty(len(action))
         _log_prob(outputs, _means(outputs, by_tanh), action, self.share, by_tanh, out)
         return out
