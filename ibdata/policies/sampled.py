@@ -118,15 +118,33 @@ def _log_prob(
     by_tanh: bool,
     out: Floats,
 ) -> None:
+    log_kept = log(1.0 - share) if share < 1.0 else 0.0
     for i in range(out.shape[0]):
-        density = width = 0.0  # logarithms; the width of the numbers that are rounded to this very action
         same = share < 1.0  # otherwise the mean action has no mass of its own
+        for j in range(3):
+            same = same and action[i, j] == mean[i, j]
+        if same and share * _largest_mass(outputs, action, i, by_tanh) < 2.0**-55 * (1.0 - share):
+            out[i] = log_kept  # as the formula below gives it, only faster
+            continue
+        density = width = 0.0  # logarithms; the width of the numbers that are rounded to this very action
         for j in range(3):
             low, high = rounded_to(action[i, j], by_tanh)
             density += log_component(action[i, j], low, high, outputs[i, j], outputs[i, 3 + j], by_tanh)
-            same = same and action[i, j] == mean[i, j]
             width += log(high - low) if high > low else 0.0
         out[i] = log(1.0 - share + share * exp(density + width)) if same else log(share) + density
+
+
+@compiled
+def _largest_mass(outputs: Floats, action: npt.NDArray[np.float32], i: int, by_tanh: bool) -> float:
+    """A bound of the probability that a draw is the action i: the width times the top of the density."""
+    bound = 1.0
+    for j in range(3):
+        a = np.float64(action[i, j])
+        if abs(a) < 1.0:
+            low, high = rounded_to(action[i, j], by_tanh)
+            slope = 1.0 - max(low * low, high * high) if by_tanh else 1.0
+            bound *= min(1.0, (high - low) * exp(-outputs[i, 3 + j]) / slope)
+    return bound
 
 
 @compiled
