@@ -120,11 +120,11 @@ def _log_density(policy: Policy, given: Given, action: npt.NDArray[np.float32]) 
 
 def _check_decisions(policy: Policy, given: Given) -> npt.NDArray[np.float32]:
     act = "act" if _is_short(policy) else "decide"
+    actions, memory = _decided(policy, given)  # first, because it tells what a policy answers wrongly
     seen = _copy(given)
     answer = [np.asarray(x) for x in policy.decide(seen)]
     kept = [x.copy() for x in answer]
     _refuse_changes(act, given, seen)
-    actions, memory = _decided(policy, given)
     _decided(policy, _rows(given, slice(None, None, -1))._replace(uniforms=1.0 - given.uniforms))
     assert all(map(_same, answer, kept)), (
         f"a later call of {act} changed the array that an earlier one returned"

@@ -108,7 +108,7 @@ class Remembering(Stubborn):
     sides: ClassVar[dict[int, np.ndarray]] = {}
 
     def decide(self, given):
-        actions, side = super().decide(given)
+        _, side = super().decide(given)
         before = self.sides.setdefault(len(side), side)
         self.sides[len(side)] = side
         return Decision(np.where(given.step[:, None] == 0, before, side) * np.ones(3), side)
@@ -152,7 +152,7 @@ def test_an_object_that_predicts_passes_with_the_history_it_asks_for():
             return observations[:, 6:9] / 100.0, None
 
     check_policy(Learned(), history=2)
-    with pytest.raises(PolicyError, match="shape"):
+    with pytest.raises(PolicyError, match=r"given \(256, 6\), history=1; it returned \(256, 0\)"):
         check_policy(Learned())
 
 

@@ -43,6 +43,12 @@ class Commands(click.Group):
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="ibdata")
+@click.option(
+    "--debug",
+    is_flag=True,
+    expose_value=False,
+    help="Show Python's traceback of an error, such as one in the code of a policy; also after a command.",
+)
 def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 

@@ -23,7 +23,8 @@ UNIT = re.compile("....")  # of UTF-16, in hex
 allow_code_option = click.option(
     "--allow-code",
     is_flag=True,
-    help="Allow custom policies, which run arbitrary Python code. Use only with code you trust.",
+    help="Allow custom policies, which run arbitrary Python code. Use only with code you trust. --debug "
+    "shows the traceback of an error in it.",
 )
 
 

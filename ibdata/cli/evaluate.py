@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     multiple=True,
     default=["70"],
     metavar="P",
-    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
+    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70. "
+    "A Gymnasium environment has 50.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
@@ -96,25 +97,31 @@ def _print(evaluation: Evaluation) -> None:
         (
             "policy",
             "setpoint",
+            "episodes",
             "return",
             "± s.e.",
             "95 % interval",
             "p10",
-            "return/100",
+            "literature",
             "reward/step",
+            "clipped",
             "score",
+            "± s.e.",
         ),
         [
             (
                 r.policy,
                 _setpoint(r.setpoint),
+                str(r.episodes),
                 f"{r.mean_return:.1f}",
                 _number(r.standard_error, 1),
                 _interval(r.interval),
                 f"{r.p10:.1f}",
                 f"{r.mean_return / 100:.2f}",
                 f"{r.mean_reward:.2f}",
+                f"{100 * r.clipped:.1f} %",
                 _number(r.score, 1),
+                _number(r.score_error, 1),
             )
             for r in evaluation.results
         ],
@@ -134,9 +141,15 @@ def _print(evaluation: Evaluation) -> None:
                 for d in evaluation.differences
             ],
         )
+    say()
+    say(f"return: the sum of {evaluation.discount:g}ᵗ · reward over {evaluation.steps} steps")
+    say("literature: the return with rewards / 100; reward/step: the mean reward, not discounted")
+    say("clipped: the share of actions outside [-1, 1]")
     if evaluation.scale:
-        say()
         say(f"score: {evaluation.scale}")
+    for note in evaluation.notes:
+        reason, _, why = note.partition(": ")
+        say(f"- ({reason}): {why}")
 
 
 def _setpoint(setpoint: float | None) -> str:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from ibdata.errors import Loc, Problems
 from ibdata.policies import POLICIES
-from ibdata.policies.custom import TARGET
+from ibdata.policies.custom import TARGET, TARGET_MEANT
 
 # error type → what was expected, with the error's context filled in
 EXPECTED = {
@@ -115,7 +115,7 @@ def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     if kind in ("value_error", "assertion_error"):
         return str(context["error"])
     if context.get("pattern") == TARGET:
-        return f"found {shown(value)}, expected package.module:name"
+        return f"found {shown(value)}, expected {TARGET_MEANT}"
     if kind in EXPECTED:
         bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
         filled = {

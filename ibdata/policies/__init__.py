@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 else:
     # The types of a wrapper's base, known once all policies are. Wrappers cannot be nested.
     AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if issubclass(p, Deterministic))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
     for _policy in POLICIES.values():
         _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
     AnyPolicy = _one_of(POLICIES.values())

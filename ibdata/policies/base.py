@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -219,3 +219,8 @@ class Deterministic(Policy):
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
+
+
+def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
+    """Whether a policy's action is certain, given what is known before it, by class or by promise."""
+    return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)

@@ -10,8 +10,10 @@ import numpy.typing as npt
 
 from ibdata.errors import IbdataError
 from ibdata.policies import Policy
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import as_numbers, clip_and_round
+from ibdata.policies.adapter import AnswerError
 from ibdata.policies.given import Given
+from ibdata.policies.user_code import told
 
 
 class PolicyError(IbdataError):
@@ -90,22 +92,17 @@ class CheckedPolicy(NamedTuple):
             return ask()
         except IbdataError:  # raised by a signal handler, for example
             raise
+        except AnswerError as error:
+            raise PolicyError(f"{self._place(given, 0)}: {error}") from error
         except (Exception, SystemExit) as error:  # a policy must not end the run
-            raise PolicyError(
-                f"{self._place(given, 0)}: found {type(error).__name__}: {error}, "
-                f"expected {what} of shape {shape}"
-            ) from error
+            raise PolicyError(f"{self._place(given, 0)}: {told(error)}") from error
 
     def _numbers(
         self, answer: Any, given: Given, shape: tuple[int, ...], what: str
     ) -> npt.NDArray[np.float64]:
         """Return what a policy answered as an array of that shape."""
-        if isinstance(answer, np.ma.MaskedArray):
-            answer = np.ma.filled(answer.astype(np.float64), np.nan)
         try:
-            if np.iscomplexobj(answer):
-                raise TypeError
-            numbers = np.asarray(answer, dtype=np.float64)
+            numbers = as_numbers(answer)
         except (TypeError, ValueError):
             wrong = f"found {repr(answer)[:60]}, expected {what} of shape {shape}"
             raise PolicyError(f"{self._place(given, 0)}: {wrong}") from None

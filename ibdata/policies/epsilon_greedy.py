@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Deterministic, Floats, NormalDouble
+from ibdata.policies.base import Floats, NormalDouble, is_deterministic
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
 from ibdata.policies.wrapper import Unnamed, Wrapper
@@ -65,7 +65,7 @@ class EpsilonGreedy(Wrapper):
         """
         out = np.empty(len(action))
         seen = self.for_base(given)
-        if isinstance(self.base, Deterministic):
+        if is_deterministic(self.base):
             _log_prob(applied(self.base.decide(seen).actions), action, self.epsilon, self.per_dimension, out)
         else:
             _log_mixture(self.base.log_density(seen, action), action, self.epsilon, out)
@@ -73,7 +73,7 @@ class EpsilonGreedy(Wrapper):
 
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:
-        if self.per_dimension and not isinstance(self.base, Deterministic):
+        if self.per_dimension and not is_deterministic(self.base):
             raise ValueError(
                 f"found per_dimension: true around {self.base.kind}, which is random itself; expected false"
             )

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats
+from ibdata.policies.base import Floats, Policy, is_deterministic
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
@@ -25,6 +25,15 @@ FAR = 3.0  # |z| from which a continued fraction replaces the series
 TERMS = 60  # of either
 
 
+def _deterministic(base: Policy) -> Policy:
+    if not is_deterministic(base):
+        raise ValueError(
+            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
+            "that into it if it draws nothing"
+        )
+    return base
+
+
 class Gaussian(Wrapper):
     """Adds N(0, scale²) to each number of the base's action, and clips the sum to [-1, 1].
 
@@ -34,7 +43,9 @@ class Gaussian(Wrapper):
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed] = Field(description="a deterministic policy")
+    base: Annotated[DeterministicBase, Unnamed, AfterValidator(_deterministic)] = Field(
+        description="a deterministic policy"
+    )
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )
