@@ -30,6 +30,7 @@ def test_the_names_of_ibdata():
         "open",
         "repair",
         "reproduce",
+        "save_network",
         "split",
         "validate",
     ]
