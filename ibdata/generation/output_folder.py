@@ -13,6 +13,7 @@ from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt, staging
+from ibdata.generation.single_files import refuse_edits
 from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
@@ -131,6 +132,7 @@ def _refuse_strangers(folder: Path, listed: Manifest) -> None:
         what = "folder" if path.is_dir() else "file"
         raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
+    refuse_edits(folder, listed, "the new dataset")
     for name in known:
         if (folder / name).is_dir():
             raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")

@@ -25,9 +25,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
 from ibdata.errors import DatasetError, printable
 from ibdata.generation import staging, unsettled
+from ibdata.generation.single_files import place_single_files
 from ibdata.generation.staging import discard, is_busy, is_ours
-from ibdata.generation.unsettled import PARTS, is_complete, listed_in, old_data, paths_in
-from ibdata.system.atomic_files import file_sha256, sync_folder, write
+from ibdata.generation.unsettled import PARTS, is_complete, old_data, paths_in
+from ibdata.system.atomic_files import sync_folder, write
 from ibdata.system.exchange import exchanged, naming, refuse_immovable
 from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
@@ -174,7 +175,7 @@ def _settle(folder: Path) -> None:
         for part in PARTS:
             if (new / part / FRESH).is_file():
                 _swap(new, folder, part)
-        _place_single_files(new, folder)
+        place_single_files(new, folder)
         _give_back(new, folder)
         _unbar(folder)
         for part in PARTS:
@@ -248,17 +249,6 @@ def _swap(new: Path, folder: Path, part: str) -> None:
     except OSError as error:
         raise naming(target, error) from error
     sync_folder(new)
-    sync_folder(folder)
-
-
-def _place_single_files(new: Path, folder: Path) -> None:
-    """Move card and report to their places if the manifest lists them; remove the old report if not."""
-    listed = listed_in(folder).entries()
-    for path in (manifest.CARD, manifest.REPORT):
-        if path not in listed and path in [*paths_in(new), *paths_in(new, "old-meta/manifest.json")]:
-            (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
-        elif path in listed and file_sha256(new / path) == listed[path].sha256:
-            (new / path).replace(folder / path)
     sync_folder(folder)
 
 

@@ -20,9 +20,17 @@ def listed_in(folder: Path, path: str = manifest.PATH) -> Manifest:
     return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
 
 
-def paths_in(folder: Path, path: str = manifest.PATH) -> list[str]:
-    """The paths of the files that the manifest in a folder lists; none without a valid manifest."""
-    return [file.path for file in _files(folder, path)]
+def files_in(folder: Path, path: str = manifest.PATH) -> list[File]:
+    """The files that the manifest in a folder lists; none without a valid manifest."""
+    try:
+        return listed_in(folder, path).files
+    except (OSError, DatasetError):
+        return []
+
+
+def paths_in(folder: Path) -> list[str]:
+    """The paths of these files."""
+    return [file.path for file in files_in(folder)]
 
 
 def is_complete(folder: Path) -> bool:
@@ -73,14 +81,7 @@ def _place(folder: Path, path: str) -> Path | None:
 
 
 def _is_lost_too(folder: Path, file: File) -> bool:
-    return file in _files(folder) and file_sha256(folder / file.path) != file.sha256
-
-
-def _files(folder: Path, path: str = manifest.PATH) -> list[File]:
-    try:
-        return listed_in(folder, path).files
-    except (OSError, DatasetError):
-        return []
+    return file in files_in(folder) and file_sha256(folder / file.path) != file.sha256
 
 
 def lost(folder: Path) -> Path | None:

@@ -11,6 +11,7 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import MissingError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.generation import output_folder, replacement
+from ibdata.generation.single_files import refuse_edits
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system import lock
@@ -35,7 +36,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
         folder: The folder of the dataset.
 
     Raises:
-        UsageError: ibdata did not write the README.md or report.html that is there.
+        UsageError: Somebody else wrote or edited the README.md or report.html that is there.
         DatasetError: There is no finished dataset.
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
@@ -46,6 +47,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
     output_folder.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
     _refuse_foreign_report(path, dataset)
+    refuse_edits(path, dataset.manifest_model, "the new one")
     spec = spec_in(path, dataset.manifest_model)
     refuse_other_plan(spec, dataset.manifest_model)
     report = _report(dataset, spec)  # before the lock: it may take minutes

@@ -53,7 +53,7 @@ def move(monkeypatch, here: Path, moved: list[str], exchange: bool) -> None:
         patched.setattr(replacement, "_swap", swaps)
         patched.setattr(replacement, "exchanged", replacement.exchanged if exchange else lambda a, b: False)
         if moved == ["data", "meta"]:
-            patched.setattr(replacement, "_place_single_files", killed)
+            patched.setattr(replacement, "place_single_files", killed)
         with pytest.raises(KeyboardInterrupt):
             ibdata.generate(described(seed=1), here, workers=1, overwrite=True)
 
