@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
@@ -67,6 +67,19 @@ class MissingError(IbdataError, ImportError):
 def printable(line: str) -> str:
     """Escape control characters, so that text from files cannot forge another line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """'; did you mean …?' if a known word is similar, else an empty text."""
+    near = nearest(word, known)
+    return "" if near in (None, word) else f"; did you mean {near!r}?"
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that is most similar to a word; None if none is similar."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(word, list(known), n=1)), None)
 
 
 class Problems(ValueError):

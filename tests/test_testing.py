@@ -9,6 +9,7 @@ import pytest
 
 from ibdata.policies import POLICIES, Deterministic, Policy
 from ibdata.policies.checked import PolicyError
+from ibdata.policies.given import Decision
 from ibdata.testing import check_policy
 
 
@@ -83,7 +84,64 @@ class Broken(Coin):
         return np.full((len(history), 3), np.nan)
 
 
-@pytest.mark.parametrize("policy", [Coin(), POLICIES["gaussian"](base={"kind": "bad"}, scale=0.5), "safe"])
+class Stubborn(Policy):
+    """Keeps the side of the first coin of an episode, in its memory."""
+
+    memory_size: ClassVar[int] = 1
+    uniforms_per_step: ClassVar[int] = 1
+    kind: str = "stubborn"
+
+    def decide(self, given):
+        drawn = np.where(given.uniforms < 0.5, 0.5, -0.5)
+        side = np.where(given.step[:, None] == 0, drawn, given.memory)
+        return Decision(side * np.ones(3), side)
+
+    def log_density(self, given, action):
+        first, kept = given.step == 0, (action == given.memory).all(axis=1)
+        valid = np.isin(action, (0.5, -0.5)).all(axis=1) & (action[:, :1] == action).all(axis=1)
+        return np.where(first, np.where(valid, np.log(0.5), -np.inf), np.where(kept, 0.0, -np.inf))
+
+
+class Remembering(Stubborn):
+    """Begins an episode with the side of the last one, which it keeps outside of its memory."""
+
+    sides: ClassVar[dict[int, np.ndarray]] = {}
+
+    def decide(self, given):
+        _, side = super().decide(given)
+        before = self.sides.setdefault(len(side), side)
+        self.sides[len(side)] = side
+        return Decision(np.where(given.step[:, None] == 0, before, side) * np.ones(3), side)
+
+
+class Overwriting(Stubborn):
+    def decide(self, given):
+        answer = super().decide(given)
+        given.memory[:] = answer.memory + 1.0
+        return answer
+
+
+class Shared(Stubborn):
+    def decide(self, given):
+        actions, side = super().decide(given)
+        return Decision(actions, side + given.uniforms.mean())
+
+
+class Peeking(Stubborn):
+    def log_density(self, given, action):
+        return super().log_density(given, action) - given.uniforms[:, 0]
+
+
+class Surprised(Stubborn):
+    """Says that every action is as likely as at the first step."""
+
+    def log_density(self, given, action):
+        return super().log_density(given._replace(step=0 * given.step), action)
+
+
+@pytest.mark.parametrize(
+    "policy", [Coin(), POLICIES["gaussian"](base={"kind": "bad"}, scale=0.5), "safe", Stubborn()]
+)
 def test_what_is_right_passes(policy):
     check_policy(policy)
 
@@ -94,7 +152,7 @@ def test_an_object_that_predicts_passes_with_the_history_it_asks_for():
             return observations[:, 6:9] / 100.0, None
 
     check_policy(Learned(), history=2)
-    with pytest.raises(PolicyError, match="shape"):
+    with pytest.raises(PolicyError, match=r"given \(256, 6\), history=1; it returned \(256, 0\)"):
         check_policy(Learned())
 
 
@@ -122,6 +180,11 @@ def test_a_policy_without_a_density_passes():
         (Infinite, "finite at the policy's own actions"),
         (Peak, r"log_prob is \[inf\] at"),
         (Single, "must return float64"),
+        (Remembering, "decide gave other actions for the same inputs"),
+        (Overwriting, "decide changed the memory that it was given"),
+        (Shared, "another memory in a batch than alone, at row 0"),
+        (Peeking, "depends on the random numbers of its own step"),
+        (Surprised, "the probability 0.5000, but its share of 2000 draws was 1.0000"),
         (Unlikely, "the probability 0.4094, but its share of 2000 draws was 0.[45]"),
     ],
 )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ibdata.cli._completion import policies as completed_policies
 from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
 from ibdata.numerics.naming import exact
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     required=True,
     multiple=True,
     metavar="NAME|YAML",
+    shell_complete=completed_policies,
     help="A kind of policy, a block such as '{kind: safe}', or a file with a block; may be repeated.",
 )
 @click.option(
@@ -29,7 +31,8 @@ if TYPE_CHECKING:
     multiple=True,
     default=["70"],
     metavar="P",
-    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
+    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70. "
+    "A Gymnasium environment has 50.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
@@ -96,25 +99,31 @@ def _print(evaluation: Evaluation) -> None:
         (
             "policy",
             "setpoint",
+            "episodes",
             "return",
             "± s.e.",
             "95 % interval",
             "p10",
-            "return/100",
+            "literature",
             "reward/step",
+            "clipped",
             "score",
+            "± s.e.",
         ),
         [
             (
                 r.policy,
                 _setpoint(r.setpoint),
+                str(r.episodes),
                 f"{r.mean_return:.1f}",
                 _number(r.standard_error, 1),
                 _interval(r.interval),
                 f"{r.p10:.1f}",
                 f"{r.mean_return / 100:.2f}",
                 f"{r.mean_reward:.2f}",
+                f"{100 * r.clipped:.1f} %",
                 _number(r.score, 1),
+                _number(r.score_error, 1),
             )
             for r in evaluation.results
         ],
@@ -134,9 +143,15 @@ def _print(evaluation: Evaluation) -> None:
                 for d in evaluation.differences
             ],
         )
+    say()
+    say(f"return: the sum of {evaluation.discount:g}ᵗ · reward over {evaluation.steps} steps")
+    say("literature: the return with rewards / 100; reward/step: the mean reward, not discounted")
+    say("clipped: the share of actions outside [-1, 1]")
     if evaluation.scale:
-        say()
         say(f"score: {evaluation.scale}")
+    for note in evaluation.notes:
+        reason, _, why = note.partition(": ")
+        say(f"- ({reason}): {why}")
 
 
 def _setpoint(setpoint: float | None) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ibdata.cli._completion import splits
 from ibdata.cli._shared import (
     Listing,
     folder_argument,
@@ -17,6 +18,7 @@ from ibdata.cli._shared import (
     summaries,
 )
 from ibdata.exporters import FORMATS, added_formats
+from ibdata.numerics.naming import counted
 
 
 def _formats() -> list[tuple[str, str]]:
@@ -39,7 +41,7 @@ def _formats() -> list[tuple[str, str]]:
     metavar="PATH",
     help="The file or folder to write; it must not exist.",
 )
-@click.option("--split", metavar="NAME", help="Export only this split.")
+@click.option("--split", metavar="NAME", shell_complete=splits, help="Export only this split.")
 @click.option(
     "--history",
     type=int,
@@ -89,7 +91,11 @@ def command(
         print_json(made._asdict())
         return
     print_pairs(
-        [("export", made.path), ("rows", f"{made.rows} in {made.episodes} episodes"), ("format", made.format)]
+        [
+            ("export", made.path),
+            ("rows", f"{made.rows:,} in {counted(made.episodes, 'episode')}"),
+            ("format", made.format),
+        ]
     )
     say()
     say_all(made.snippet)

@@ -17,7 +17,8 @@ from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError, suggestion
+from ibdata.numerics.naming import counted
 from ibdata.system import object_store
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class Dataset:
 
     def __repr__(self) -> str:
         counts = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
+        rows, episodes = counted(counts.rows, "row"), counted(counts.episodes, "episode")
+        return f"<ibdata.Dataset {self.place}: {rows}, {episodes}>"
 
     def __len__(self) -> int:
         return self.manifest_model.rows
@@ -183,13 +185,16 @@ class Dataset:
             manifest.refuse_replaced(self.path, self.manifest_model)
             raise
 
-    def arrays(self, history: int = 1, split: str | None = None) -> dict[str, npt.NDArray[Any]]:
+    def arrays(
+        self, history: int = 1, split: str | None = None, pad: str = "repeat"
+    ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
 
         Args:
-            history: How many observations to stack, newest first. Before the start of an episode, its first
-                observation is repeated.
+            history: How many observations to stack, newest first.
             split: Only rows of this split.
+            pad: What is done with the first rows of an episode, which have fewer observations before them:
+                "repeat" repeats the first recorded observation, "drop" leaves these rows out.
 
         Returns:
             observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
@@ -197,11 +202,13 @@ class Dataset:
             step (N,).
 
         Raises:
-            UsageError: The history is below 1, or the dataset has no such split.
+            UsageError: The history is below 1, the dataset has no such split, or pad is neither of the two.
             DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
+        if pad not in ("repeat", "drop"):
+            raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
         groups = self.info_model.groups
         roles = ("observation", "action", "reward", "next_observation")
         names = ["episode", "step", "terminated", "truncated"]
@@ -212,13 +219,17 @@ class Dataset:
 
         out = {name: table[name].to_numpy() for name in names}
         observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        return {
+        arrays = {
             "observations": observations,
             "actions": stack("action"),
             "rewards": table["reward"].to_numpy(),
             "next_observations": after,
             **out,
         }
+        if pad == "drop" and history > 1:
+            whole = out["step"] >= history - 1
+            return {name: array[whole] for name, array in arrays.items()}
+        return arrays
 
     @cached_property
     def episode_table(self) -> pa.Table:
@@ -233,7 +244,8 @@ class Dataset:
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
         unknown = [name for name in columns if name not in known]
         if unknown:
-            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
+            near = suggestion(unknown[0], known)
+            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}{near}")
         return list(columns)
 
     def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
@@ -282,5 +294,5 @@ class Dataset:
         splits = self.info_model.splits
         if split not in splits:
             known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
-            raise UsageError(f"split: found {split!r}, expected {known}")
+            raise UsageError(f"split: found {split!r}, expected {known}{suggestion(split, splits)}")
         return split

@@ -14,21 +14,24 @@ from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation, checked_actions
 from ibdata.numerics.philox import Raw
 from ibdata.simulation import kernel
-from ibdata.simulation.episodes import NO_ROWS, Episodes
+from ibdata.simulation.episodes import NO_PAST, NO_ROWS, Episodes, Past
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.simulation.variables import hidden, record_rows
 
 Action = tuple[float, float, float]
-NO_HISTORY, NOTHING = np.empty((1, 0, 6), dtype=np.float32), np.empty(0)
+NOTHING = np.empty(0)
 
 
 class _Episode(Episodes):
     """Begins episodes with the compiled function that makes the steps, so that no other is loaded."""
 
-    def advance(self, state: State, actions: Float32s, raw: Raw, drift: Raw, *_: Any) -> None:
+    def advance(
+        self, state: State, actions: Float32s, raw: Raw, drift: Raw, past: Past = NO_PAST, *_: Any
+    ) -> None:
         integers = np.concatenate([raw.ravel(), drift.ravel()])
         dv, dg, dh = actions[0, 0].tolist()
-        kernel.simulate_lane(*state, dv, dg, dh, integers, self.parameters, NO_HISTORY, NO_ROWS, NOTHING)
+        seen = past.observations
+        kernel.simulate_lane(*state, dv, dg, dh, integers, self.parameters, seen, NO_ROWS, NOTHING)
 
 
 class Lane(Simulation):

@@ -17,7 +17,7 @@ from ibdata.numerics.random import Purpose
 from ibdata.policies import OBSERVATION
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import episodes
-from ibdata.simulation.episodes import Episodes, first_history, put, take
+from ibdata.simulation.episodes import NO_PAST, Episodes, Past, put, take
 from ibdata.simulation.variables import hidden
 
 Indices = npt.NDArray[np.int64]
@@ -48,9 +48,9 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
-        state = self._episodes.begin(_one_step(draw), which, setpoints)
+        state, past = self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history)
         put(self._state, which, state)
-        self.seen[which] = first_history(state, self.settings.history)
+        self.seen[which] = past.observations
 
     def step(self, which: Indices, action: Float32s, draw: Draw) -> None:
         """Move these lanes by actions (k, 3)."""
@@ -58,7 +58,7 @@ class Simulation:
         everyone = len(which) == self.n
         state = self._state if everyone else take(self._state, which)
         seen = self.seen if everyone else self.seen[which]
-        self._episodes.advance(state, action[None], raw, drift, seen)
+        self._episodes.advance(state, action[None], raw, drift, Past(seen, NO_PAST.actions))
         if not everyone:
             put(self._state, which, state)
             self.seen[which] = seen

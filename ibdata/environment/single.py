@@ -29,10 +29,11 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     under the names of a dataset's columns. All random numbers come from `np_random`.
 
     Args:
-        setpoint: a number, "drifting" (starts at 50), or {"drifting": a number}.
+        setpoint: a number, by default 50 (`ibdata.evaluate` has 70); "drifting" (starts at 50), or
+            {"drifting": a number}.
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-        history: the number of observations returned together; at the start the first one is repeated.
+        history: the number of observations returned together; those before the first one repeat it.
         reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
         render_mode: "rgb_array" or None.
 

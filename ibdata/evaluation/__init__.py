@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -12,10 +13,11 @@ import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
-from ibdata.evaluation.play import returns
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.notes import notes
+from ibdata.evaluation.play import Played, episodes_of
+from ibdata.evaluation.policies import policies_of
 from ibdata.experiment import Experiment, validated
-from ibdata.numerics.confidence import estimate
+from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 
 Floats = npt.NDArray[np.float64]
@@ -27,7 +29,8 @@ class Result(NamedTuple):
 
     `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
     are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
-    `score`.
+    `score`; `score_error` is its standard error, without that of the scale. `clipped` is the share of the
+    actions that were clipped to [-1, 1]. Errors are None for one episode.
     """
 
     policy: str
@@ -39,6 +42,8 @@ class Result(NamedTuple):
     p10: float
     mean_reward: float
     score: float | None
+    score_error: float | None
+    clipped: float
 
 
 class Difference(NamedTuple):
@@ -54,19 +59,28 @@ class Difference(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """Results per policy and setpoint, paired differences of the policies, and the returns behind both."""
+    """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
+
+    `notes` says why errors or scores are missing, a line for each reason.
+    """
 
     results: list[Result]
     differences: list[Difference]
     scale: str | None
     returns: Floats  # (policies, setpoints, episodes)
+    steps: int
+    discount: float
+    notes: list[str]
 
     def plain(self) -> dict[str, Any]:
-        """Results, differences and scale as plain data."""
+        """Everything but the returns of single episodes, as plain data."""
         return {
             "results": [result._asdict() for result in self.results],
             "differences": [difference._asdict() for difference in self.differences],
             "scale": self.scale,
+            "steps": self.steps,
+            "discount": self.discount,
+            "notes": self.notes,
         }
 
 
@@ -80,7 +94,7 @@ def evaluate(
     start: Any = "default",
     dynamics: Any = "siemens",
     seed: int = 0,
-    history: int = 1,
+    history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
@@ -89,18 +103,21 @@ def evaluate(
     episode. The return of an episode is the sum over t of discountᵗ times the reward.
 
     Args:
-        policy: a kind such as "optimized", a block (mapping, YAML text or file), a `Policy`, or any object
-            with `act(history, u)` or `predict(observation)`; or a list of them.
-        setpoint: one or several numbers; "drifting", or {"drifting": [50, 70]} for the values at the start.
-            There is no score for drifting setpoints.
+        policy: one of the following, a mapping of labels to them, or a list of both: a kind such as
+            "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `act(history, u)` or
+            `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules and callables are
+            called as `predict` is: on float32 observations (n, 6 · history), newest first, for actions
+            (n, 3). Modules get a tensor, in evaluation mode and without gradients.
+        setpoint: one or several numbers, by default 70 (a Gymnasium environment has 50); "drifting", or
+            {"drifting": [50, 70]} for the values at the start. There is no score for drifting setpoints.
         steps: steps per episode.
         discount: the discount factor, in [0, 1].
         episodes: episodes per policy and setpoint.
         start: the start state, as in an experiment.
         dynamics: the dynamics, as in an experiment.
         seed: the seed of all random numbers.
-        history: the number of observations that an object without `history_length` sees. `predict` gets them
-            newest first, flattened to (n, 6 · history).
+        history: the number of observations that an object sees, if it has no attribute `history_length`:
+            one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
 
     Returns:
@@ -112,10 +129,7 @@ def evaluate(
     """
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
-    if history < 1:
-        raise UsageError(f"history: found {history}, expected at least 1")
-    given = policy if isinstance(policy, list | tuple) else [policy]
-    policies = [policy_of(p, history, allow_code) for p in given]
+    policies = policies_of(policy, history, allow_code)
     if not policies:
         raise UsageError("policy: found none, expected at least one")
     if isinstance(episodes, int):
@@ -128,28 +142,29 @@ def evaluate(
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
     options = validated({**plain, **settings}).options()
-    experiment = Experiment.model_construct(**{**options, "policies": policies})  # of any class
-    discounted, undiscounted = returns(experiment, float(discount))
+    labels = tuple(policies)
+    experiment = Experiment.model_construct(
+        **{**options, "policies": list(policies.values())}
+    )  # of any class
+    vars(experiment)["labels"] = labels
+    played = episodes_of(experiment, float(discount))
     scale = None
     if not experiment.drifting:
         scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)
-    points = [cell.setpoint for cell in experiment.cells[: discounted.shape[1]]]
+    points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
-    labels = experiment.labels
     for i, label in enumerate(labels):
-        rows = [
-            _result(label, p, discounted[i, j : j + 1], undiscounted[i, j] / steps, scale)
-            for j, p in enumerate(points)
-        ]
+        rows = [_result(label, p, played, (i, j), steps, scale) for j, p in enumerate(points)]
         results += rows
         if len(rows) > 1:
-            results.append(_overall(label, rows, discounted[i]))
+            results.append(_overall(label, rows, played.discounted[i]))
     differences = [
-        _difference(labels[b], labels[a], p, discounted[b, part] - discounted[a, part])
+        _difference(labels[b], labels[a], p, played.discounted[b, part] - played.discounted[a, part])
         for a, b in combinations(range(len(labels)), 2)
         for p, part in _parts(points)
     ]
-    return Evaluation(results, differences, scale.text if scale else None, discounted)
+    text, missing = scale.text if scale else None, list(notes(experiment, points, scale))
+    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing)
 
 
 def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
@@ -159,21 +174,43 @@ def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
 
 
 def _result(
-    label: str, setpoint: float, values: Floats, rewards: Floats, scale: reference_returns.Scale | None
+    label: str,
+    setpoint: float,
+    played: Played,
+    cell: tuple[int, int],
+    steps: int,
+    scale: reference_returns.Scale | None,
 ) -> Result:
-    found = estimate(list(values))
+    values = played.discounted[cell]
+    found = estimate([values])
+    reward = estimate([played.undiscounted[cell] / steps]).mean
+    p10, clipped = float(np.quantile(values, 0.1)), float(played.clipped[cell])
+    scores = _score(setpoint, found, scale)
+    return Result(label, setpoint, values.size, *found, p10, reward, *scores, clipped)
+
+
+def _score(
+    setpoint: float, found: Estimate, scale: reference_returns.Scale | None
+) -> tuple[float | None, float | None]:
+    """The score with its standard error."""
     score = scale.score(setpoint, found.mean) if scale else None
-    reward = estimate([rewards]).mean
-    return Result(label, setpoint, values.size, *found, float(np.quantile(values, 0.1)), reward, score)
+    if scale is None or score is None or found.standard_error is None:
+        return score, None
+    above = scale.score(setpoint, found.mean + found.standard_error)
+    return score, None if above is None else above - score
 
 
 def _overall(label: str, rows: list[Result], values: Floats) -> Result:
     """The result over all setpoints. Its score is the mean of their scores, if each has one."""
     scores = [row.score for row in rows if row.score is not None]
     score = sum(scores) / len(rows) if len(scores) == len(rows) else None
-    reward = sum(row.mean_reward for row in rows) / len(rows)
+    errors = [row.score_error for row in rows if row.score_error is not None]
+    error = math.hypot(*errors) / len(rows) if len(errors) == len(rows) else None
+    reward, clipped = (
+        sum(getattr(row, name) for row in rows) / len(rows) for name in ("mean_reward", "clipped")
+    )
     p10 = float(np.quantile(values, 0.1))
-    return Result(label, None, values.size, *estimate(list(values)), p10, reward, score)
+    return Result(label, None, values.size, *estimate(list(values)), p10, reward, score, error, clipped)
 
 
 def _difference(label: str, less: str, setpoint: float | None, values: Floats) -> Difference:

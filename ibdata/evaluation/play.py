@@ -1,8 +1,8 @@
-"""The returns of policies, with the same random numbers of the environment for all of them."""
+"""Play episodes of policies, with the same random numbers of the environment for all of them."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,28 +24,41 @@ class EvaluationBlock(Block):
         common = {key: value for key, value in form.items() if key != "policy"}
         return form_digest(common), form_digest(form)
 
-    def returns(self, discount: float) -> tuple[Floats, Floats]:
-        """The discounted and the undiscounted return of each episode, (n,)."""
+    def returns(self, discount: float) -> tuple[Floats, Floats, int]:
+        """The discounted and the undiscounted return of each episode (n,); how many actions were clipped."""
         chunk = min(CHUNK, self.experiment.steps)
         rewards = np.empty((1, chunk + 1, self.n))
         actions = np.empty((chunk, self.n, 3), dtype=np.float32)
-        discounted, plain, weight = np.zeros(self.n), np.zeros(self.n), 1.0
-        for _, count, _ in self.play(rewards, record_rows(["reward"]), actions):
+        discounted, plain, weight, total = np.zeros(self.n), np.zeros(self.n), 1.0, 0
+        for _, count, clipped in self.play(rewards, record_rows(["reward"]), actions):
+            total += clipped
             for reward in rewards[0, 1 : count + 1]:
                 discounted += weight * reward
                 plain += reward
                 weight *= discount
-        return discounted, plain
+        return discounted, plain, total
 
 
-def returns(experiment: Experiment, discount: float) -> tuple[Floats, Floats]:
-    """Discounted and undiscounted returns (policies, setpoints, episodes) of an experiment's episodes.
+class Played(NamedTuple):
+    """What policies got, (policies, setpoints, episodes) unless it says otherwise."""
+
+    discounted: Floats  # returns
+    undiscounted: Floats  # returns
+    clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
+
+
+def episodes_of(experiment: Experiment, discount: float) -> Played:
+    """Play an experiment's episodes, a block never with those of two cells.
 
     Raises PolicyError if a policy fails or returns no valid action.
     """
-    total = len(experiment.cells) * experiment.episodes
-    out = np.empty((2, total))
-    for first, stop in blocks(experiment, 0, total):
-        out[:, first:stop] = EvaluationBlock(experiment, first, stop).returns(discount)
-    shape = (len(experiment.policies), -1, experiment.episodes)
-    return out[0].reshape(shape), out[1].reshape(shape)
+    cells, episodes = len(experiment.cells), experiment.episodes
+    out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
+    for cell in range(cells):
+        for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
+            *both, count = EvaluationBlock(experiment, first, stop).returns(discount)
+            out[:, first:stop] = both
+            clipped[cell] += count / (episodes * experiment.steps)
+    policies = len(experiment.policies)
+    discounted, undiscounted = out.reshape(2, policies, -1, episodes)
+    return Played(discounted, undiscounted, clipped.reshape(policies, -1))

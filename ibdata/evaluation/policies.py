@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
-from ibdata.policies.custom import Adapter
+from ibdata.policies.adapter import WAYS, Adapter, can_act
+from ibdata.policies.code_places import looking_in
 
 
 class Acting(Adapter):
-    """A policy made of any object that acts. Its random numbers depend on the name of the object's class."""
+    """A policy made of an object. Its random numbers depend on the name of its class or function."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
@@ -47,12 +49,60 @@ class Acting(Adapter):
         return {"kind": self.kind, "name": self.label}
 
 
+def policies_of(
+    given: Any, history: int | Mapping[str, int] = 1, allow_code: bool = False
+) -> dict[str, Policy]:
+    """Return the policies that a user gave, by their labels. Of equal labels, the later ones get -2, -3, …
+
+    Args:
+        given: what `policy_of` takes, a mapping of labels to that, or a list of both.
+        history: as in `policy_of`, for all policies or by label.
+        allow_code: as in `policy_of`.
+
+    Raises:
+        UsageError, ConfigError: as `policy_of`; or a label, or a key of history, is not valid.
+    """
+    lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
+    for name, length in {"": common, **lengths}.items():
+        if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+            where = f"history: {name}" if name else "history"
+            raise UsageError(f"{where}: found {length!r}, expected a whole number of at least 1")
+    found: dict[str, Policy] = {}
+    taking: list[str] = []  # the labels of policies without a number of observations of their own
+    for label, each in _labelled(given):
+        policy = policy_of(each, common, allow_code)
+        own, name, count = label or policy.label, label or policy.label, 1
+        while name in found:
+            count += 1
+            name = f"{own}-{count}"
+        if isinstance(policy, Acting) and not hasattr(policy.target, "history_length"):
+            taking.append(name)
+            policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
+        found[name] = policy
+    for name in lengths.keys() - taking:
+        one = f"one of {', '.join(taking)}" if taking else "none"
+        raise UsageError(f"history: found {name!r}, expected {one}: the others have a length of their own")
+    return found
+
+
+def _labelled(given: Any) -> Iterator[tuple[str | None, Any]]:
+    """Yield each policy with the label that the user gave it, or None."""
+    for each in given if isinstance(given, list | tuple) else [given]:
+        if not isinstance(each, Mapping) or "kind" in each:
+            yield None, each
+            continue
+        for label, policy in each.items():
+            if not (isinstance(label, str) and label.strip() and label.isprintable()):
+                raise UsageError(f"policy: found the label {label!r}, expected a name")
+            yield label, policy
+
+
 def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
     """Return the policy that a user gave.
 
     Args:
-        given: a `Policy`, a kind such as "safe", a block (mapping, YAML text or file), or an object with
-            `act(history, u)` or `predict(observation)`.
+        given: a `Policy`, a kind such as "safe", a block (mapping, YAML text or file), or an object that
+            `Adapter` takes.
         history: the number of observations that an object sees if it has no `history_length`.
         allow_code: whether a custom policy in a file may run; one that is given as a block always may.
 
@@ -66,12 +116,13 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         return _block(dict(given), "policy")
     if isinstance(given, str | os.PathLike):
         return _named(given, allow_code)
-    if callable(getattr(given, "act", None)) or callable(getattr(given, "predict", None)):
-        name = "".join(c if c.isascii() and c.isalnum() else "-" for c in type(given).__name__.lower())
-        return Acting(target=given, history=history, name=name.strip("-")[:64] or "object")
-    raise UsageError(
-        f"policy: found {shown(given)}, expected an object with act(history, u) or predict(observation)"
-    )
+    if isinstance(given, type):
+        raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
+    if can_act(given):
+        name = getattr(given, "__name__", type(given).__name__).lower()
+        name = re.sub("[^a-z0-9]", "-", name).strip("-")[:64]
+        return Acting(target=given, history=history, name=name or "object")
+    raise UsageError(f"policy: found {shown(given)}, expected {WAYS}")
 
 
 def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
@@ -79,9 +130,9 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):
-        place, source = text, Path(text).read_bytes()
+        place, source, folder = text, Path(text).read_bytes(), Path(text).parent
     elif "{" in text or ":" in text:
-        place, source = "policy", text.encode()
+        place, source, folder = "policy", text.encode(), None
     else:
         raise UsageError(
             f"policy: found {text!r}, expected one of {', '.join(POLICIES)}, a block such as "
@@ -94,11 +145,14 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     if not isinstance(block, dict):
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
     policy = _block(block, place)
-    if place != "policy" and not allow_code and any(customs_in(policy)):
+    if folder is not None and not allow_code and any(customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code "
             "(allow_code=True) if you trust it"
         )
+    with looking_in(folder):
+        for custom in customs_in(policy):
+            custom.load()
     return policy
 
 

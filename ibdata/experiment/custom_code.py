@@ -17,22 +17,19 @@ from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.imported_modules import Source, imported
 from ibdata.policies import Policy
-from ibdata.policies.custom import Custom, find_modules_here, importing, started_in
+from ibdata.policies.code_places import located, looking_in
+from ibdata.policies.custom import Custom, importing
 from ibdata.system.atomic_files import file_sha256
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every custom policy, including those that are the base of another policy."""
+    """Return every custom policy, including those of which another policy is made."""
     return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
-    """Yield the policy and its base, as far as they are custom."""
-    if isinstance(policy, Custom):
-        yield policy
-    base = getattr(policy, "base", None)
-    if isinstance(base, Policy):
-        yield from customs_in(base)
+    """Yield the policy and all of which it is made, as far as they are custom."""
+    return (each for each in policy.everywhere() if isinstance(each, Custom))
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> None:
@@ -65,18 +62,22 @@ def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetS
 
 @contextmanager
 def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
-    """A context that imports policies anew from the current folder, and restores folder and modules."""
-    here = os.getcwd() if customs(spec) else None
-    before = started_in.set(here)
-    known = forget_modules(spec)
-    try:
+    """A context that imports policies anew, and restores the current folder and the modules.
+
+    Code is looked for in the current folder and in that of the first experiment's YAML file.
+    """
+    if not customs(spec):
         yield
-    finally:
-        forget_modules(spec)
-        with importing:
-            sys.modules.update(known)
-        started_in.reset(before)
-        if here is not None:
+        return
+    here = os.getcwd()
+    with looking_in(spec.experiments[0].folder):
+        known = forget_modules(spec)
+        try:
+            yield
+        finally:
+            forget_modules(spec)
+            with importing:
+                sys.modules.update(known)
             with suppress(OSError):  # it was removed
                 os.chdir(here)
 
@@ -87,11 +88,10 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
     What is imported next is what their files hold now. A package stays if it has loaded machine code, which
     cannot be loaded twice.
     """
-    names = {policy.target.partition(":")[0] for policy in customs(spec)}
-    if not names:
-        return {}
-    find_modules_here()
-    sources = [source for name in names for source in imported(name)[0].values()]
+    sources: list[Source] = []
+    for policy in customs(spec):
+        with suppress(UsageError):  # a file that is not found is named where it is needed
+            sources += imported(policy.module())[0].values()
     for source in sources:
         _drop_stale_bytecode(source)
     tops = {source.module.partition(".")[0] for source in sources}
@@ -121,38 +121,34 @@ def _is_machine_code(module: ModuleType) -> bool:
     return spec is not None and isinstance(spec.loader, ExtensionFileLoader)
 
 
-def provenance(spec: DatasetSpec, folder: Path | None = None) -> list[Code]:
+def provenance(spec: DatasetSpec) -> list[Code]:
     """Describe the custom policies without importing them.
 
     A description holds the target, the version of its distribution, the SHA-256 of its module, of each
     declared file and of each imported module that is not installed, and the versions of the installed ones.
 
-    Args:
-        spec: the specification of the dataset.
-        folder: the folder of the experiment's YAML file.
-
-    Raises:
-        UsageError: a declared file is missing, or a module was changed after this process imported it.
+    Raises UsageError if the target's file or a declared one is missing, or if a module was changed after this
+    process imported it.
     """
     policies = {(policy.target, *(policy.files or ())): policy for policy in customs(spec)}
     if not policies:
         return []
-    find_modules_here()
     owners = importlib.metadata.packages_distributions()
-    return [_provenance(policy, folder, owners) for policy in policies.values()]
+    return [_provenance(policy, owners) for policy in policies.values()]
 
 
-def _provenance(policy: Custom, folder: Path | None, owners: Mapping[str, list[str]]) -> Code:
-    module = policy.target.partition(":")[0]
+def _provenance(policy: Custom, owners: Mapping[str, list[str]]) -> Code:
+    module = policy.module()
     sources, others = imported(module)
     files = {name: _sha256(source) for name, source in sources.items()}
     own = next((name for name, source in sources.items() if source.module == module), "")
     version = _versions({module.partition(".")[0]}, owners)
+    declared = {name: located(name, f"{policy.target}: files") for name in policy.files or ()}
     return Code(
         target=policy.target,
         version=next(iter(version.values()), None),
         sha256=files.pop(own, None),
-        files=files | {name: _declared(name, policy.target, folder) for name in policy.files or ()},
+        files=files | {name: file_sha256(path) for name, path in declared.items()},
         distributions=_versions(others, owners),
     )
 
@@ -161,23 +157,6 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
     """Return the versions of the distributions of installed modules."""
     found = sorted({owner for name in names for owner in owners.get(name, ())})
     return {owner: importlib.metadata.version(owner) for owner in found}
-
-
-def _declared(name: str, target: str, folder: Path | None) -> str:
-    """Return the hash of a declared file; UsageError where there is none, or two that differ."""
-    places = [place / name for place in (folder, Path(started_in.get() or "")) if place is not None]
-    found = {place: sha256 for place in places if (sha256 := file_sha256(place)) is not None}
-    if not found:
-        raise UsageError(
-            f"{target}: files: found no file {printable(name)!r}, expected it beside the experiment's YAML "
-            "file or in the current folder"
-        )
-    if len(set(found.values())) > 1:
-        raise UsageError(
-            f"{target}: files: found {printable(' and '.join(map(str, found)))}, which differ, so nobody "
-            "knows which of the two is read; remove one"
-        )
-    return next(iter(found.values()))
 
 
 # The spec and the hash of each module when this process first saw it.

@@ -90,6 +90,11 @@ class DatasetSpec:
         return list(dict.fromkeys(name for e in self.experiments for name in e.splits))
 
     @property
+    def data_version(self) -> int:
+        """The data version of the dataset, if this ibdata makes it."""
+        return max(experiment.data_version for experiment in self.experiments)
+
+    @property
     def rows(self) -> int:
         """The number of transitions in the dataset."""
         return sum(experiment.rows for experiment in self.experiments)
@@ -106,8 +111,9 @@ class DatasetSpec:
 
     @property
     def code_targets(self) -> list[str]:
-        """The `package.module:name` of every custom policy, including those that are the base of another."""
-        found = (policy.code_target for e in self.experiments for policy in e.policies)
+        """The `package.module:name` of every custom policy, including those of which another is made."""
+        policies = (policy for e in self.experiments for outer in e.policies for policy in outer.everywhere())
+        found = (policy.code_target for policy in policies)
         return list(dict.fromkeys(target for target in found if target is not None))
 
     def of_shard(self, shard: Shard) -> Experiment:

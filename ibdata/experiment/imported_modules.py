@@ -5,14 +5,14 @@ from __future__ import annotations
 import ast
 import importlib.util
 import sys
-import sysconfig
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import NamedTuple
 
-INSTALLED = {"site-packages", "dist-packages"}
+from ibdata.policies.user_code import is_installed
+
 PACKAGE = __name__.partition(".")[0]
 
 
@@ -65,11 +65,8 @@ def _is_own(top: str, module: str) -> bool:
     if top == module.partition(".")[0]:
         return True
     places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
-    standard = Path(sysconfig.get_path("stdlib"))
     paths = [Path(place) for place in places if place not in ("built-in", "frozen")]
-    return bool(paths) and not any(
-        INSTALLED & set(path.parts) or path.is_relative_to(standard) for path in paths
-    )
+    return bool(paths) and not any(map(is_installed, paths))
 
 
 def _spec(name: str) -> ModuleSpec | None:

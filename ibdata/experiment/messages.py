@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Iterable, Mapping
@@ -11,8 +10,9 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ValidationError
 
 from ibdata.errors import Loc, Problems
+from ibdata.errors import suggestion as suggestion
 from ibdata.policies import POLICIES
-from ibdata.policies.custom import TARGET
+from ibdata.policies.custom import TARGET, TARGET_MEANT
 
 # error type → what was expected, with the error's context filled in
 EXPECTED = {
@@ -35,12 +35,6 @@ EXPECTED = {
     "too_long": "at most {max_length} {items}",
     "string_pattern_mismatch": "a name of a-z, 0-9, _ and -, at most 64 characters",
 }
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """'; did you mean …?' if a known word is similar, else an empty text."""
-    near = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near and near[0] != word else ""
 
 
 def shown(value: Any) -> str:
@@ -115,7 +109,7 @@ def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     if kind in ("value_error", "assertion_error"):
         return str(context["error"])
     if context.get("pattern") == TARGET:
-        return f"found {shown(value)}, expected package.module:name"
+        return f"found {shown(value)}, expected {TARGET_MEANT}"
     if kind in EXPECTED:
         bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
         filled = {

@@ -50,13 +50,41 @@ def estimate(
     Raises:
         IbdataError: As in `generate`.
     """
+    experiment = _permitted(experiment, folder, workers, allow_code)
+    output_folder.check(Path(folder), experiment, resume, overwrite)
+    return _estimate(experiment, folder, workers)
+
+
+def preview(
+    experiment: Experiment,
+    folder: str | os.PathLike[str],
+    workers: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    allow_code: bool = False,
+) -> dict[str, Any]:
+    """Estimate a run as `estimate` does, also where its folder exists and needs a decision of the user.
+
+    The result also has `folder`: what `generate` would do with a folder that exists, or None.
+    """
+    experiment = _permitted(experiment, folder, workers, allow_code)
+    found = output_folder.outlook(Path(folder), experiment, resume, overwrite)
+    return {**_estimate(experiment, folder, workers), "folder": found}
+
+
+def _permitted(
+    experiment: Experiment, folder: str | os.PathLike[str], workers: int | None, allow_code: bool
+) -> Experiment:
+    """The experiment as it would be recorded. Raises IbdataError if nothing can be estimated now."""
     refuse_workers(workers)
     experiment = as_recorded(experiment)
-    out = Path(folder)
+    require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
+    refuse_busy(Path(folder))
+    return experiment
+
+
+def _estimate(experiment: Experiment, folder: str | os.PathLike[str], workers: int | None) -> dict[str, Any]:
     spec = DatasetSpec.of(experiment)
-    require_consent(spec, experiment.name, allow_code)
-    refuse_busy(out)
-    output_folder.check(out, experiment, resume, overwrite)
     with in_one_folder(spec):
         warm_up(experiment)
         size, seconds = _sample(experiment)

@@ -46,18 +46,17 @@ def observe(spec: DatasetSpec, where: Path) -> Origin:
 
     Raises UsageError if the code changed meanwhile.
     """
-    folder = spec.experiments[0].folder
-    code = provenance(spec, folder)
+    code = provenance(spec)
     for experiment in spec.experiments:
         warm_up(experiment)
-    return _imported(spec, folder, code, where)
+    return _imported(spec, code, where)
 
 
-def _imported(spec: DatasetSpec, folder: Path | None, code: list[Code], where: Path) -> Origin:
+def _imported(spec: DatasetSpec, code: list[Code], where: Path) -> Origin:
     """Import all policies; return the origin. Raises UsageError if their code changed meanwhile."""
     for policy in customs(spec):
         policy.load()
-    refuse_other_code(code, provenance(spec, folder), where)
+    refuse_other_code(code, provenance(spec), where)
     return Origin(known_answer=self_check.digest(), code=code)
 
 
@@ -100,7 +99,7 @@ def get(root: Path, where: Path) -> Origin:
 _agreed: list[bytes] = []  # the note with which this process was compared last
 
 
-def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
+def agree(root: Path, spec: DatasetSpec) -> None:
     """Raise UsageError if the origin of this worker is not that of the run.
 
     Each run is compared once, because its process keeps what it has imported. Without a note, as in
@@ -111,7 +110,7 @@ def agree(root: Path, spec: DatasetSpec, folder: Path | None) -> None:
         return
     origin = get(root, root)
     forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
-    _refuse_other(origin, _imported(spec, folder, origin.code, root), root)
+    _refuse_other(origin, _imported(spec, origin.code, root), root)
     _agreed[:] = [note]
 
 
@@ -127,7 +126,7 @@ def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
 def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
     """As `refuse_other_code`, before any of the code here is imported."""
     with in_one_folder(spec):
-        refuse_other_code(began, provenance(spec, spec.experiments[0].folder), where)
+        refuse_other_code(began, provenance(spec), where)
 
 
 def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:

@@ -17,6 +17,7 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import write_shard
 from ibdata.generation.origin import agree
 from ibdata.generation.output_folder import forget
+from ibdata.policies.code_places import look_in
 from ibdata.system.signals import STOPPING, check
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -97,7 +98,8 @@ def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> W
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     forget(root, [shard])  # left by a worker that died
-    agree(root, spec, folder)
+    look_in(Path.cwd(), folder)
+    agree(root, spec)
     return write_shard(spec, shard, root, identity)
 
 

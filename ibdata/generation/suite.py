@@ -14,7 +14,7 @@ from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import output_folder
 from ibdata.generation.engine import select_engine
-from ibdata.generation.estimate import estimate
+from ibdata.generation.estimate import preview
 from ibdata.generation.generate import generate
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import is_url
@@ -80,7 +80,7 @@ def generate_all(
     }
 
 
-def estimate_all(
+def preview_all(
     config: str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
     *,
@@ -91,10 +91,10 @@ def estimate_all(
     overwrite: bool = False,
     allow_code: bool = False,
 ) -> list[dict[str, Any]]:
-    """Estimate each run of `generate_all`, as `estimate` does; each result also has its name."""
+    """Preview each run of `generate_all`, as `preview` does; each result also has its name."""
     experiments = load_all(config, overrides, seed)
     return [
-        {"name": experiment.name, **estimate(experiment, folder, workers, resume, overwrite, allow_code)}
+        {"name": experiment.name, **preview(experiment, folder, workers, resume, overwrite, allow_code)}
         for experiment, folder in zip(experiments, folders(config, experiments, out), strict=True)
     ]
 

@@ -19,7 +19,7 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation.division import Division
 from ibdata.generation.make_shard import write_shard
 from ibdata.generation.origin import agree
-from ibdata.policies.custom import started_in
+from ibdata.policies.code_places import code_places, look_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
 from ibdata.writing.shard_writer import WrittenShard
@@ -29,7 +29,7 @@ def run_pool(
     spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, division: Division
 ) -> Iterator[WrittenShard]:
     before = set(multiprocessing.active_children())
-    folders = (started_in.get() or os.getcwd(), spec.experiments[0].folder)
+    folders = (code_places()[0], spec.experiments[0].folder)
     with held():
         pool = ProcessPoolExecutor(
             division.processes,
@@ -61,7 +61,7 @@ _job: list[Any] = []  # what the shards of a worker have in common, set once whe
 
 
 def _start(
-    plain: dict[str, Any], root: Path, identity: str, overlap: bool, here: str, folder: Path | None
+    plain: dict[str, Any], root: Path, identity: str, overlap: bool, here: Path, folder: Path | None
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -69,8 +69,8 @@ def _start(
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError):  # the folder was removed
         os.chdir(here)  # a policy may have changed the parent's current folder
-    started_in.set(here)
-    _job[:] = [DatasetSpec.from_plain(plain), root, identity, overlap, folder]
+    look_in(here, folder)
+    _job[:] = [DatasetSpec.from_plain(plain), root, identity, overlap]
 
 
 def _end_with_parent() -> None:
@@ -82,6 +82,6 @@ def _end_with_parent() -> None:
 
 
 def _work(shard: Shard) -> WrittenShard:
-    spec, root, identity, overlap, folder = _job
-    agree(root, spec, folder)
+    spec, root, identity, overlap = _job
+    agree(root, spec)
     return write_shard(spec, shard, root, identity, overlap)

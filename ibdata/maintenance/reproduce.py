@@ -16,7 +16,7 @@ from ibdata.experiment.custom_code import consented_spec, in_one_folder
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import warm_up
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.finish import root_of
@@ -40,12 +40,13 @@ def reproduce(
         How many episodes were made again, and a problem for each that differs.
 
     Raises:
-        DatasetError: There is no finished dataset.
+        DatasetError: There is no finished dataset, or it is of an older data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     path = Path(folder)
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
+    refuse_other_data_version(path, spec, listed)
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))

@@ -30,6 +30,7 @@ class Purpose(IntEnum):
     BURN_IN_DYNAMICS = 4
     BURN_IN_DRIFT = 5
     BURN_IN_POLICY = 6
+    EPISODE_POLICY = 7  # once for an episode
 
 
 def stream_key(seed: int, cell_digest: bytes) -> Raw:

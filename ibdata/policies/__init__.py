@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import Field
 
-from ibdata.policies.base import OBSERVATION, Deterministic, Policy, Wrapper
+from ibdata.policies.base import OBSERVATION, Deterministic, Policy
+from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 else:
     # The types of a wrapper's base, known once all policies are. Wrappers cannot be nested.
     AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if issubclass(p, Deterministic))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
     for _policy in POLICIES.values():
         _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
     AnyPolicy = _one_of(POLICIES.values())

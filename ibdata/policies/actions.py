@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -41,3 +44,18 @@ def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     out = np.empty(given.shape, dtype=np.float32)
     clip_and_round(given, out)
     return out
+
+
+def as_numbers(answer: Any) -> npt.NDArray[np.float64]:
+    """Return what a policy answered as an array: masked values are NaN, tensors of torch are detached.
+
+    Raises TypeError or ValueError if it holds no real numbers.
+    """
+    torch = sys.modules.get("torch")
+    if torch is not None and isinstance(answer, torch.Tensor):
+        answer = answer.numpy(force=True) if answer.is_complex() else answer.double().numpy(force=True)
+    if isinstance(answer, np.ma.MaskedArray):
+        answer = np.ma.filled(answer.astype(np.float64), np.nan)
+    if np.iscomplexobj(answer):
+        raise TypeError
+    return np.asarray(answer, dtype=np.float64)

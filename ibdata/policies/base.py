@@ -1,16 +1,16 @@
-"""The base classes of policies. A policy is an immutable block of options with two pure functions."""
+"""The base classes of policies. A policy is an immutable block of options with pure functions."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ibdata.policies.actions import applied
+from ibdata.policies.given import Decision, Given, at_start
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -62,24 +62,46 @@ class FrozenModel(BaseModel):
         return {name: getattr(self, name) for name in type(self).model_fields}
 
 
-class Policy(FrozenModel, ABC):
+class Policy(FrozenModel):
     """Base class of behaviour policies. To add a policy, add a module with a subclass to this folder.
 
     A subclass defines a default for `kind: Literal["…"]`, its options as further fields, and:
 
-    - `history_length`: the number of observations it sees, 0 for none;
+    - `history_length`: the number of observations and actions it sees, 0 for none;
     - `uniforms_per_step`: the number of uniform random numbers it uses per step;
     - `act`, and `log_prob` if its density is known.
 
-    A policy sees observations only, never the hidden state. `Deterministic` and `Wrapper` below do part of
-    the work, and `ibdata.testing.check_policy` checks the result.
+    A policy that needs more than observations and random numbers defines `decide` in place of `act`, and
+    `log_density` in place of `log_prob`. What it must know later, it returns as memory:
+
+    - `memory_size`: the number of numbers that it remembers from one step to the next;
+    - `uniforms_per_episode`: the number of uniform random numbers that are drawn once for an episode.
+
+    A policy never sees the hidden state. `Deterministic` and `Wrapper` below do part of the work, and
+    `ibdata.testing.check_policy` checks the result.
     """
 
     history_length: ClassVar[int] = 1
+    memory_size: ClassVar[int] = 0
     uniforms_per_step: ClassVar[int] = 0
+    uniforms_per_episode: ClassVar[int] = 0
 
     kind: str
     name: Name | None = Field(default=None, description="label in the data; default: the kind")
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        for short, full in (("act", "decide(given)"), ("log_prob", "log_density(given, action)")):
+            name = full.partition("(")[0]
+            if (
+                short in vars(cls)
+                and name not in vars(cls)
+                and getattr(cls, name) is not getattr(Policy, name)
+            ):
+                raise TypeError(
+                    f"{cls.__name__}: found {short}, which its base class does not call, expected {full}; "
+                    "see docs/extending.md"
+                )
 
     @property
     def label(self) -> str:
@@ -91,91 +113,103 @@ class Policy(FrozenModel, ABC):
         """The `package.module:name` of foreign code, which runs only if the user allows it; else None."""
         return None
 
+    @property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies of which this one is made; none by default."""
+        return ()
+
+    def everywhere(self) -> Iterator[Policy]:
+        """Yield this policy and all of which it is made, at any depth."""
+        yield self
+        for policy in self.inner:
+            yield from policy.everywhere()
+
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
         return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
 
-    @abstractmethod
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        """Return the actions of n episodes at one step. A pure function.
+    def decide(self, given: Given) -> Decision:
+        """Return the actions of n episodes at one step, and what to remember. A pure function.
+
+        The caller asks for the steps of an episode in order.
 
         Args:
-            history: the latest observations, float32 (n, history_length, 6), newest first, with the columns
-                of `OBSERVATION`; at the start of an episode its first observation is repeated.
-            u: independent random numbers, uniform on (0, 1), float64 (n, uniforms_per_step).
+            given: everything that the actions may depend on.
 
         Returns:
-            (Δvelocity, Δgain, Δshift) of each episode, (n, 3); the caller clips them to [-1, 1] and rounds
-            them to float32.
+            The actions (n, 3) and the memory (n, memory_size).
         """
+        return Decision(self.act(given.observations, given.uniforms), given.memory)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density of actions given histories. A pure function.
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        """Return the log density of actions, given all that is known before them. A pure function.
 
         The density is with respect to Lebesgue measure on (-1, 1) plus unit masses at ±1 and at the float32
         action of a base policy: in each dimension, or at the whole action if it is replaced as a whole.
 
         Args:
-            history: as in `act`.
+            given: as in `decide`.
             action: the actions after clipping and rounding, float32 (n, 3).
 
         Returns:
-            Float64 (n,); NaN where no density is known, which is the default.
+            Float64 (n,); NaN where no density is known.
         """
-        return np.full(len(action), np.nan)
+        return self.log_prob(given.observations, action)
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        """Return the actions of n episodes at one step: the short form of `decide`.
+
+        Args:
+            history: `Given.observations`.
+            u: `Given.uniforms`.
+
+        Returns:
+            `Decision.actions`.
+
+        Raises:
+            TypeError: the policy defines neither form, or depends on more than history and random numbers.
+        """
+        if type(self).decide is Policy.decide:
+            raise TypeError(f"{type(self).__name__}: found neither act nor decide, expected one of them")
+        return self.decide(self._at_start(history, u)).actions
+
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        """Return the log density of actions: the short form of `log_density`; NaN by default.
+
+        Args:
+            history: `Given.observations`.
+            action: the actions after clipping and rounding, float32 (n, 3).
+
+        Returns:
+            Float64 (n,).
+        """
+        if type(self).log_density is Policy.log_density:
+            return np.full(len(action), np.nan)
+        return self.log_density(self._at_start(history, np.empty((len(action), 0))), action)
+
+    def _at_start(self, history: History, u: Floats) -> Given:
+        if self.memory_size or self.uniforms_per_episode:
+            raise TypeError(
+                f"{self.label}: found a call of act or log_prob, expected one of decide or log_density, "
+                "because the policy depends on earlier steps or on random numbers of the episode"
+            )
+        return at_start(history, u)
 
 
 class Deterministic(Policy):
-    """A policy whose action depends on the history alone and so has the probability 1."""
+    """A policy whose action is certain, given what is known before it; so it has the probability 1."""
 
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded."""
         return applied(self.act(history, np.empty((len(history), 0))))
 
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        return np.where((action == applied(self.decide(given).actions)).all(axis=1), 0.0, -np.inf)
+
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
 
 
-def _without_name(base: Policy) -> Policy:
-    if base.name is not None:
-        raise ValueError("found a name in the base, expected the name beside the outer kind")
-    return base
-
-
-Unnamed = AfterValidator(_without_name)
-
-
-class Wrapper(Policy):
-    """A policy that changes the actions of another one, its `base`.
-
-    It sees the same observations as the base. The base uses the first of its random numbers, the policy
-    itself the other `own_uniforms_per_step`; `split` separates them.
-    """
-
-    own_uniforms_per_step: ClassVar[int]
-
-    base: Policy
-
-    @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of observations that the base sees."""
-        return self.base.history_length
-
-    @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of uniform random numbers per step, of the base and of the policy itself."""
-        return self.base.uniforms_per_step + self.own_uniforms_per_step
-
-    @property
-    def code_target(self) -> str | None:
-        """The code target of the base."""
-        return self.base.code_target
-
-    def form(self) -> dict[str, Any]:
-        """The form of the policy, which contains the form of the base."""
-        return {**super().form(), "base": self.base.form()}
-
-    def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:
-        """Return the base's action (n, 3), clipped and rounded, and the policy's own random numbers."""
-        n = self.base.uniforms_per_step
-        return applied(self.base.act(history, np.ascontiguousarray(u[:, :n]))), np.ascontiguousarray(u[:, n:])
+def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
+    """Whether a policy's action is certain, given what is known before it, by class or by promise."""
+    return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)

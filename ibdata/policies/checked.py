@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError
 from ibdata.policies import Policy
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import as_numbers, clip_and_round
+from ibdata.policies.adapter import AnswerError
+from ibdata.policies.given import Given
+from ibdata.policies.user_code import told
 
 
 class PolicyError(IbdataError):
@@ -25,61 +28,67 @@ class CheckedPolicy(NamedTuple):
     first: int  # the episode in lane 0
     lanes: int
 
-    def act(
-        self, seen: npt.NDArray[np.float32], u: npt.NDArray[np.float64], out: npt.NDArray[np.float32], t: int
-    ) -> int:
+    def decide(self, given: Given, out: npt.NDArray[np.float32]) -> tuple[int, npt.NDArray[np.float64]]:
         """Write the policy's actions, clipped and rounded, into out (n, 3).
 
-        A policy that sees no observations may act for several steps at once, from step t on; n is then the
-        number of steps times the number of lanes.
+        A policy that sees and remembers nothing may act for several steps at once; n is then the number of
+        steps times the number of lanes.
 
         Returns:
-            The number of actions that were clipped.
+            The number of actions that were clipped, and the memory (n, memory_size) for the next step.
 
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        action = self._answer(lambda: self.policy.act(seen, u), out.shape, "actions", t)
+        answer = self._asked(lambda: self.policy.decide(given), given, out.shape, "actions")
+        if not (isinstance(answer, tuple) and len(answer) == 2):
+            wrong = f"found {type(answer).__name__}, expected a Decision of actions and memory"
+            raise PolicyError(f"{self._place(given, 0)}: {wrong}")
+        action = self._numbers(answer[0], given, out.shape, "actions")
+        memory = given.memory
+        if self.policy.memory_size:
+            memory = self._numbers(answer[1], given, memory.shape, "memory")
         clipped = int(clip_and_round(action, out))
         if clipped < 0:
             lane = -1 - clipped
-            place = self._place(t + lane // self.lanes, self.first + lane % self.lanes)
-            raise PolicyError(f"{place}: found action {action[lane]}, expected finite numbers")
-        return clipped
+            raise PolicyError(
+                f"{self._place(given, lane)}: found action {action[lane]}, expected finite numbers"
+            )
+        return clipped, memory
 
-    def log_prob(
-        self, seen: npt.NDArray[np.float32], action: npt.NDArray[np.float32], t: int
-    ) -> npt.NDArray[np.float64]:
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         """Return the log density (n,) of the actions. Raises PolicyError if it has the wrong shape."""
         taken = action.view()
         taken.flags.writeable = False
-        return self._answer(lambda: self.policy.log_prob(seen, taken), (len(taken),), "log densities", t)
+        shape = (len(taken),)
+        answer = self._asked(lambda: self.policy.log_density(given, taken), given, shape, "log densities")
+        return self._numbers(answer, given, shape, "log densities")
 
-    def _place(self, t: int, episode: int) -> str:
-        return f"policy {self.label}: episode {episode}: step {t}"
+    def _place(self, given: Given, row: int) -> str:
+        episode = self.first + row % max(1, self.lanes)
+        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"
 
-    def _answer(
-        self, ask: Callable[[], npt.ArrayLike], shape: tuple[int, ...], what: str, t: int
-    ) -> npt.NDArray[np.float64]:
-        """Return the result of calling `ask`, as an array of that shape."""
-        place = self._place(t, self.first)
+    def _asked(self, ask: Callable[[], Any], given: Given, shape: tuple[int, ...], what: str) -> Any:
+        """Return the result of calling `ask`."""
         try:
-            given = ask()
+            return ask()
         except IbdataError:  # raised by a signal handler, for example
             raise
+        except AnswerError as error:
+            raise PolicyError(f"{self._place(given, 0)}: {error}") from error
         except (Exception, SystemExit) as error:  # a policy must not end the run
-            raise PolicyError(
-                f"{place}: found {type(error).__name__}: {error}, expected {what} of shape {shape}"
-            ) from error
-        if isinstance(given, np.ma.MaskedArray):
-            given = np.ma.filled(given.astype(np.float64), np.nan)
+            raise PolicyError(f"{self._place(given, 0)}: {told(error)}") from error
+
+    def _numbers(
+        self, answer: Any, given: Given, shape: tuple[int, ...], what: str
+    ) -> npt.NDArray[np.float64]:
+        """Return what a policy answered as an array of that shape."""
         try:
-            if np.iscomplexobj(given):
-                raise TypeError
-            answer = np.asarray(given, dtype=np.float64)
+            numbers = as_numbers(answer)
         except (TypeError, ValueError):
-            wrong = f"found {repr(given)[:60]}, expected {what} of shape {shape}"
-            raise PolicyError(f"{place}: {wrong}") from None
-        if answer.shape != shape:
-            raise PolicyError(f"{place}: found {what} of shape {answer.shape}, expected {shape}")
-        return answer
+            wrong = f"found {repr(answer)[:60]}, expected {what} of shape {shape}"
+            raise PolicyError(f"{self._place(given, 0)}: {wrong}") from None
+        if numbers.shape != shape:
+            wrong = f"found {what} of shape {numbers.shape}, expected {shape}"
+            raise PolicyError(f"{self._place(given, 0)}: {wrong}")
+        return numbers

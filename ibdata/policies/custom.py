@@ -1,29 +1,33 @@
-"""Policies whose code is not part of ibdata: objects that act, and `kind: custom` of an experiment."""
+"""`kind: custom` of an experiment: a policy whose code is not part of ibdata."""
 
 from __future__ import annotations
 
 import os
 import sys
-from abc import abstractmethod
 from contextlib import redirect_stdout
-from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 from threading import RLock
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from ibdata.errors import IbdataError
-from ibdata.policies.base import Floats, History, Policy
+from ibdata.errors import IbdataError, UsageError, printable
+from ibdata.policies.adapter import WAYS, Adapter, AnswerError, can_act, has_method, is_torch_module
+from ibdata.policies.base import Deterministic, Floats, History
+from ibdata.policies.code_places import code_places, import_from, located
 from ibdata.policies.parameters import Parameters
+from ibdata.policies.user_code import told
 
-TARGET = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
+NAME = "[A-Za-z_][A-Za-z0-9_]*"
+PART = r"[^/:\\\x00-\x1f\x7f-\x9f]+"  # of a relative path
+STEM = r"[^/:\\.\x00-\x1f\x7f-\x9f]+"
+TARGET = rf"^({NAME}(\.{NAME})*|({PART}/)*{STEM}\.py):{NAME}$"
+TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the YAML file"
 
-# The current folder at the start of a run.
-started_in: ContextVar[str | None] = ContextVar("started_in", default=None)
 importing = RLock()  # held while modules of policies are imported or taken out of sys.modules
 
 
@@ -31,47 +35,25 @@ class CustomError(IbdataError):
     """The code of a custom policy cannot be loaded."""
 
 
-def find_modules_here() -> None:
-    """Make modules of the folder in which the run began importable, as `python -m` does."""
-    here = started_in.get() or os.getcwd()
-    if here not in sys.path:
-        sys.path.insert(0, here)
-
-
-class Adapter(Policy):
-    """A policy made of an object with `act(history, u)` or, as in SB3 and d3rlpy, `predict(observations)`."""
-
-    @property
-    @abstractmethod
-    def adapted(self) -> Any:
-        """The object."""
-
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        if hasattr(self.adapted, "act"):
-            actions: npt.ArrayLike = self.adapted.act(history, u)
-            return actions
-        answer = self.adapted.predict(history.reshape(len(history), -1).copy())
-        predicted: npt.ArrayLike = answer[0] if isinstance(answer, tuple) else answer  # SB3 adds a state
-        return predicted
-
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        if not hasattr(self.adapted, "log_prob"):
-            return super().log_prob(history, action)
-        density: Floats = self.adapted.log_prob(history, action)
-        return density
-
-
 class Custom(Adapter):
     """Acts by the object that `target` names or, as a class or a function, makes from `params`.
 
     The object has a method `act(history, u)` like the policies here, or `predict(observations)` like those of
-    SB3 and d3rlpy. `predict` takes float32 observations (n, 6 · history), newest first, and returns actions
-    (n, 3), or a tuple that begins with them. A method `log_prob` is used if there is one. The module may be
-    in the current folder. It is not imported before a run begins. What its code prints goes to stderr.
+    SB3 and d3rlpy, or is a torch module or another callable, which is called like `predict`. `predict` takes
+    float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a tuple that begins
+    with them. A method `log_prob` is used if there is one. The arrays are copies, which it may change.
+
+    The module or file may be beside the YAML file or in the current folder, and may import others there. It
+    is not imported before a run begins. What its code prints goes to stderr.
+
+    With `deterministic: true`, you promise that the same observations always give the same actions: the
+    policy draws no random numbers of any kind, and remembers nothing. Then `action_log_prob` is known, and
+    the policy may be the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks
+    the policy twice at each step, and refuses it if the answers differ.
     """
 
     kind: Literal["custom"] = "custom"
-    target: Annotated[str, Field(pattern=TARGET)] = Field(description="package.module:name")
+    target: Annotated[str, Field(pattern=TARGET)] = Field(description=TARGET_MEANT)
     params: Parameters = Field(default={}, description="keyword arguments for a class or a function")
     history: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         default=1, description="number of observations that it sees"
@@ -83,6 +65,9 @@ class Custom(Adapter):
         default=None,
         description="paths of other files that it reads, such as weights.pt, beside the YAML file or in the "
         "current folder; they are hashed like its code",
+    )
+    deterministic: bool = Field(
+        default=False, strict=True, description="whether the same observations always give the same actions"
     )
 
     @property
@@ -104,31 +89,99 @@ class Custom(Adapter):
         """The kind and the options, without the files, which are recorded with the run like the code."""
         return {key: value for key, value in super().form().items() if key != "files"}
 
+    @model_serializer(mode="wrap")
+    def _without_false(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out `deterministic: false`, so that datasets without this option stay as they are."""
+        return {key: x for key, x in serialize(self).items() if key != "deterministic" or x}
+
+    @model_validator(mode="after")
+    def _check(self) -> Custom:
+        if self.deterministic and self.uniforms:
+            raise ValueError(
+                f"found deterministic: true and uniforms: {self.uniforms}, expected only "
+                "one of them, because a deterministic policy draws nothing"
+            )
+        return self
+
     def load(self) -> None:
         """Import or create the object, unless this was done before. Raises CustomError if it fails."""
         _ = self.adapted
 
+    def module(self) -> str:
+        """Make the target's module importable and return its name.
+
+        Raises UsageError if the target is a file that is not found.
+        """
+        import_from(code_places())
+        if (file := self._file()) is None:
+            return self.target.partition(":")[0]
+        import_from((file.parent,))
+        return file.stem
+
+    def _file(self) -> Path | None:
+        """The file that the target names, or None if it names a module. UsageError if it is not found."""
+        name = Path(self.target.partition(":")[0])
+        is_file = name.suffix == ".py" and "." not in name.stem  # else the module py of a package
+        return located(str(name), self.target) if is_file else None
+
     @cached_property
     def adapted(self) -> Any:
         """The object, which is imported or created on first use."""
-        module, _, name = self.target.partition(":")
-        find_modules_here()
+        module, name = self.module(), self.target.partition(":")[2]
         try:
             with importing, redirect_stdout(sys.stderr):  # stdout is for a command's results
-                found = getattr(import_module(module), name)
-                own = found(**self.params) if callable(found) else found
+                found = getattr(self._imported(module), name)
+                made = isinstance(found, type) or not (has_method(found) or is_torch_module(found))
+                own = found(**self.params) if made and callable(found) else found
+        except UsageError:
+            raise
         except (Exception, SystemExit) as error:
-            raise CustomError(f"{self.target}: cannot be loaded: {type(error).__name__}: {error}") from error
-        if not (hasattr(own, "act") or hasattr(own, "predict")):
-            raise CustomError(
-                f"{self.target}: found {type(own).__name__}, expected an object with act or predict"
-            )
+            line = f"{self.target}: cannot be loaded: {told(error)}"
+            if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
+                folders = " or ".join(map(str, code_places()))
+                line += f"; expected the module in {printable(folders)}, or installed"
+            raise CustomError(line) from error
+        if not can_act(own):
+            raise CustomError(f"{self.target}: found {type(own).__name__}, expected {WAYS}")
         return own
+
+    def _imported(self, module: str) -> Any:
+        """Import the module. Raises UsageError if its name means another one than the target's file."""
+        imported, file = import_module(module), self._file()
+        found = getattr(imported, "__file__", None)
+        if file is not None and not (found and os.path.samefile(found, file)):
+            raise UsageError(
+                f"{self.target}: found another module with the name {module}, {found or 'of Python'}; rename "
+                "the file, or start Python again if the other one is imported no more"
+            )
+        return imported
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         with redirect_stdout(sys.stderr):
-            return super().act(history, u)
+            actions = np.array(super().act(history, u))
+            if self.deterministic:
+                self._refuse_other(history, actions)
+        return actions
+
+    def _refuse_other(self, history: History, actions: Floats) -> None:
+        """AnswerError if the actions are others than those for the same history before.
+
+        The first history is asked about twice; each later one when `log_prob` asks again.
+        """
+        last, before = vars(self).get("last") or (history, super().act(history, np.empty((len(history), 0))))
+        if np.array_equal(last, history) and not np.array_equal(before, actions, equal_nan=True):
+            raise AnswerError(
+                "found another action for the same observation when asked again, expected the same from a "
+                "policy with deterministic: true"
+            )
+        vars(self)["last"] = history.copy(), actions.copy()
+
+    def mean_action(self, history: History) -> npt.NDArray[np.float32]:
+        """Return the actions (n, 3), clipped and rounded; only for `deterministic: true`."""
+        return Deterministic.mean_action(self, history)  # type: ignore[arg-type]
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+        if self.deterministic:
+            return Deterministic.log_prob(self, history, action)  # type: ignore[arg-type]
         with redirect_stdout(sys.stderr):
             return super().log_prob(history, action)

@@ -10,8 +10,11 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
-from ibdata.policies.base import Deterministic, Floats, History, NormalDouble, Unnamed, Wrapper
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats, NormalDouble, is_deterministic
+from ibdata.policies.given import Decision, Given
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
+from ibdata.policies.wrapper import Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import AnyBase
@@ -46,29 +49,31 @@ class EpsilonGreedy(Wrapper):
         """One or three draws that decide, and three for the random action."""
         return 6 if self.per_dimension else 4
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        base, rest = self.split(history, u)
+    def decide(self, given: Given) -> Decision:
+        chosen = self.base.decide(self.for_base(given))
+        base = applied(chosen.actions)
         action = np.empty(base.shape)
-        _act(base, rest, self.epsilon, self.per_dimension, action)
-        return action
+        _act(base, self.own(given).uniforms, self.epsilon, self.per_dimension, action)
+        return Decision(action, chosen.memory)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,) of actions given histories.
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        """Return the log density (n,) of actions.
 
         If the base is deterministic, it is log(1 - ε) at the base's action and log(ε/8) elsewhere; with
         `per_dimension`, the sum over the three numbers of log(1 - ε) where they equal the base's and log(ε/2)
         elsewhere. If the base is random, it is the log density of the mixture.
         """
         out = np.empty(len(action))
-        if isinstance(self.base, Deterministic):
-            _log_prob(self.base.mean_action(history), action, self.epsilon, self.per_dimension, out)
+        seen = self.for_base(given)
+        if is_deterministic(self.base):
+            _log_prob(applied(self.base.decide(seen).actions), action, self.epsilon, self.per_dimension, out)
         else:
-            _log_mixture(self.base.log_prob(history, action), action, self.epsilon, out)
+            _log_mixture(self.base.log_density(seen, action), action, self.epsilon, out)
         return out
 
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:
-        if self.per_dimension and not isinstance(self.base, Deterministic):
+        if self.per_dimension and not is_deterministic(self.base):
             raise ValueError(
                 f"found per_dimension: true around {self.base.kind}, which is random itself; expected false"
             )

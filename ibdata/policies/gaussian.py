@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats, History, Unnamed, Wrapper
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats, Policy, is_deterministic
+from ibdata.policies.given import Decision, Given
+from ibdata.policies.wrapper import Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -20,6 +23,15 @@ EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
 FAR = 3.0  # |z| from which a continued fraction replaces the series
 TERMS = 60  # of either
+
+
+def _deterministic(base: Policy) -> Policy:
+    if not is_deterministic(base):
+        raise ValueError(
+            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
+            "that into it if it draws nothing"
+        )
+    return base
 
 
 class Gaussian(Wrapper):
@@ -31,21 +43,24 @@ class Gaussian(Wrapper):
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed] = Field(description="a deterministic policy")
+    base: Annotated[DeterministicBase, Unnamed, AfterValidator(_deterministic)] = Field(
+        description="a deterministic policy"
+    )
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        base, rest = self.split(history, u)
+    def decide(self, given: Given) -> Decision:
+        chosen = self.base.decide(self.for_base(given))
+        base = applied(chosen.actions)
         action = np.empty(base.shape)
-        _act(base, rest, self.scale, action)
-        return action
+        _act(base, self.own(given).uniforms, self.scale, action)
+        return Decision(action, chosen.memory)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
         out = np.empty(len(action))
-        _log_prob(self.base.mean_action(history), action, self.scale, out)
+        log_clipped_normal(applied(self.base.decide(self.for_base(given)).actions), action, self.scale, out)
         return out
 
 
@@ -57,9 +72,10 @@ def _act(base: npt.NDArray[np.float32], u: Floats, scale: float, out: Floats) ->
 
 
 @compiled
-def _log_prob(
-    own: npt.NDArray[np.float32], action: npt.NDArray[np.float32], scale: float, out: Floats
+def log_clipped_normal(
+    own: npt.NDArray[np.floating[Any]], action: npt.NDArray[np.float32], scale: float, out: Floats
 ) -> None:
+    """Write the log densities of N(own, scale²), clipped to [-1, 1], at actions (n, 3) into out (n,)."""
     log_height = -log(scale) - LOG_SQRT_2PI
     for i in range(out.shape[0]):
         total = 0.0

@@ -28,6 +28,27 @@ NO_DRIFT = np.empty((0, DRIFT_SLOTS, 0), dtype=np.uint64)
 NO_ROWS = np.empty(0, dtype=np.int64)
 
 
+class Past(NamedTuple):
+    """The latest observations of n lanes and the actions that led to them, newest first.
+
+    Before the first observation of a lane, that one is repeated; before its first action, they are zero.
+    """
+
+    observations: Float32s  # (n, length, 6)
+    actions: Float32s  # (n, length, 3), or (n, 0, 3) if nobody asks for them
+
+    @classmethod
+    def of(cls, state: State, length: int) -> Past:
+        """The past at the first observation of every lane."""
+        seen = (state.floats[:6].T + 0.0).astype(np.float32)
+        return cls(
+            np.repeat(seen[:, None], length, axis=1), np.zeros((len(seen), length, 3), dtype=np.float32)
+        )
+
+
+NO_PAST = Past(np.empty((0, 0, 6), dtype=np.float32), np.empty((0, 0, 3), dtype=np.float32))
+
+
 class Episodes(NamedTuple):
     """The settings of episodes that are simulated together.
 
@@ -44,8 +65,13 @@ class Episodes(NamedTuple):
         """Settings from a start, whether the setpoints move, and the dynamics."""
         return cls(start, drifting, kernel.packed(variant.parameters()))
 
-    def begin(self, draw: Draw, lanes: Lanes, setpoints: Floats) -> State:
-        """The first recorded state of some lanes, after the start, the zero-action step and the burn-in."""
+    def begin(
+        self, draw: Draw, lanes: Lanes, setpoints: Floats, history_length: int = 0
+    ) -> tuple[State, Past]:
+        """The first recorded state of some lanes, and the past that a policy sees in it.
+
+        It comes after the start, the zero-action step and the burn-in.
+        """
         n = len(lanes)
         u = np.empty((n, 3))
         if self.start != "default":
@@ -53,12 +79,13 @@ class Episodes(NamedTuple):
         state = initial_state(setpoints, *steerings(self.start, u), drifting=self.drifting)
         zeros = np.zeros((1, n, 3), dtype=np.float32)
         self.advance(state, zeros, *self.integers(draw, lanes, 0, 1))
+        past = Past.of(state, history_length)
         if isinstance(self.start, BurnIn):
-            self._burn_in(state, burn_in_steps(self.start, u), draw, lanes)
-        return state
+            self._burn_in(state, past, burn_in_steps(self.start, u), draw, lanes)
+        return state, past
 
-    def _burn_in(self, state: State, counts: Lanes, draw: Draw, lanes: Lanes) -> None:
-        """Advance each lane of the state by counts (n,) steps with uniform random actions."""
+    def _burn_in(self, state: State, past: Past, counts: Lanes, draw: Draw, lanes: Lanes) -> None:
+        """Advance each lane by counts (n,) steps with uniform random actions, in place."""
         for t in range(int(counts.max(initial=0))):
             running = np.flatnonzero(t < counts)
             some = lanes[running]
@@ -66,9 +93,11 @@ class Episodes(NamedTuple):
             u = draw_uniforms(draw, some, Purpose.BURN_IN_POLICY, t, 1, 3)[0]
             action = np.empty((1, len(some), 3), dtype=np.float32)
             clip_and_round(2.0 * u - 1.0, action[0])
-            part = take(state, running)
-            self.advance(part, action, raw, drift)
+            part, seen = take(state, running), Past(*(x[running] for x in past))
+            self.advance(part, action, raw, drift, seen)
             put(state, running, part)
+            for whole, some_lanes in zip(past, seen, strict=True):
+                whole[running] = some_lanes
 
     def integers(
         self,
@@ -94,15 +123,13 @@ class Episodes(NamedTuple):
         actions: Float32s,
         raw: Raw,
         drift: Raw,
-        history: Float32s | None = None,
+        past: Past = NO_PAST,
         record: npt.NDArray[np.floating[Any]] = NO_RECORD,
         rows: npt.NDArray[np.int64] = NO_ROWS,
         first: int = 0,
     ) -> None:
         """Advance every lane by actions (steps, n, 3), in place; see `kernel.simulate` for the arguments."""
-        if history is None:
-            history = np.empty((actions.shape[1], 0, 6), dtype=np.float32)
-        kernel.simulate(*state, actions, raw, drift, self.parameters, history, record, rows, first)
+        kernel.simulate(*state, actions, raw, drift, self.parameters, *past, record, rows, first)
 
 
 def draw_uniforms(draw: Draw, lanes: Lanes, purpose: Purpose, step: int, steps: int, draws: int) -> Floats:
@@ -110,12 +137,6 @@ def draw_uniforms(draw: Draw, lanes: Lanes, purpose: Purpose, step: int, steps: 
     u = np.empty((steps, len(lanes), draws))
     uniforms(draw(lanes, purpose, step, steps, slots(draws)), u)
     return u
-
-
-def first_history(state: State, length: int) -> Float32s:
-    """The history (n, length, 6) at the start of an episode, which repeats the first observation."""
-    seen = (state.floats[:6].T + 0.0).astype(np.float32)
-    return np.repeat(seen[:, None], length, axis=1)
 
 
 def take(state: State, lanes: Lanes) -> State:

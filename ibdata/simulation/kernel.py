@@ -46,6 +46,7 @@ def simulate(
     drift: Raw,
     parameters: Floats,
     history: Float32s,
+    done: Float32s,
     record: AnyFloats,
     rows: Ints,
     first: int,
@@ -60,6 +61,7 @@ def simulate(
         drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
         parameters: the parameters of the dynamics, see `packed`.
         history: the latest observations (n, length, 6), newest first; each step adds one.
+        done: the actions that led to them (n, length, 3), newest first; or no actions (n, 0, 3).
         record: (variables, times, n), into which the state after step t is written at `first + t`.
         rows: the variables to record, as rows of a state's floats followed by its integers.
         first: see `record`.
@@ -72,6 +74,7 @@ def simulate(
             drift_noise(drift[t], noise)
         advance(state, actions[t], named, k)
         _observe(floats, history)
+        _remember(actions[t], done)
         for j in range(rows.shape[0]):
             _record(state, rows[j], record[j, first + t])
 
@@ -132,6 +135,20 @@ def _observe(x: Floats, history: Float32s) -> None:
                 history[i, j, c] = history[i, j - 1, c]
         for c in range(6):
             history[i, 0, c] = x[c, i] + 0.0
+
+
+@compiled
+def _remember(actions: Float32s, done: Float32s) -> None:
+    """Push actions (n, 3) into those of earlier steps (n, length, 3)."""
+    length = done.shape[1]
+    if length == 0:
+        return
+    for i in range(done.shape[0]):
+        for j in range(length - 1, 0, -1):
+            for c in range(3):
+                done[i, j, c] = done[i, j - 1, c]
+        for c in range(3):
+            done[i, 0, c] = actions[i, c]
 
 
 @compiled

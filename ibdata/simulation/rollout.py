@@ -8,7 +8,7 @@ record (variable, step, lane), and copies that into columns (episode, step).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,9 @@ from ibdata.experiment.cells import Cell
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies.checked import CheckedPolicy
+from ibdata.policies.given import Given
 from ibdata.simulation import kernel
-from ibdata.simulation.episodes import Episodes, Lanes, draw_uniforms, first_history
+from ibdata.simulation.episodes import Episodes, Lanes, draw_uniforms
 from ibdata.simulation.variables import Layout, Table, layout
 
 LANES = 256  # episodes of a block, whose state and record stay in the processor's cache
@@ -81,7 +82,10 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 
 
 class Block:
-    """Some episodes side by side: the addresses of their random numbers, their state and their policy."""
+    """Some episodes side by side: the addresses of their random numbers, their state and their policy.
+
+    What the policy remembers is part of the block, so it ends with the episodes.
+    """
 
     def __init__(self, experiment: Experiment, first: int, stop: int) -> None:
         self.experiment, self.first, self.n = experiment, first, stop - first
@@ -97,8 +101,12 @@ class Block:
         self.lanes = np.arange(self.n)
         self.episodes = Episodes.of(experiment.start, experiment.drifting, experiment.variant)
         setpoints = np.array([cell.setpoint for cell in cells])[lane_cells]
-        self.state = self.episodes.begin(self.draw, self.lanes, setpoints)
-        self.history = first_history(self.state, self.policy.history_length)
+        length = self.policy.history_length
+        self.state, self.past = self.episodes.begin(self.draw, self.lanes, setpoints, length)
+        self.memory = np.zeros((self.n, self.policy.memory_size))
+        draws = self.policy.uniforms_per_episode
+        drawn = draw_uniforms(self.draw, self.lanes, Purpose.EPISODE_POLICY, 0, 1, draws)[0]
+        self.drawn = _read_only(drawn)
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -107,7 +115,7 @@ class Block:
 
     def draw(self, lanes: Lanes, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
         """The integers (steps, slots, lanes) at these addresses."""
-        keys = self.policy_keys if purpose is Purpose.POLICY else self.keys
+        keys = self.policy_keys if purpose in (Purpose.POLICY, Purpose.EPISODE_POLICY) else self.keys
         return integers(keys[lanes], self.indices[lanes], purpose, step, steps, slots)
 
     def fill(self, table: Table, row: int, layout: Layout) -> int:
@@ -162,22 +170,45 @@ class Block:
         """Play `count` steps from t on. Returns the number of clipped actions.
 
         The dynamics use the random numbers of address t + 1 for the step from t to t + 1. A policy that sees
-        no observations acts for all steps in one call, any other policy for one step at a time.
+        and remembers nothing acts for all steps in one call, any other policy for one step at a time.
         """
-        blind = self.policy.history_length == 0
-        span = count if blind else 1
-        seen = np.empty((count * self.n, 0, 6), dtype=np.float32) if blind else self.history.view()
-        seen.flags.writeable = False
+        span = count if self.policy.history_length == self.policy.memory_size == 0 else 1
         raw, drift = self.episodes.integers(self.draw, self.lanes, t + 1, count)
-        u = draw_uniforms(self.draw, self.lanes, Purpose.POLICY, t, count, self.policy.uniforms_per_step)
         clipped = 0
-        for i in range(0, count, span):
-            part = slice(i, i + span)
+        for i, given in enumerate(self.questions(t, count, span)):
+            part = slice(i * span, (i + 1) * span)
             chosen = actions[part].reshape(-1, 3)
-            clipped += self.checked.act(seen, u[part].reshape(len(chosen), -1), chosen, t + i)
+            beyond, self.memory = self.checked.decide(given, chosen)
+            clipped += beyond
             if log_prob is not None:
-                log_prob[part].reshape(-1)[:] = self.checked.log_prob(seen, chosen, t + i)
+                log_prob[part].reshape(-1)[:] = self.checked.log_density(given, chosen)
             self.episodes.advance(
-                self.state, actions[part], raw[part], drift[part], self.history, record, rows, 1 + i
+                self.state, actions[part], raw[part], drift[part], self.past, record, rows, 1 + i * span
             )
         return clipped
+
+    def questions(self, t: int, count: int, span: int) -> Iterator[Given]:
+        """Yield what the policy is given at steps t … t + count - 1, `span` steps at a time.
+
+        Past and memory are those of the block when it is asked.
+        """
+        rows = span * self.n
+        u = draw_uniforms(self.draw, self.lanes, Purpose.POLICY, t, count, self.policy.uniforms_per_step)
+        uniforms = u.reshape(count // span, rows, -1)
+        steps = np.empty((count, self.n), dtype=np.int64)
+        steps[:] = np.arange(t, t + count)[:, None]
+        drawn = self.drawn if span == 1 else np.tile(self.drawn, (span, 1))
+        seen, done = (
+            _read_only(x) if x.shape[1] else np.empty((rows, *x.shape[1:]), dtype=np.float32)
+            for x in self.past
+        )
+        nothing = np.empty((rows, 0))
+        for step, own in zip(steps.reshape(count // span, rows), uniforms, strict=True):
+            memory = _read_only(self.memory) if self.policy.memory_size else nothing
+            yield Given(seen, done, step, own, drawn, memory)
+
+
+def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

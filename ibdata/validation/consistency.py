@@ -52,8 +52,8 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
         ("files", files, planned),
         ("code", targets, spec.code_targets),
     )
-    if listed.data_version > manifest.DATA_VERSION:
-        message = f"data_version: found {listed.data_version}, expected at most {manifest.DATA_VERSION}"
+    if listed.data_version > spec.data_version:
+        message = f"data_version: found {listed.data_version}, expected at most {spec.data_version}"
         yield Problem(manifest.PATH, None, "versions", message)
     if listed.clipped_actions > listed.rows:
         message = f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
@@ -67,6 +67,16 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
     """Raise DatasetError if what a manifest lists does not follow from its experiments."""
     for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
+
+
+def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest) -> None:
+    """Raise DatasetError if this ibdata makes other bytes of the experiments than the dataset has."""
+    if listed.data_version < spec.data_version:
+        raise DatasetError(
+            f"{folder}: found data version {listed.data_version}, in which policies did not see the burn-in; "
+            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use ibdata "
+            f"{listed.versions.get('ibdata')}, which made it"
+        )
 
 
 def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:

@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.history import stacked
 from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.plan import Shard
-from ibdata.policies.base import Policy
+from ibdata.simulation.replay import log_densities
 from ibdata.simulation.variables import Column
 from ibdata.writing.arrow import index_columns, policy_numbers
 
@@ -59,6 +58,7 @@ class Rows(NamedTuple):
 
     experiment: Experiment
     part: Shard
+    data_version: int  # of the dataset
     described: list[Column]
     columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
     ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
@@ -188,35 +188,35 @@ def shift_register(rows: Rows) -> Found:
 
 
 def density(rows: Rows) -> Found:
-    """action_log_prob is the log density of the action under the policy; custom policies are not checked."""
+    """action_log_prob is the log density of the action under the policy; custom policies are not asked."""
     experiment, steps = rows.experiment, rows.experiment.steps
     policies = policy_numbers(experiment, rows.part)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
     wrong = np.zeros(len(rows.columns["step"]), dtype=np.bool_)
     for low, high in pairwise(cuts):
         behaviour = experiment.policies[policies[low]]
-        if behaviour.code_target is None:
+        if not any(policy.code_target for policy in behaviour.everywhere()):
             own = slice(low * steps, high * steps)
             found = rows.columns["action_log_prob"][own]
-            expected = _log_prob(behaviour, rows, own).astype(found.dtype)
+            expected = _log_prob(rows, low, high).astype(found.dtype)
             odd = np.flatnonzero(found != expected)
             far = ~np.isclose(found[odd], expected[odd], rtol=1e-6, atol=1e-6, equal_nan=True)
             wrong[own.start + odd[far]] = True
     yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
 
 
-def _log_prob(behaviour: Policy, rows: Rows, own: slice) -> Array:
-    """The log densities of the actions of whole episodes of one policy."""
-    actions = rows.stack("action")[own].astype(np.float32)
-    n, frames = len(actions), behaviour.history_length
-    if not frames:
-        return behaviour.log_prob(np.empty((n, 0, 6), dtype=np.float32), actions)
-    observations, after = (
-        rows.stack(role)[own].astype(np.float32) for role in ("observation", "next_observation")
+def _log_prob(rows: Rows, low: int, high: int) -> Array:
+    """The log densities of the actions of episodes low … high - 1 of these rows, all of one policy."""
+    own = slice(low * rows.experiment.steps, high * rows.experiment.steps)
+    observations, actions = (
+        rows.stack(role)[own].astype(np.float32).reshape(high - low, rows.experiment.steps, -1)
+        for role in ("observation", "action")
     )
-    step = np.arange(n) % rows.experiment.steps
-    seen = stacked(observations, after, step, frames)[0]
-    return behaviour.log_prob(np.ascontiguousarray(seen).reshape(n, frames, 6), actions)
+    first = rows.part.first + low
+    seen = rows.data_version >= rows.experiment.data_version
+    return log_densities(
+        rows.experiment, first, first + high - low, observations, actions, burn_in_seen=seen
+    ).ravel()
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

@@ -164,7 +164,8 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Proble
     written: list[WrittenShard] = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         try:
-            content, problems = check_shard(spec, shard, manifest.locate(folder, one.path), one.path)
+            file, version = manifest.locate(folder, one.path), listed.data_version
+            content, problems = check_shard(spec, shard, file, one.path, version)
         except Exception:  # whatever a damaged file leads to
             if not damaged(one.path):
                 raise

@@ -12,6 +12,7 @@ from ibdata.experiment.plan import plan
 from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
+from ibdata.simulation.episodes import NO_PAST
 from ibdata.simulation.noise import NOISE_ROWS, standard_noise
 from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
 from ibdata.simulation.variables import columns, layout
@@ -56,7 +57,7 @@ def simulating() -> list[Row]:
             standard_noise(raw[t], blank)
 
     def step() -> None:
-        block.episodes.advance(block.state, actions, raw, drift, None, record, places.rows, 1)
+        block.episodes.advance(block.state, actions, raw, drift, NO_PAST, record, places.rows, 1)
 
     def scatter_columns() -> None:
         kernel.scatter_columns(

@@ -26,7 +26,7 @@ def test_json_holds_results_differences_and_the_scale(ibdata):
     first = data["results"][0]
     assert set(first) == {
         "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
-        "score",
+        "score", "score_error", "clipped",
     }  # fmt: skip
     assert -7000 < first["interval"][0] < first["mean_return"] < first["interval"][1] < -5000
     assert [d["setpoint"] for d in data["differences"]] == [70.0, 50.0, None]
@@ -49,15 +49,19 @@ def test_it_is_the_library_call(ibdata):
 def test_people_get_a_table(ibdata):
     lines = ibdata("evaluate", "--policy", "safe", "--policy", "random", *FEW).stdout.splitlines()
     assert lines[0].split() == [
-        "policy", "setpoint", "return", "±", "s.e.", "95", "%", "interval", "p10", "return/100",
-        "reward/step", "score",
+        "policy", "setpoint", "episodes", "return", "±", "s.e.", "95", "%", "interval", "p10", "literature",
+        "reward/step", "clipped", "score", "±", "s.e.",
     ]  # fmt: skip
     assert lines[1].startswith("safe")
     assert lines[5].startswith("random - safe")
-    assert lines[7].startswith("score: 0 = random, 100 = optimized")
-    single = ibdata("evaluate", "--policy", "safe", "--episodes", "1", "--steps", "5").stdout
-    assert " - " in single
-    assert "score:" not in single
+    assert lines[7] == "return: the sum of 0.97ᵗ · reward over 100 steps"
+    assert lines[10].startswith("score: 0 = random, 100 = optimized")
+    assert len(lines) == 11
+    single = ibdata("evaluate", "--policy", "safe", "--episodes", "1", "--steps", "5").stdout.splitlines()
+    assert single[1].split()[4] == single[1].split()[-1] == "-"
+    assert [line.partition(":")[0] for line in single[3:]] == [
+        "return", "literature", "clipped", "- (no standard error)", "- (no score)",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

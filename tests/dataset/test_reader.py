@@ -175,6 +175,22 @@ def test_a_history_without_frames_is_refused(dataset, history):
         dataset.arrays(history)
 
 
+@splits
+def test_rows_without_a_full_history_can_be_left_out(dataset, split):
+    whole, padded = dataset.arrays(4, split, pad="drop"), dataset.arrays(4, split)
+    kept = padded["step"] >= 3
+    assert list(whole) == list(padded)
+    assert len(whole["rewards"]) < len(padded["rewards"])
+    for name, array in whole.items():
+        np.testing.assert_array_equal(array, padded[name][kept])
+    assert len(dataset.arrays(1, split, pad="drop")["rewards"]) == SPLITS[split]
+
+
+def test_another_way_to_pad_is_refused(dataset):
+    with pytest.raises(UsageError, match="pad: found 'zero', expected repeat or drop"):
+        dataset.arrays(2, pad="zero")
+
+
 def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):
     stray = dataset.table().slice(0, 7)
     pq.write_table(stray, copied / "data/part-00099.parquet")

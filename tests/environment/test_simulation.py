@@ -184,3 +184,18 @@ def test_other_actions_are_refused_naming_what_was_found(given):
     with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers") as caught:
         checked_actions(given, np.ones(1, dtype=bool))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", [Simulation, Lane])
+def test_the_first_history_is_that_of_the_burn_in(kind):
+    """One step more of it puts the observation of the step before second."""
+
+    def first_seen(steps):
+        chosen = settings(history=4, start={"burn_in": [steps, steps]})
+        made = kind(chosen, 1) if kind is Simulation else kind(chosen)
+        made.reset(made.everyone, random_tape(1))
+        return made.observations().reshape(4, 6).tolist()
+
+    (a, *_), (b, *_), five = first_seen(3), first_seen(4), first_seen(5)
+    assert five[1:3] == [b, a]
+    assert first_seen(1)[1:] == [first_seen(0)[0]] * 3

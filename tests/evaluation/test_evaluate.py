@@ -163,8 +163,12 @@ def test_predict_gets_flat_histories_and_may_return_a_state():
 
 
 def test_an_answer_that_is_no_action_names_the_policy_and_the_step():
-    with pytest.raises(PolicyError, match=r"policy predicting: episode 0: step 0: found actions of shape"):
-        returns(Predicting(lambda observation: observation))
+    with pytest.raises(PolicyError) as caught:
+        returns(Predicting(lambda observation: observation[:, :2]))
+    assert str(caught.value) == (
+        "policy predicting: episode 0: step 0: it was given (4, 6), history=1; it returned (4, 2); "
+        "expected (4, 3)"
+    )
 
 
 @pytest.mark.parametrize("episodes", [10**11, 2**47, 10**400])
@@ -222,6 +226,58 @@ def test_the_score_is_that_of_the_scale_where_there_is_one():
     assert [r.score for r in evaluate("optimized", [70.0, 71.0], episodes=2).results][1:] == [None, None]
 
 
+def test_the_error_of_a_score_is_that_of_its_return_on_the_scale():
+    low, high, overall = evaluate("safe", [10.0, 70.0], episodes=10).results
+    for r in (low, high):
+        [other] = evaluate("optimized", r.setpoint, episodes=2).results
+        slope = (other.score - r.score) / (other.mean_return - r.mean_return)
+        assert r.score_error == pytest.approx(slope * r.standard_error)
+    assert overall.score_error == pytest.approx(np.hypot(low.score_error, high.score_error) / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "notes"),
+    [
+        ({}, []),
+        ({"episodes": 1}, ["no standard error: one episode per policy and setpoint has none"]),
+        ({"setpoint": "drifting"}, ["no score: drifting setpoints have none"]),
+        (
+            {"steps": 7},
+            [
+                "no score: there are reference returns only for the default start and siemens: 100 steps, "
+                "discount 0.97; siemens: 1000 steps, discount 1; paper: 100 steps, discount 0.97; "
+                "paper: 1000 steps, discount 1"
+            ],
+        ),
+        (
+            {"setpoint": [71, 70]},
+            [
+                "no score at setpoint 71, and so none over all setpoints: there are reference returns at "
+                "0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100"
+            ],
+        ),
+    ],
+)
+def test_what_is_missing_has_a_reason(arguments, notes):
+    found = evaluate("constant", **{"episodes": 2, **arguments})
+    assert found.notes == notes
+    missing = any(None in (r.score, r.score_error, r.standard_error) for r in found.results)
+    assert missing == bool(notes)
+
+
+def test_steps_and_discount_are_told():
+    found = evaluate("constant", steps=3, episodes=2, discount=0.5)
+    assert (found.steps, found.discount, found.results[0].episodes) == (3, 0.5, 2)
+
+
+def test_clipped_actions_are_counted_by_policy_and_setpoint():
+    def rising(seen):  # beyond 1 at the setpoint 70 only, for every second episode
+        return np.where((seen[:, :1] > 50) & (np.arange(len(seen))[:, None] % 2 == 0), 1.5, 1.0) * np.ones(3)
+
+    found = evaluate({"rising": rising, "still": "constant"}, [10.0, 70.0], steps=3, episodes=4)
+    assert [r.clipped for r in found.results] == [0.0, 0.5, 0.25, 0.0, 0.0, 0.0]
+
+
 def test_plain_is_json():
     plain = evaluate(["random", "safe"], episodes=3, steps=5).plain()
     assert json.loads(json.dumps(plain))["results"][1]["policy"] == "safe"
@@ -243,10 +299,25 @@ def test_plain_is_json():
         ),
         ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
         ({"discount": float("nan")}, "discount: found nan, expected a number in [0, 1]"),
-        ({"history": 0}, "history: found 0, expected at least 1"),
+        ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
+        ({"history": {"safe": 2}, "policy": "safe"}, "history: found 'safe', expected none: the others have"),
+        (
+            {"history": {"x": 2}, "policy": {"y": len}},
+            "history: found 'x', expected one of y: the others have",
+        ),
+        (
+            {"history": {"y": 0}, "policy": {"y": len}},
+            "history: y: found 0, expected a whole number of at least",
+        ),
+        ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
+        ({"policy": {"": "safe"}}, "policy: found the label '', expected a name"),
+        ({"policy": {"mine": 3}}, "policy: found 3, expected an object with act"),
         ({"policy": []}, "policy: found none, expected at least one"),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
-        ({"policy": 3}, "policy: found 3, expected an object with act(history, u) or predict(observation)"),
+        (
+            {"policy": 3},
+            "policy: found 3, expected an object with act(history, u) or predict(observations), a",
+        ),
         ({"policy": "{kind: safe"}, "policy:1:1"),
         ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
         ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),
@@ -272,6 +343,47 @@ def test_a_policy_may_stand_in_a_file(tmp_path):
 def test_labels_are_the_names_and_later_equal_ones_are_numbered():
     found = evaluate(["safe", {"kind": "safe"}, {"kind": "safe", "name": "calm"}], episodes=2, steps=2)
     assert [r.policy for r in found.results] == ["safe", "safe-2", "calm"]
+
+
+class Seeing:
+    """Does nothing, but only with as many observations as it wants."""
+
+    def __init__(self, frames):
+        self.frames = frames
+
+    def predict(self, observations):
+        assert observations.shape[1] == 6 * self.frames
+        return np.zeros((len(observations), 3))
+
+
+def test_policies_may_have_labels_and_lengths_of_history_of_their_own():
+    own = Seeing(4)
+    own.history_length = 4
+    given = [
+        {"TD3 + BC": Seeing(1), "long": Seeing(3), "own": own},
+        "constant",
+        {"constant": {"kind": "bad"}},
+    ]
+    found = evaluate(given, history={"long": 3}, steps=3, episodes=2)
+    assert [r.policy for r in found.results] == ["TD3 + BC", "long", "own", "constant", "constant-2"]
+    assert (found.returns[:3] == found.returns[3]).all()
+    assert (
+        evaluate([Seeing(3), "constant"], history=3, steps=3, episodes=2).returns == found.returns[3]
+    ).all()
+
+
+def test_a_label_changes_no_random_number():
+    random = {"kind": "random"}
+    assert returns({"Fred": random}).tolist() == returns(random).tolist()
+
+
+def test_functions_are_policies():
+    def nudge(observations):
+        return np.tile(np.float32(NUDGE["action"]), (len(observations), 1))
+
+    found = evaluate([nudge, lambda seen: (nudge(seen), None), NUDGE], steps=30, episodes=4)
+    assert [r.policy for r in found.results] == ["nudge", "lambda", "constant"]
+    assert (found.returns == found.returns[2]).all()
 
 
 def test_a_moving_setpoint_begins_where_it_says_and_has_no_score():

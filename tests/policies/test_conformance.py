@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Policy
-from ibdata.policies.base import Deterministic, Wrapper
+from ibdata.policies import POLICIES, Deterministic, Policy, Wrapper
+from ibdata.policies.base import is_deterministic
 from ibdata.testing import check_policy
 
 
@@ -28,9 +28,10 @@ def needs_options(kind):
 ALONE = [kind for kind in POLICIES if not needs_options(kind)]
 # Options to try for each kind that has any to give, all of them different from their defaults.
 CUSTOM = {"target": "ibdata.policies.safe:Safe", "uniforms": 5}  # code that everyone has
+SURE = {"target": "ibdata.policies.mediocre:Mediocre", "deterministic": True}
 EXAMPLES = {
     "constant": [{}, {"action": [1.0, -0.25, 0.1]}],
-    "custom": [CUSTOM],
+    "custom": [CUSTOM, SURE],
 }
 # Around every policy that may be a base; 24 nodes integrate a normal of 0.4 to 1e-7.
 PLAIN = [kind for kind in ALONE if not issubclass(POLICIES[kind], Wrapper)]
@@ -44,8 +45,12 @@ EXAMPLES["epsilon_greedy"] = [
         for epsilon in (0.0, 1.0)
     ),
     {"base": {"kind": "constant", "action": [1.0, -0.25, 0.1]}, "epsilon": 0.4},
+    {"base": {"kind": "custom", **SURE}, "epsilon": 0.4, "per_dimension": True},
 ]
-EXAMPLES["gaussian"] = [{"base": {"kind": kind}, "scale": 0.4} for kind in FIXED]
+EXAMPLES["gaussian"] = [
+    *({"base": {"kind": kind}, "scale": 0.4} for kind in FIXED),
+    {"base": {"kind": "custom", **SURE}, "scale": 0.4},
+]
 # A policy that needs options and has no example here calls `check_policy` in its own test.
 CASES = [
     (kind, options) for kind in POLICIES for options in EXAMPLES.get(kind, [{}] if kind in ALONE else [])
@@ -130,7 +135,7 @@ def atoms_of(policy, lane, dimension):
 def whole_atom(policy, lane):
     """The one action (1, 3) that has a mass of its own as a whole, or none (0, 3)."""
     whole = policy.kind == "epsilon_greedy" and not policy.per_dimension and policy.epsilon < 1.0
-    if whole and isinstance(policy.base, Deterministic):
+    if whole and is_deterministic(policy.base):
         return policy.base.mean_action(lane)
     return np.empty((0, 3), dtype=np.float32)
 

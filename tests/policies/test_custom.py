@@ -13,7 +13,8 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
-from ibdata.errors import UsageError
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment import as_yaml, validated
 from ibdata.policies.custom import Custom, CustomError
 
 CODE = textwrap.dedent("""
@@ -54,6 +55,9 @@ def mine(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     sys.modules.pop("mine", None)
+
+
+PLAIN = {"name": "x", "setpoints": 70}
 
 
 def described(**policy):
@@ -98,8 +102,11 @@ def test_its_density_is_used_where_it_has_one(mine):
     [
         ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
-        ("mine:failing", "mine:failing: cannot be loaded: RuntimeError: no weights"),
-        ("mine:nothing", "mine:nothing: found object, expected an object with act or predict"),
+        ("mine:failing", "mine:failing: cannot be loaded: mine.py:27: RuntimeError: no weights"),
+        (
+            "mine:nothing",
+            "mine:nothing: found object, expected an object with act(history, u) or predict(observ",
+        ),
     ],
 )
 def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line):
@@ -187,8 +194,10 @@ def test_reading_checking_splitting_and_merging_never_import_it(mine):
 
 
 @pytest.mark.parametrize(
-    "target", ["mine", "mine.Actor", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", ""]
-)
+    "target",
+    ["mine", "mine.Actor", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", "", "/mine.py:Actor",
+     "mine.py", "a//mine.py:Actor", "a\\mine.py:Actor", "mine.py:Actor()"],
+)  # fmt: skip
 def test_a_target_that_is_no_name_is_refused(target, tmp_path):
     (tmp_path / "x.yaml").write_text(
         f"name: x\nsetpoints: 70\npolicies: [{{kind: custom, target: {json.dumps(target)}}}]\n"
@@ -216,3 +225,195 @@ def test_a_suite_with_code_is_refused_before_anything_is_made(mine):
         ibdata.generate_all("suite", "out", workers=1)
     assert not (mine / "out").exists()
     assert list(ibdata.generate_all("suite", "out", workers=1, allow_code=True)) == ["a", "b"]
+
+
+# --- files, and where they are
+
+
+BESIDE = """
+import numpy as np
+from size_of_mine import SIZE
+
+class Own:
+    def predict(self, observations):
+        return np.full((len(observations), 3), SIZE)
+"""
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch):
+    """`run(target)` generates from exp/own.yaml, with code in exp/ and exp/code/; sys.path is restored."""
+    (tmp_path / "exp/code").mkdir(parents=True)
+    (tmp_path / "exp/code/own-policy.py").write_text(BESIDE)
+    (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.5")
+    (tmp_path / "exp/policy_beside.py").write_text(
+        BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.5")
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+    def run(target, out="out", **options):
+        (tmp_path / "exp/own.yaml").write_text(as_yaml(described(target=target)).decode())
+        return ibdata.generate("exp/own.yaml", out, **{"workers": 1, "allow_code": True, **options})
+
+    return run
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_module_beside_the_yaml_is_found(beside, tmp_path):
+    (code,) = beside("policy_beside:Own").manifest["code"]
+    assert code["sha256"] == sha256(tmp_path / "exp/policy_beside.py")
+    assert "policy_beside" not in sys.modules
+
+
+def test_a_module_in_the_current_folder_comes_first(beside, tmp_path):
+    (tmp_path / "policy_beside.py").write_text(BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.25"))
+    (code,) = beside("policy_beside:Own").manifest["code"]
+    assert code["sha256"] == sha256(tmp_path / "policy_beside.py")
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, workers):
+    made = beside("code/own-policy.py:Own", workers=workers)
+    assert (made.to_pandas()["act_gain"] == 0.5).all()
+    (code,) = made.manifest["code"]
+    folder = tmp_path / "exp/code"
+    assert code["target"] == "code/own-policy.py:Own"
+    assert code["sha256"] == sha256(folder / "own-policy.py")
+    assert code["files"] == {"size_of_mine.py": sha256(folder / "size_of_mine.py")}
+
+
+def test_a_file_has_the_same_identity_as_a_module(beside, tmp_path):
+    made = beside("code/own-policy.py:Own")
+    (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.25")
+    with pytest.raises(UsageError, match=r"other code than the run began with, in size_of_mine\.py"):
+        beside("code/own-policy.py:Own", resume=True)
+    again = beside("code/own-policy.py:Own", overwrite=True)
+    assert again.content_root != made.content_root
+    assert (again.to_pandas()["act_gain"] == 0.25).all()
+
+
+def test_a_file_that_is_not_found_is_expected_in_places_that_are_named(beside, tmp_path):
+    beside("code/own-policy.py:Own")
+    assert ibdata.validate("out") == []
+    line = r"^code/own-policy\.py:Own: found no file 'code/own-policy\.py', expected it beside .*: "
+    here = f"{tmp_path}/code/own-policy.py; "
+    with pytest.raises(UsageError, match=f"{line}{here}"):
+        ibdata.reproduce("out", allow_code=True)
+    with pytest.raises(UsageError, match=f"{line}{tmp_path}/out/meta/code/own-policy.py or {here}"):
+        ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
+    (tmp_path / "out/meta/stats.json").unlink()
+    assert ibdata.repair("out") == ["meta/stats.json"]
+    (tmp_path / "exp/code").rename("code")
+    assert ibdata.reproduce("out", allow_code=True) == (2, [])
+    again = ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
+    assert again.content_root == ibdata.open("out").content_root
+
+
+def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code/own-policy.py").write_text("Own = 1")
+    with pytest.raises(UsageError, match=r"own-policy\.py, which differ, so nobody knows which of the two"):
+        beside("code/own-policy.py:Own")
+
+
+def test_a_file_with_the_name_of_another_module_is_refused(beside, tmp_path):
+    (tmp_path / "exp/json.py").write_text("Own = 1")
+    with pytest.raises(
+        UsageError, match=r"json\.py:Own: found another module with the name json, .*; rename"
+    ):
+        ibdata.evaluate({"kind": "custom", "target": "exp/json.py:Own"})
+
+
+def test_a_policy_in_a_file_finds_its_code_beside_it(beside, tmp_path):
+    (tmp_path / "exp/p.yaml").write_text("{kind: custom, target: 'code/own-policy.py:Own'}")
+    found = ibdata.evaluate("exp/p.yaml", steps=3, episodes=2, allow_code=True)
+    still = ibdata.evaluate({"kind": "constant", "action": [0.5] * 3}, steps=3, episodes=2)
+    assert found.returns.tolist() == still.returns.tolist()
+
+
+# --- what draws nothing
+
+
+LIAR = """
+import itertools
+import numpy as np
+
+calls = itertools.count()
+
+class Liar:
+    def __init__(self, changes_at):
+        self.changes_at = changes_at
+
+    def predict(self, observations):
+        return np.full((len(observations), 3), 0.5 if next(calls) >= self.changes_at else 0.0)
+
+class Still:
+    def predict(self, observations):
+        return observations[:, 1:4] / 200.0
+"""
+
+
+@pytest.fixture
+def liar(mine):
+    (mine / "liar_of_mine.py").write_text(LIAR)
+    yield "liar_of_mine:Liar"
+    sys.modules.pop("liar_of_mine", None)
+
+
+def test_what_is_said_to_be_deterministic_has_a_density_and_may_be_a_base(liar):
+    still = {"kind": "custom", "target": "liar_of_mine:Still", "deterministic": True}
+    wrapped = [
+        {"kind": "gaussian", "base": still, "scale": 0.1},
+        {"kind": "epsilon_greedy", "base": still, "epsilon": 0.2, "per_dimension": True},
+    ]
+    plain = {**described(target="x:y").plain(), "policies": [still, *wrapped]}
+    made = ibdata.generate(Experiment.model_validate(plain), "out", workers=1, allow_code=True).to_pandas()
+    assert (made["action_log_prob"][made["policy"] == "custom"] == 0.0).all()
+    assert np.isfinite(made["action_log_prob"]).all()
+    assert made["action_log_prob"].nunique() > 2
+
+
+@pytest.mark.parametrize("changes_at", [1, 2, 4, 6])
+def test_what_answers_otherwise_when_asked_again_is_refused(liar, changes_at):
+    """The first question is asked twice, each later one once by `act` and once by `log_prob`."""
+    line = "step .: found another action for the same observation when asked again, expected the same"
+    options = {"target": liar, "params": {"changes_at": changes_at}, "deterministic": True}
+    with pytest.raises(ibdata.IbdataError, match=line):
+        ibdata.generate(described(**options), "out", workers=1, allow_code=True)
+    said = described(**options | {"deterministic": False})
+    assert len(ibdata.generate(said, "out", workers=1, allow_code=True, resume=True)) == 8
+
+
+@pytest.mark.parametrize(
+    ("block", "line"),
+    [
+        (
+            {"deterministic": True, "uniforms": 3},
+            "found deterministic: true and uniforms: 3, expected only one",
+        ),
+        ({"deterministic": 1}, "found 1, expected true or false"),
+    ],
+)
+def test_what_draws_is_not_deterministic(block, line):
+    with pytest.raises(ConfigError, match=line):
+        validated({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", **block}]})
+
+
+def test_a_base_without_the_word_is_refused_in_one_line():
+    block = {"kind": "gaussian", "base": {"kind": "custom", "target": "a:b"}, "scale": 1.0}
+    with pytest.raises(
+        ConfigError, match=r"base: found custom without deterministic: true, expected a policy th"
+    ):
+        validated({**PLAIN, "policies": [block]})
+
+
+def test_the_word_changes_nothing_where_it_is_not_said():
+    without, spelt = Custom(target="a:b"), Custom(target="a:b", deterministic=False)
+    assert without.form() == spelt.form() == {"kind": "custom", "target": "a:b"}
+    assert "deterministic" not in without.model_dump()
+    assert "deterministic" not in str(Experiment.model_validate({**PLAIN, "policies": [without]}).plain())
+    assert Custom(target="a:b", deterministic=True).model_dump()["deterministic"] is True

@@ -71,37 +71,43 @@ def noise(experiment, cell, index, t, dynamics=DYNAMICS, drift=DRIFT):
 
 
 def started(experiment, cell, index):
-    """The state in which the first recorded observation is made."""
+    """The states up to that in which the first recorded observation is made, and the actions between them."""
     u = uniform(experiment, cell, index, START, 0, 4)
     steerings = 100.0 * u[:3] if experiment.start == "uniform" else np.full(3, 50.0)
     state = initial_state(cell.setpoint, *steerings, drifting=experiment.drifting)
     state = step(state, np.zeros((1, 3)), noise(experiment, cell, index, 0), experiment.variant)
+    states, actions = [state], []
     if isinstance(experiment.start, str):
-        return state
+        return states, actions
     low, high = experiment.start.burn_in
     for t in range(low + int((high - low + 1) * u[0])):
         action = 2.0 * uniform(experiment, cell, index, BURN_IN_POLICY, t, 4)[:3] - 1.0
         drawn = noise(experiment, cell, index, t, BURN_IN_DYNAMICS, BURN_IN_DRIFT)
-        state = step(state, action.astype(np.float32)[None], drawn, experiment.variant)
-    return state
+        actions.append(action.astype(np.float32))
+        states.append(step(states[-1], actions[-1][None], drawn, experiment.variant))
+    return states, actions
 
 
-def seen(state):
-    return np.array([[getattr(state, name)[0] for name in OBSERVATION]], dtype=np.float32)
+def history(states, length):
+    """The last observations (1, length, 6), newest first; before the first one, that one."""
+    last = [states[max(0, len(states) - 1 - k)] for k in range(length)]
+    seen = [[getattr(state, name)[0] for name in OBSERVATION] for state in last]
+    return np.array(seen, dtype=np.float32).reshape(1, length, 6)
 
 
 def resimulated(experiment, cell, index):
     """States 0 … steps, actions (steps, 3) and their log densities (steps,) of one episode."""
-    states, actions, log_prob = [started(experiment, cell, index)], [], []
+    states, actions = started(experiment, cell, index)
+    skipped, log_prob = len(actions), []
     for t in range(experiment.steps):
         u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.uniforms_per_step // 4) * 4)
-        history = seen(states[-1])[None]
-        proposed = cell.policy.act(history, u[None, : cell.policy.uniforms_per_step])
+        seen = history(states, cell.policy.history_length)
+        proposed = cell.policy.act(seen, u[None, : cell.policy.uniforms_per_step])
         action = np.clip(proposed, -1.0, 1.0).astype(np.float32)
-        log_prob.append(cell.policy.log_prob(history, action)[0])
+        log_prob.append(cell.policy.log_prob(seen, action)[0])
         actions.append(action[0])
         states.append(step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.variant))
-    return states, np.array(actions), np.array(log_prob)
+    return states[skipped:], np.array(actions[skipped:]), np.array(log_prob)
 
 
 def expected_latents(states, experiment, prefix):
@@ -151,6 +157,14 @@ def test_every_latent_setting_holds_the_same_simulation(latent, setpoints):
     assert_resimulated(described(setpoints=setpoints, output={"dtype": "float64", "latent": latent}))
 
 
+@pytest.mark.parametrize("burn_in", [[0, 4], [9, 9]], ids=str)
+def test_a_policy_sees_the_observations_of_its_burn_in(burn_in):
+    """Not its first recorded one repeated; before the burn-in, the first one of all."""
+    greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.2}
+    policies = [{"kind": "optimized"}, greedy]
+    assert_resimulated(described(policies=policies, setpoints=[33.0], start={"burn_in": burn_in}))
+
+
 def test_replaced_fields_of_the_dynamics_reach_the_rollout():
     experiment = described(dynamics={"base": "siemens", "consumption_noise": 0.04, "alpha_threshold": 1.2})
     assert_resimulated(experiment)
@@ -180,7 +194,7 @@ def test_the_next_observation_is_the_observation_of_the_next_row():
 
 def test_a_burn_in_of_no_steps_is_the_default_start():
     skipped = described(start={"burn_in": [0, 0]})
-    states = [started(e, e.cells[0], 0) for e in (skipped, described())]
+    states = [started(e, e.cells[0], 0)[0][-1] for e in (skipped, described())]
     assert [s.velocity[0] for s in states] == [50.0, 50.0]
     assert (played(skipped)["obs_velocity"][:, 0] == 50.0).all()
 

@@ -1,0 +1,42 @@
+"""Why an evaluation has no errors or no scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ibdata.dataset import reference_returns
+from ibdata.experiment import Experiment
+from ibdata.numerics.naming import exact
+
+
+def notes(
+    experiment: Experiment, setpoints: list[float], scale: reference_returns.Scale | None
+) -> Iterator[str]:
+    """Yield a line for each reason.
+
+    Args:
+        experiment: what was played.
+        setpoints: its setpoints.
+        scale: the scale of its scores.
+    """
+    if experiment.episodes == 1:
+        yield "no standard error: one episode per policy and setpoint has none"
+    if experiment.drifting:
+        yield "no score: drifting setpoints have none"
+        return
+    if scale is None:
+        known = [
+            f"{s.dynamics}: {s.steps} steps, discount {s.discount:g}"
+            for s in reference_returns.reference().scales
+        ]
+        yield f"no score: there are reference returns only for the default start and {'; '.join(known)}"
+        return
+    scored = [r.setpoint for r in scale.results if scale.score(r.setpoint, 0.0) is not None]
+    missing = [p for p in setpoints if p not in scored]
+    if missing:
+        everywhere = "" if len(setpoints) == 1 else ", and so none over all setpoints"
+        at = ", ".join(map(exact, sorted(set(scored))))
+        yield (
+            f"no score at setpoint {', '.join(map(exact, missing))}{everywhere}: there are "
+            f"reference returns at {at}"
+        )

@@ -1,0 +1,110 @@
+"""The log densities of recorded actions, as they were when the episodes were simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ibdata.experiment import Experiment
+from ibdata.numerics.random import Purpose
+from ibdata.policies.given import Given
+from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
+from ibdata.simulation.rollout import CHUNK, Block
+
+
+def log_densities(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    observations: Float32s,
+    actions: Float32s,
+    burn_in_seen: bool = True,
+) -> Floats:
+    """Compute the log densities of the actions of episodes first … stop - 1, all of one policy.
+
+    What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
+    actions and the random numbers at their addresses. Nothing is simulated but the burn-in.
+
+    Args:
+        experiment: the experiment.
+        first: the first episode.
+        stop: the episode after the last.
+        observations: the recorded observations, float32 (episodes, steps, 6).
+        actions: the recorded actions, float32 (episodes, steps, 3).
+        burn_in_seen: whether the policy saw the observations of the burn-in; in data version 1 it did not.
+
+    Returns:
+        Log densities (episodes, steps).
+    """
+    return _Replay(experiment, first, stop).log_densities(observations, actions, burn_in_seen)
+
+
+class _Replay(Block):
+    """Episodes whose actions are known."""
+
+    def log_densities(self, observations: Float32s, actions: Float32s, burn_in_seen: bool) -> Floats:
+        """The log densities (n, steps); see the function of the same name."""
+        seen, done = self._windows(observations, actions, burn_in_seen)
+        if self.policy.memory_size == 0:
+            return self._at_once(seen, done, actions)
+        out = np.empty(actions.shape[:2])
+        for t, u in self._uniforms(actions.shape[1]):
+            before, chosen = np.ascontiguousarray(done[:, t]), np.ascontiguousarray(actions[:, t])
+            now, step = np.ascontiguousarray(seen[:, t]), np.full(self.n, t)
+            given = Given(now, before, step, u, self.drawn, self.memory)
+            out[:, t] = self.policy.log_density(given, chosen)
+            self.memory = np.asarray(self.policy.decide(given).memory, dtype=np.float64)
+        return out
+
+    def _at_once(self, seen: Float32s, done: Float32s, actions: Float32s) -> Floats:
+        """The log densities of a policy that remembers nothing, which do not depend on the steps before."""
+        n, steps = actions.shape[:2]
+        given = Given(
+            seen.reshape(n * steps, self.policy.history_length, 6),
+            done.reshape(n * steps, self.policy.history_length, 3),
+            np.tile(np.arange(steps), n),
+            np.zeros((n * steps, self.policy.uniforms_per_step)),  # a density depends on no random number
+            np.repeat(self.drawn, steps, axis=0),
+            np.zeros((n * steps, 0)),
+        )
+        found: Floats = self.policy.log_density(given, actions.reshape(n * steps, 3))
+        return found.reshape(n, steps)
+
+    def _windows(
+        self, observations: Float32s, actions: Float32s, burn_in_seen: bool
+    ) -> tuple[Float32s, Float32s]:
+        """The observations (n, steps, length, 6) and actions (n, steps, length, 3) seen at each step."""
+        length = self.policy.history_length
+        if length == 0:
+            return observations[:, :, None][:, :, :0], actions[:, :, None][:, :, :0]
+        past = self.past if burn_in_seen else Past.of(self.state, length)
+        return (
+            _windows(past.observations[:, 1:], observations, length),
+            _windows(past.actions, actions[:, :-1], length),
+        )
+
+    def _uniforms(self, steps: int) -> Iterator[tuple[int, Floats]]:
+        """The steps and the policy's random numbers (n, uniforms_per_step) at each."""
+        draws = self.policy.uniforms_per_step
+        for t in range(0, steps, CHUNK):
+            count = min(CHUNK, steps - t)
+            u = draw_uniforms(self.draw, self.lanes, Purpose.POLICY, t, count, draws)
+            yield from ((t + i, u[i]) for i in range(count))
+
+
+def _windows(before: Float32s, recorded: Float32s, length: int) -> Float32s:
+    """The last `length` rows before each step, newest first.
+
+    Args:
+        before: the rows before those that are recorded, newest first (n, k, c).
+        recorded: (n, rows, c).
+        length: the length of the history.
+
+    Returns:
+        (n, steps, length, c), for as many steps as there are whole windows.
+    """
+    joined = np.concatenate([before[:, ::-1], recorded], axis=1)
+    windows = sliding_window_view(joined, length, axis=1)  # (n, steps, c, length), oldest first
+    return np.ascontiguousarray(np.moveaxis(windows, 2, 3)[:, :, ::-1])

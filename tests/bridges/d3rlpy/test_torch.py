@@ -1,0 +1,75 @@
+"""Modules of torch are evaluated as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+import ibdata
+from ibdata.policies.checked import PolicyError
+
+FEW = {"episodes": 5, "steps": 20}
+
+
+class Net(torch.nn.Module):
+    """A small network, random in training only, that looks at what it is given."""
+
+    def __init__(self, inputs=6, outputs=3):
+        super().__init__()
+        torch.manual_seed(0)
+        self.body = torch.nn.Sequential(
+            torch.nn.Linear(inputs, 8), torch.nn.Dropout(0.5), torch.nn.Tanh(), torch.nn.Linear(8, outputs)
+        )
+
+    def forward(self, observations):
+        assert observations.dtype == torch.float32
+        assert not torch.is_grad_enabled()
+        return self.body(observations / 100.0)
+
+
+def test_a_module_gets_the_returns_of_the_function_that_it_is():
+    net = Net()
+    net.body[1].eval()
+    weights = [p.detach().numpy().astype(np.float64) for p in net.parameters()]
+
+    def by_hand(observations):
+        first, bias, last, end = weights
+        return np.tanh(observations / 100.0 @ first.T + bias) @ last.T + end
+
+    found = ibdata.evaluate({"net": net, "by hand": by_hand}, **FEW)
+    np.testing.assert_allclose(found.returns[0], found.returns[1], rtol=1e-4)
+    assert [part.training for part in net.body] == [True, False, True, True]
+    assert torch.is_grad_enabled()
+
+
+def test_each_module_may_have_a_history_of_its_own():
+    nets = {"short": Net(), "long": Net(18), "in half": Net(6).bfloat16().float()}
+    found = ibdata.evaluate(nets, history={"long": 3}, **FEW)
+    assert [result.policy for result in found.results] == list(nets)
+
+
+def test_tensors_of_every_kind_are_actions():
+    def answer(kind):
+        return lambda seen: torch.zeros(len(seen), 3, dtype=kind, requires_grad=kind.is_floating_point)
+
+    kinds = (torch.float64, torch.float32, torch.bfloat16, torch.int64)
+    found = ibdata.evaluate([*map(answer, kinds), "constant"], **FEW)
+    assert (found.returns == found.returns[-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("net", "history", "line"),
+    [
+        (Net(outputs=2), 1, "it was given (5, 6), history=1; it returned (5, 2); expected (5, 3)"),
+        (
+            Net(),
+            3,
+            "mat1 and mat2 shapes cannot be multiplied (5x18 and 6x8); it was given (5, 18), history=3",
+        ),
+    ],
+)
+def test_a_wrong_shape_is_told_in_one_line(net, history, line):
+    with pytest.raises(PolicyError) as error:
+        ibdata.evaluate(net, history=history, **FEW)
+    assert str(error.value).endswith(line)

@@ -1,0 +1,198 @@
+"""What a policy is given at every step: observations, actions, step, random numbers, and its own memory."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+import pytest
+
+from ibdata.experiment import Experiment
+from ibdata.numerics.random import Purpose, integers, stream_key
+from ibdata.policies import Policy
+from ibdata.policies.checked import PolicyError
+from ibdata.policies.given import Decision
+from ibdata.simulation.replay import log_densities
+from ibdata.simulation.rollout import rollout
+
+STEPS = 13
+OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+
+
+class Recalling(Policy):
+    """Records what it is given; counts its steps and sums its actions in its memory."""
+
+    history_length: ClassVar[int] = 3
+    memory_size: ClassVar[int] = 2
+    uniforms_per_step: ClassVar[int] = 3
+    uniforms_per_episode: ClassVar[int] = 5
+    given: ClassVar[list] = []
+
+    kind: Literal["recalling"] = "recalling"
+
+    def decide(self, given):
+        self.given.append(given.apply(np.copy))
+        actions = 0.5 * (2.0 * given.uniforms - 1.0) + 0.1 * given.memory[:, 1:]
+        step, total = given.memory.T
+        return Decision(actions, np.stack([step + 1.0, total + actions[:, 0]], axis=1))
+
+    def log_density(self, given, action):
+        return given.memory[:, 1] + action[:, 0]
+
+
+class Leaking(Recalling):
+    """Changes its memory in place."""
+
+    def decide(self, given):
+        given.memory[:] = 1.0
+        return super().decide(given)
+
+
+class Drawing(Recalling):
+    """Changes its random numbers in place."""
+
+    def decide(self, given):
+        given.episode_uniforms[:] = 1.0
+        return super().decide(given)
+
+
+class Short(Recalling):
+    """Forgets to return its memory."""
+
+    def decide(self, given):
+        return super().decide(given).actions
+
+
+class Narrow(Recalling):
+    """Returns too little memory."""
+
+    def decide(self, given):
+        return Decision(super().decide(given).actions, given.memory[:, :1])
+
+
+class Neither(Policy):
+    kind: Literal["neither"] = "neither"
+
+
+def described(policy, **changes):
+    plain = {"name": "x", "setpoints": [20.0, 70.0], "policies": [{"kind": "random"}], "episodes": 4}
+    experiment = Experiment.model_validate(
+        {**plain, "steps": STEPS, "output": {"dtype": "float64"}, **changes}
+    )
+    return Experiment.model_construct(**{**experiment.options(), "policies": [policy]})
+
+
+def played(experiment, first=0, stop=8):
+    made = rollout(experiment, first, stop)
+    return {name: x.reshape(-1, STEPS) for name, x in zip(made.names, made.table, strict=True)}
+
+
+@pytest.fixture
+def questions(monkeypatch):
+    """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
+    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 3)
+    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr(Recalling, "given", [])
+    experiment = described(Recalling())
+    made = played(experiment)
+    blocks = [Recalling.given[i : i + STEPS] for i in range(0, 3 * STEPS, STEPS)]
+    fields = {
+        name: np.concatenate([np.stack([getattr(g, name) for g in block], axis=1) for block in blocks])
+        for name in Recalling.given[0]._fields
+    }
+    return experiment, made, fields
+
+
+def test_the_last_observations_and_actions_come_newest_first(questions):
+    _, made, given = questions
+    seen = np.stack([made[f"obs_{name}"] for name in OBSERVATION], axis=2).astype(np.float32)
+    done = np.stack([made[f"act_{name}"] for name in ("velocity", "gain", "shift")], axis=2)
+    assert given["observations"].shape == (8, STEPS, 3, 6)
+    assert given["actions"].shape == (8, STEPS, 3, 3)
+    for t in range(STEPS):
+        for k in range(3):
+            assert (given["observations"][:, t, k] == seen[:, max(0, t - k)]).all()
+            before = done[:, t - 1 - k] if t > k else np.zeros((8, 3))
+            assert (given["actions"][:, t, k] == before).all()
+
+
+def test_the_step_counts_from_zero(questions):
+    assert (questions[2]["step"] == np.arange(STEPS)).all()
+
+
+def test_memory_is_what_was_returned_and_zero_at_the_start_of_every_episode(questions):
+    _, made, given = questions
+    assert (given["memory"][:, 0] == 0.0).all()
+    assert (given["memory"][:, :, 0] == np.arange(STEPS)).all()
+    totals = np.cumsum(made["act_velocity"], axis=1)
+    np.testing.assert_allclose(given["memory"][:, 1:, 1], totals[:, :-1], atol=1e-6)
+    assert len(np.unique(given["memory"][:, -1, 1])) == 8
+
+
+def test_random_numbers_of_an_episode_are_those_at_its_own_address_at_every_step(questions):
+    experiment, _, given = questions
+    assert (given["episode_uniforms"] == given["episode_uniforms"][:, :1]).all()
+    for i, found in enumerate(given["episode_uniforms"][:, 0]):
+        key = stream_key(experiment.seed, experiment.cells[i // 4].digest)[None]
+        raw = integers(key, np.array([i % 4]), Purpose.EPISODE_POLICY, 0, 1, 8)[0, :5, 0]
+        assert found.tolist() == [((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw]
+
+
+def test_an_episode_is_the_same_alone_in_any_block_and_after_any_other(questions):
+    experiment, made, _ = questions
+    for first, stop in ((5, 6), (2, 8), (0, 1)):
+        some = played(experiment, first, stop)
+        for name, x in some.items():
+            assert x.tobytes() == made[name][first:stop].tobytes(), name
+
+
+def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
+    monkeypatch.setattr(Recalling, "given", [])
+    played(described(Recalling(), start={"burn_in": [2, 2]}))
+    first = Recalling.given[0]
+    velocity, moved = first.observations[:, :, 1].astype(np.float64), first.actions[:, :, 0]
+    np.testing.assert_allclose(velocity[:, :-1] - velocity[:, 1:], moved[:, :-1], atol=1e-5)
+    assert (moved[:, :2] != 0.0).all()
+    assert (moved[:, 2] == 0.0).all()
+    assert (first.memory == 0.0).all()
+    assert (first.step == 0).all()
+
+
+@pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}], ids=str)
+def test_densities_are_replayed_from_the_rows_as_they_were_played(monkeypatch, start):
+    monkeypatch.setattr("ibdata.simulation.replay.CHUNK", 4)
+    experiment = described(Recalling(), start=start)
+    made = played(experiment, 1, 7)
+    observations, actions = (
+        np.stack([made[name] for name in made if name.startswith(prefix)], axis=2).astype(np.float32)
+        for prefix in ("obs_", "act_")
+    )
+    found = log_densities(experiment, 1, 7, observations, actions)
+    assert found.tobytes() == made["action_log_prob"].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (Leaking, "ValueError: assignment destination is read-only"),
+        (Drawing, "ValueError: assignment destination is read-only"),
+        (Short, "found ndarray, expected a Decision of actions and memory"),
+        (Narrow, r"found memory of shape \(8, 1\), expected \(8, 2\)"),
+        (Neither, "found neither act nor decide, expected one of them"),
+    ],
+)
+def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):
+    with pytest.raises(PolicyError, match=f"^policy {policy().kind}: episode 0: step 0: .*{message}"):
+        rollout(described(policy()), 0, 8)
+
+
+def test_the_short_form_of_a_policy_that_remembers_is_refused():
+    with pytest.raises(TypeError, match="recalling: found a call of act or log_prob, expected one of decide"):
+        Recalling().act(np.zeros((1, 3, 6), np.float32), np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize(("short", "full"), [("act", "decide"), ("log_prob", "log_density")])
+def test_a_short_form_that_nobody_would_call_is_refused(short, full):
+    """Its base class answers in the full form."""
+    with pytest.raises(TypeError, match=rf"Other: found {short}, .* expected {full}\(given"):
+        type("Other", (Recalling,), {short: lambda self, history, u: u, "__module__": __name__})
