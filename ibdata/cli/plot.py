@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
+from ibdata.cli._shared import Listing, LocalPath, folder_argument, json_option, print_json, say, summaries
 from ibdata.plots import FORMS, plot, plots
 
 
@@ -16,7 +16,7 @@ from ibdata.plots import FORMS, plot, plots
 @folder_argument
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=LocalPath(),
     metavar="FOLDER",
     help="The folder for the files; default figures/<name of DIR>.",
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -29,6 +30,8 @@ class TakenError(UsageError):
 
 
 RANGE_LOCK = f"{lock.NAME}-"
+GATE = f"{RANGE_LOCK}gate"
+RANGE_LOCKS = re.compile(re.escape(RANGE_LOCK) + "(?:gate|([1-9][0-9]{0,8})-([1-9][0-9]{0,8}))")
 
 
 def identity(experiment: Experiment) -> str:
@@ -223,7 +226,7 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
     for path in (root / "data").glob("part-*.parquet"):
-        if path.name.rpartition("-")[0] in numbers:
+        if staging.is_ours(path) and path.name.rpartition("-")[0] in numbers:
             path.unlink(missing_ok=True)
 
 
@@ -249,7 +252,8 @@ def end(root: Path) -> None:
     """Remove the receipts, which the manifest replaces."""
     empty_run(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
-        left.unlink(missing_ok=True)
+        if RANGE_LOCKS.fullmatch(left.name) and not left.is_dir():
+            left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:

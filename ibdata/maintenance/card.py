@@ -17,6 +17,7 @@ from ibdata.plots.report_page import page
 from ibdata.system import lock
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
+from ibdata.system.object_store import refuse_url
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
@@ -41,6 +42,7 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
+    refuse_url(folder)
     path = Path(folder)
     dataset = Dataset(path)
     lock.refuse_busy(path)

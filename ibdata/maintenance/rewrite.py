@@ -22,6 +22,7 @@ from ibdata.simulation.variables import layout
 from ibdata.system import lock
 from ibdata.system.atomic_files import FileEntry, write
 from ibdata.system.guard import writing_to
+from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, stored_parts
@@ -51,6 +52,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     removed by the next run.
     """
     version = _data_version(spec, sources)
+    refuse_url(out)
     folder = output_folder.resolved(out)
     _refuse(folder)
     lock.refuse_busy(folder)
@@ -148,6 +150,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
 
     Raises DatasetError if the rows are not those that the dataset lists, BusyError if it is being written.
     """
+    refuse_url(dataset.place)
     folder = dataset.path
     lock.refuse_busy(folder)
     output_folder.refuse_links(folder)

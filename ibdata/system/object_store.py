@@ -51,6 +51,15 @@ class Remote:
                 f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
             )
 
+    @property
+    def folder(self) -> Path | None:
+        """The folder of this machine that the URL names, as file:///data/name does; None for other URLs."""
+        from pyarrow.fs import LocalFileSystem
+
+        files = getattr(getattr(self._files, "handler", None), "fs", self._files)  # fsspec's, or pyarrow's
+        local = isinstance(files, LocalFileSystem) or "file" in getattr(files, "protocol", ())
+        return Path(self._base) if local else None
+
     def size(self, path: str) -> int | None:
         """The size of a file in bytes; None if there is none."""
         info = self._files.get_file_info(f"{self._base}/{path}")
