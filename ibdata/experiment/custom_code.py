@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.machinery import ExtensionFileLoader, ModuleSpec, SourceFileLoader
 from importlib.util import cache_from_source
@@ -82,6 +82,7 @@ def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
 
 _others: set[str] = set()  # the names of the modules that were imported before those of the policies
 _seen: dict[str, Source] = {}  # the modules that policies of this process have imported
+_aside: dict[str, ModuleType] = {}  # modules that are taken away only until the policies are imported
 
 
 def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
@@ -98,27 +99,36 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
         _drop_stale_bytecode(source)
     tops = {source.module.partition(".")[0] for source in sources}
     with importing:
-        found = {
-            name: module
-            for name, module in sys.modules.items()
-            if name.partition(".")[0] in tops or is_users(name, module)
-        }
-        stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
-        taken = {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
+        taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
+        _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))
         _others.clear()
         _others.update(sys.modules.keys() - _seen.keys())
-    return taken
+        return taken | _aside
+
+
+def bring_back_others() -> None:
+    """Put the modules that the policies have not imported back into `sys.modules`."""
+    with importing:
+        _others.update(_aside.keys() - sys.modules.keys())
+        sys.modules.update({name: _aside[name] for name in _aside.keys() - sys.modules.keys()})
+        _aside.clear()
 
 
 def _restore(known: dict[str, ModuleType]) -> None:
     """Take the modules that policies imported out of `sys.modules`, and put those before in their place."""
     with importing:
         _seen.update({source.module: source for source in loaded(_others).values()})
-        for name in _seen.keys() - _others:
-            if not _is_machine_code(sys.modules.get(name)):
-                sys.modules.pop(name, None)
+        _taken(_seen.keys() - _others)
         sys.modules.update(known)
         _others.update(known)
+        _aside.clear()
+
+
+def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
+    """Take modules out of `sys.modules`, except those of packages that have loaded machine code."""
+    found = {name: sys.modules[name] for name in list(names) if name in sys.modules}
+    stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
+    return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
 
 
 def _drop_stale_bytecode(source: Source) -> None:
@@ -136,7 +146,7 @@ def _drop_stale_bytecode(source: Source) -> None:
         raise UsageError(f"{kept}: holds other code than {source.path}; remove it") from None
 
 
-def _is_machine_code(module: ModuleType | None) -> bool:
+def _is_machine_code(module: ModuleType) -> bool:
     spec = getattr(module, "__spec__", None)
     return spec is not None and isinstance(spec.loader, ExtensionFileLoader)
 

@@ -12,7 +12,13 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, forget_modules, in_one_folder, provenance
+from ibdata.experiment.custom_code import (
+    bring_back_others,
+    customs,
+    forget_modules,
+    in_one_folder,
+    provenance,
+)
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
@@ -61,6 +67,7 @@ def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> Origin:
     for policy in customs(spec):
         policy.load()
     found = provenance(spec)
+    bring_back_others()
     _refuse_parts(_parts(code), _parts(found), _parts(code), where)
     return Origin(known_answer=self_check.digest(), code=found)
 

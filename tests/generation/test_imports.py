@@ -126,7 +126,9 @@ def test_what_somebody_imported_before_is_imported_anew_and_comes_back(here, mon
 
 
 def test_names_that_are_written_out_in_a_call_are_imports(here):
-    policy("import importlib\nSIZE = importlib.import_module('helper_f').SIZE + __import__('helper_h').SIZE\n")
+    policy(
+        "import importlib\nSIZE = importlib.import_module('helper_f').SIZE + __import__('helper_h').SIZE\n"
+    )
     for name in ("helper_f", "helper_h"):
         Path(f"{name}.py").write_text("SIZE = 0.25\n")
     sys.path.insert(0, str(Path().absolute()))
