@@ -126,8 +126,8 @@ def _restore(known: dict[str, ModuleType]) -> None:
 
 def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
     """Take modules out of `sys.modules`, except those of packages that have loaded machine code."""
-    found = {name: sys.modules[name] for name in list(names) if name in sys.modules}
-    stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
+    found = [name for name in list(names) if name in sys.modules]
+    stay = {name.partition(".")[0] for name, module in list(sys.modules.items()) if _is_machine_code(module)}
     return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
 
 
