@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
@@ -38,13 +38,52 @@ def _without_value(pair: re.Match[str]) -> str:
     return f"{pair[1]}={pair[2] if pair[1].lower() in OPEN_VALUES else HIDDEN}"
 
 
+# An option as the command line spells it; commands, which are to be typed as they are, are passed over.
+OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]+)*)(?P<colon>:?)")
+SWITCHES = ("allow-code", "overwrite", "resume", "verify")
+
+
+def in_python(message: str) -> str:
+    """Name options as Python does.
+
+    >>> in_python("data/x: exists already; choose another --out, or --overwrite to replace a dataset")
+    'data/x: exists already; choose another out=…, or overwrite=True to replace a dataset'
+    >>> in_python("--set steps=0: steps: found 0"), in_python("--shards: found 'a'")
+    ('overrides: steps=0: steps: found 0', "shards: found 'a'")
+    """
+    return OPTION.sub(_keyword, message)
+
+
+def _keyword(option: re.Match[str]) -> str:
+    name = option["name"]
+    if name is None:
+        return option[0]
+    if name == "set":
+        return "overrides:"
+    name = "names" if name == "name" else name  # of `split`
+    value = ":" if option["colon"] else "=True" if name in SWITCHES else "=…"
+    return name.replace("-", "_") + value
+
+
 class IbdataError(ValueError):
-    """Base class of ibdata's exceptions. Credentials in URLs are removed from the message."""
+    """Base class of ibdata's exceptions. Credentials in URLs are removed from the message.
+
+    A message is written with the options of the command line, such as --overwrite, and the command line
+    prints it so. `str` names them as Python does, such as overwrite=True.
+    """
 
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
         super().__init__(hidden(message))
+
+    def __str__(self) -> str:
+        return in_python(self.with_options)
+
+    @property
+    def with_options(self) -> str:
+        """The message with the options of the command line."""
+        return str(self.args[0])
 
 
 class UsageError(IbdataError):
@@ -69,6 +108,19 @@ def printable(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """'; did you mean …?' if a known word is similar, else an empty text."""
+    near = nearest(word, known)
+    return "" if near in (None, word) else f"; did you mean {near!r}?"
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that is most similar to a word; None if none is similar."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(word, list(known), n=1)), None)
+
+
 class Problems(ValueError):
     """Several problems in one model, each with the path of its key relative to that model."""
 
@@ -81,11 +133,15 @@ class ConfigError(UsageError):
     """An experiment is invalid; `problems` holds one line per problem."""
 
     def __init__(self, problems: Sequence[str]) -> None:
-        self.problems = tuple(map(printable, problems))
-        super().__init__("\n".join(self.problems))
+        super().__init__("\n".join(map(printable, problems)))
 
-    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[str, ...]]]:
-        return type(self), (self.problems,)  # pickled on the way back from a worker process
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """The lines of the message."""
+        return tuple(str(self).split("\n"))
+
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[list[str]]]:
+        return type(self), (self.with_options.split("\n"),)  # pickled on the way back from a worker process
 
 
 class DatasetError(IbdataError):

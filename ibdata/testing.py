@@ -34,7 +34,7 @@ def check_policy(policy: Any, histories: History | None = None, history: int = 1
       policy that is made of others, they may be NaN in some episodes.
     - If an action is drawn repeatedly, its share of the draws agrees with its probability.
 
-    A policy with `decide` is checked at the first step of 256 episodes and at the sixth.
+    A policy that may depend on earlier steps is checked at the first step of 256 episodes and at the sixth.
 
     Args:
         policy: a `Policy`, or anything else that `ibdata.evaluate` takes.
@@ -71,14 +71,9 @@ def _draws(n: int, count: int, seed: int = 0) -> Floats:
     return u
 
 
-def _is_short(policy: Policy) -> bool:
-    """Whether a policy depends on nothing but observations and random numbers of the step."""
-    return type(policy).decide is Policy.decide
-
-
 def _questions(policy: Policy, histories: History) -> Iterator[Given]:
     """What the policy is given at step 0 and, if it may depend on earlier steps, at a later step."""
-    played = _played(policy, histories, 1 if _is_short(policy) else LATER + 1)
+    played = _played(policy, histories, 1 if policy.is_short else LATER + 1)
     yield from (given for given, _ in played if given.step[0] in (0, LATER))
 
 
@@ -119,7 +114,7 @@ def _log_density(policy: Policy, given: Given, action: npt.NDArray[np.float32]) 
 
 
 def _check_decisions(policy: Policy, given: Given) -> npt.NDArray[np.float32]:
-    act = "act" if _is_short(policy) else "decide"
+    act = "act" if type(policy).decide is Policy.decide else "decide"
     actions, memory = _decided(policy, given)  # first, because it tells what a policy answers wrongly
     seen = _copy(given)
     answer = [np.asarray(x) for x in policy.decide(seen)]
@@ -186,7 +181,7 @@ def _check_atoms(policy: Policy, one: Given) -> None:
     actions, counts = np.unique(_decided(policy, many)[0], axis=0, return_counts=True)
     actions, shares = actions[counts > REPEATS // 100], counts[counts > REPEATS // 100] / REPEATS
     said = np.exp(_log_density(policy, _rows(many, slice(len(actions))), actions))
-    error = CERTAIN * np.sqrt(shares * (1.0 - shares) / REPEATS) + 1e-6
+    error = CERTAIN * np.sqrt((shares * (1.0 - shares) + 1.0 / REPEATS) / REPEATS)
     wrong = np.abs(said - shares) > error  # False where the density is NaN
     assert not wrong.any(), (
         f"log_prob gives {actions[wrong][0]} the probability {said[wrong][0]:.4f}, but its share of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import atexit
 import gc
 import os
@@ -15,12 +16,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from io import TextIOWrapper
+from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
 import click
 
-from ibdata.cli._shared import MAX_LINES, print_json, say
+from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
 from ibdata.errors import ConfigError, IbdataError, printable
 from ibdata.version import __version__
 
@@ -28,17 +30,27 @@ INTERRUPTED = 130
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
-class Commands(click.Group):
-    """Every module of this folder whose name does not begin with _ holds a `command`."""
+class Commands(Suggesting):
+    """Every module of this folder whose name does not begin with _ holds a `command`; warm_up is warm-up."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+        names = (module.name for module in pkgutil.iter_modules(__path__))
+        return sorted(name.replace("_", "-") for name in names if not name.startswith("_"))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
+        command: click.Command = import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
         return command
+
+    def summary(self, ctx: click.Context, name: str) -> str:
+        """The first sentence of a command's help, read without importing its module."""
+        code = ast.parse(Path(__path__[0], f"{name.replace('-', '_')}.py").read_bytes())
+        (found,) = (
+            node for node in code.body if isinstance(node, ast.FunctionDef) and node.name == "command"
+        )
+        paragraph = " ".join((ast.get_docstring(found) or "").partition("\n\n")[0].split())
+        return paragraph.partition(". ")[0].removesuffix(".") + "."
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -53,8 +65,9 @@ def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 
     \b
-    ibdata generate --config random.yaml   the paper's random batch in data/random
-    ibdata info data/random                a summary of that dataset
+    ibdata generate random.yaml   the paper's random batch in data/random
+    ibdata info data/random       a summary of that dataset
+    ibdata configs                the experiments that come with ibdata
     """
 
 
@@ -73,11 +86,15 @@ def main(args: Sequence[str] | None = None) -> None:
     gc.set_threshold(100_000)  # imports make many objects and little garbage
     _end_at_signals()
     try:
-        code = cli.main([arg for arg in given if arg != "--debug"], standalone_mode=False) or 0
+        plain = [arg for arg in given if arg != "--debug"]
+        code = cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0
         sys.stdout.flush()
     except click.ClickException as error:
         _report(
-            [error.format_message()], 2, as_json, error.ctx if isinstance(error, click.UsageError) else None
+            [" ".join(error.format_message().split())],
+            2,
+            as_json,
+            error.ctx if isinstance(error, click.UsageError) else None,
         )
         code = 2
     except (KeyboardInterrupt, click.Abort):
@@ -130,10 +147,11 @@ def _end_at_signals() -> None:
 
 def _lines(error: Exception) -> list[str]:
     if isinstance(error, ConfigError):
-        more = len(error.problems) - MAX_LINES
-        return [*error.problems[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
+        lines = error.with_options.split("\n")
+        more = len(lines) - MAX_LINES
+        return [*lines[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
     if isinstance(error, IbdataError):
-        return [printable(str(error))]
+        return [printable(error.with_options)]
     if isinstance(error, OSError) and error.strerror:
         unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]

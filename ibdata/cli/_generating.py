@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ibdata.cli._shared import print_json, print_pairs, say, say_all, shown, size
 from ibdata.errors import UsageError
+from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -27,9 +28,9 @@ def say_yaml(experiment: Experiment) -> None:
 
 def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """Print what one experiment would make."""
-    from ibdata.generation.estimate import estimate
+    from ibdata.generation.estimate import preview
 
-    made = estimate(experiment, folder, **options)
+    made = preview(experiment, folder, **options)
     if as_json:
         print_json({"experiment": experiment.plain(), **made})
         return
@@ -40,16 +41,18 @@ def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
 def estimate_suite(config: str, out: Path | str | None, as_json: bool, **options: Any) -> None:
     """Print what each experiment of a folder would make, and the total."""
-    from ibdata.generation.suite import estimate_all
+    from ibdata.generation.suite import preview_all
 
-    made = estimate_all(config, out, **options)
+    made = preview_all(config, out, **options)
     total = {key: sum(m[key] for m in made) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
     total |= {"out": str(Path(made[0]["out"]).parent), "workers": max(m["workers"] for m in made)}
     if as_json:
         print_json({"experiments": made, **total})
         return
     for m in made:
-        say(f"{m['name']}: {m['rows']} rows, {size(m['bytes'])}, {m['seconds']:.1f} s")
+        say(f"{m['name']}: {counted(m['rows'], 'row')}, {size(m['bytes'])}, {m['seconds']:.1f} s")
+        if m["folder"]:
+            say(f"    {m['folder']}")
     say()
     _print_estimate(total)
 
@@ -58,19 +61,24 @@ def _print_estimate(made: Mapping[str, Any]) -> None:
     print_pairs(
         [
             ("out", f"{made['out']} (nothing is written)"),
-            ("episodes", made["episodes"]),
-            ("rows", made["rows"]),
-            ("shards", made["shards"]),
-            ("bytes", f"{made['bytes']} ({size(made['bytes'])}, estimated from a sample)"),
-            ("seconds", f"{made['seconds']:.1f} with {made['workers']} workers (estimated from a sample)"),
+            *((name, f"{made[name]:,}") for name in ("episodes", "rows", "shards")),
+            ("bytes", f"{made['bytes']:,} ({size(made['bytes'])}, estimated from a sample)"),
+            (
+                "seconds",
+                f"{made['seconds']:,.1f} with {counted(made['workers'], 'worker')} (estimated from a sample)",
+            ),
+            *([("folder", made["folder"])] if made.get("folder") else []),
         ]
     )
 
 
 def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """Make one dataset."""
+    from ibdata.dataset import manifest
     from ibdata.generation.generate import generate
 
+    report = Path(folder) / manifest.REPORT
+    had_report = report.is_file()
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start
@@ -78,15 +86,18 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
     if as_json:
         print_json({**_described(dataset), "seconds": seconds})
         return
+    contents = f"{counted(counts.episodes, 'episode')} of {counted(experiment.steps, 'step')}"
     print_pairs(
         [
             ("dataset", folder),
-            ("rows", f"{counts.rows} in {counts.episodes} episodes of {counts.steps} steps"),
-            ("files", f"{counts.shards} Parquet, {size(counts.data_bytes)}"),
+            ("rows", f"{counts.rows:,} in {contents}"),
+            ("files", f"{counts.shards:,} Parquet, {size(counts.data_bytes)}"),
             ("content root", dataset.content_root),
             ("time", f"{seconds:.1f} s"),
         ]
     )
+    if had_report and not report.exists():
+        say(f"removed {report.name}, which showed the old dataset; ibdata card {folder} makes it again")
 
 
 def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
@@ -113,9 +124,11 @@ def generate_part(config: str, shards: str, out: Path | str | None, as_json: boo
             }
         )
         return
-    say(f"{made.folder}: part {shards} is complete: {made.shards} shards with {made.rows} rows")
+    contents = f"{counted(made.shards, 'shard')} with {counted(made.rows, 'row')}"
+    say(f"{made.folder}: part {shards} is complete: {contents}")
     if made.missing:
-        say(f"{made.missing} shards are missing; when all are complete, run ibdata finalize {made.folder}")
+        missing = f"{counted(made.missing, 'shard')} {'is' if made.missing == 1 else 'are'} missing"
+        say(f"{missing}; when all are complete, run ibdata finalize {made.folder}")
     else:
         say(f"all shards are complete; run ibdata finalize {made.folder}")
 
@@ -135,12 +148,12 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
         print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
         return
     for dataset in made.values():
-        say(f"{dataset.path}: {len(dataset)} rows, content root {dataset.content_root}")
+        say(f"{dataset.path}: {counted(len(dataset), 'row')}, content root {dataset.content_root}")
     say()
     print_pairs(
         [
             ("datasets", f"{len(made)} in {folder}"),
-            ("rows", rows),
+            ("rows", f"{rows:,}"),
             ("bytes", size(data_bytes)),
             ("time", f"{seconds:.1f} s"),
         ]

@@ -14,7 +14,8 @@ from typing import Any, TextIO
 
 import click
 
-from ibdata.errors import hidden, printable
+from ibdata.errors import hidden, printable, suggestion
+from ibdata.numerics.naming import counted
 
 MAX_LINES = 12  # of a list of problems or results
 NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
@@ -51,6 +52,29 @@ class Listing(click.Command):
             formatter.write_dl(self._listed())
 
 
+class Suggesting(click.Group):
+    """A group of commands that suggests a similar command in place of an unknown one."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            known = suggestion(args[0], self.list_commands(ctx))
+            raise click.UsageError(f"No such command {args[0]!r}{known or '.'}", ctx=error.ctx) from None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each command with its whole summary, which may take several lines."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, self.summary(ctx, name)) for name in self.list_commands(ctx)])
+
+    def summary(self, ctx: click.Context, name: str) -> str:
+        """The first sentence of a command's help."""
+        command = self.get_command(ctx, name)
+        return command.get_short_help_str(limit=1000) if command else ""
+
+
 def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
     """The first paragraph of the docstring of each module, read without importing the module."""
     (folder,) = import_module(package).__path__
@@ -60,13 +84,6 @@ def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place(path_type=Path))
 folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-config_option = click.option(
-    "--config",
-    "config",
-    required=True,
-    metavar="CONFIG",
-    help="A YAML file, a folder of YAML files, or the name of a shipped experiment.",
-)
 set_option = click.option(
     "--set",
     "overrides",
@@ -75,6 +92,7 @@ set_option = click.option(
     help="Override an option of the experiment, e.g. --set episodes=100.",
 )
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
+quiet_option = click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")
 
 
@@ -142,6 +160,14 @@ def print_table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         say("  ".join(cells))
 
 
+def print_list(names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a name, a number and a text per line; the last column may be of any length."""
+    lines = [[printable(cell) for cell in row] for row in (names, *rows)]
+    first, second = (max(len(line[i]) for line in lines) for i in (0, 1))
+    for name, number, text in lines:
+        say(f"{name.ljust(first)}  {number.rjust(second)}  {text}".rstrip())
+
+
 def problems_json(problems: Sequence[Any]) -> list[Mapping[str, Any]]:
     """Return problems as JSON, each with the file, row and rule."""
     return [problem._asdict() for problem in problems]
@@ -156,8 +182,17 @@ def report_problems(problems: Sequence[Any], fine: str, quiet: bool) -> None:
     for problem in problems[:MAX_LINES]:
         say(problem, err=True)
     if len(problems) > MAX_LINES:
-        say(f"and {len(problems) - MAX_LINES} more", err=True)
+        say(f"and {len(problems) - MAX_LINES:,} more", err=True)
     raise SystemExit(3)
+
+
+def within(rows: int, episodes: int) -> str:
+    """Rows and episodes.
+
+    >>> within(10_000, 1)
+    '10,000 rows in 1 episode'
+    """
+    return f"{counted(rows, 'row')} in {counted(episodes, 'episode')}"
 
 
 def size(count: float) -> str:

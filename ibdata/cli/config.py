@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import click
 
+from ibdata.cli._completion import configs
 from ibdata.cli._generating import say_yaml
-from ibdata.cli._shared import json_option, print_json, say, say_json, seed_option, set_option
+from ibdata.cli._shared import Suggesting, json_option, print_json, say, say_json, seed_option, set_option
+from ibdata.numerics.naming import counted
 
 
-@click.group("config")
+@click.group("config", cls=Suggesting)
 def command() -> None:
     """Check an experiment, show it in full, or print the JSON Schema.
 
@@ -21,7 +23,7 @@ def command() -> None:
     """
 
 
-config_argument = click.argument("config", metavar="CONFIG")
+config_argument = click.argument("config", metavar="CONFIG", shell_complete=configs)
 
 
 @command.command("validate")
@@ -40,7 +42,7 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
     if as_json:
         print_json({"config": str(find(config)), "valid": True, "rows": rows})
         return
-    say(f"{find(config)}: valid, {rows} rows")
+    say(f"{find(config)}: valid, {counted(rows, 'row')}")
 
 
 @command.command("show")

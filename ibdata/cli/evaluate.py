@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._shared import allow_code_option, json_option, print_json, print_table, say
+from ibdata.cli._completion import policies as completed_policies
+from ibdata.cli._shared import (
+    allow_code_option,
+    json_option,
+    print_json,
+    print_table,
+    quiet_option,
+    say,
+)
 from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
@@ -21,6 +29,7 @@ if TYPE_CHECKING:
     required=True,
     multiple=True,
     metavar="NAME|YAML",
+    shell_complete=completed_policies,
     help="A kind of policy, a block such as '{kind: safe}', or a file with a block; may be repeated.",
 )
 @click.option(
@@ -48,12 +57,14 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
 @allow_code_option
+@quiet_option
 @json_option
 def command(
     policies: tuple[str, ...],
     setpoints: tuple[str, ...],
     start: str,
     dynamics: str,
+    quiet: bool,
     as_json: bool,
     **settings: Any,
 ) -> None:
@@ -73,6 +84,7 @@ def command(
         points if len(points) > 1 else points[0],
         start=_value("--start", start),
         dynamics=_value("--dynamics", dynamics),
+        progress=False if quiet else None,
         **settings,
     )
     if as_json:
@@ -107,6 +119,7 @@ def _print(evaluation: Evaluation) -> None:
             "clipped",
             "score",
             "± s.e.",
+            "expert score",
         ),
         [
             (
@@ -122,6 +135,7 @@ def _print(evaluation: Evaluation) -> None:
                 f"{100 * r.clipped:.1f} %",
                 _number(r.score, 1),
                 _number(r.score_error, 1),
+                _number(r.expert_score, 1),
             )
             for r in evaluation.results
         ],

@@ -6,17 +6,20 @@ from pathlib import Path
 
 import click
 
+from ibdata.cli._completion import splits
 from ibdata.cli._shared import (
     Listing,
     folder_argument,
     json_option,
     print_json,
     print_pairs,
+    quiet_option,
     say,
     say_all,
     summaries,
 )
 from ibdata.exporters import FORMATS, added_formats
+from ibdata.numerics.naming import counted
 
 
 def _formats() -> list[tuple[str, str]]:
@@ -39,7 +42,7 @@ def _formats() -> list[tuple[str, str]]:
     metavar="PATH",
     help="The file or folder to write; it must not exist.",
 )
-@click.option("--split", metavar="NAME", help="Export only this split.")
+@click.option("--split", metavar="NAME", shell_complete=splits, help="Export only this split.")
 @click.option(
     "--history",
     type=int,
@@ -49,7 +52,7 @@ def _formats() -> list[tuple[str, str]]:
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
+@quiet_option
 @json_option
 def command(
     folder: Path,
@@ -89,7 +92,11 @@ def command(
         print_json(made._asdict())
         return
     print_pairs(
-        [("export", made.path), ("rows", f"{made.rows} in {made.episodes} episodes"), ("format", made.format)]
+        [
+            ("export", made.path),
+            ("rows", f"{made.rows:,} in {counted(made.episodes, 'episode')}"),
+            ("format", made.format),
+        ]
     )
     say()
     say_all(made.snippet)

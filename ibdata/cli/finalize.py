@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import folder_argument, json_option, print_json, say
+from ibdata.numerics.naming import counted
 
 
 @click.command("finalize")
@@ -18,8 +19,8 @@ def command(folder: Path, as_json: bool) -> None:
     Every shard is checked first. If some are missing, the error names them and the command that makes them.
 
     \b
-    ibdata generate --config random.yaml --out data/random --shards 1/2
-    ibdata generate --config random.yaml --out data/random --shards 2/2
+    ibdata generate random.yaml --out data/random --shards 1/2
+    ibdata generate random.yaml --out data/random --shards 2/2
     ibdata finalize data/random
     """
     from ibdata.generation.array_job import finalize
@@ -29,5 +30,5 @@ def command(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json({"out": str(folder), **counts, "content_root": dataset.content_root})
         return
-    say(f"{folder}: {counts['rows']} rows in {counts['shards']} files")
+    say(f"{folder}: {counted(counts['rows'], 'row')} in {counted(counts['shards'], 'file')}")
     say(f"content root {dataset.content_root}")

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from ibdata.cli._completion import configs
 from ibdata.cli._generating import (
     estimate_one,
     estimate_suite,
@@ -18,15 +19,22 @@ from ibdata.cli._generating import (
 from ibdata.cli._shared import (
     Place,
     allow_code_option,
-    config_option,
     json_option,
+    quiet_option,
     seed_option,
     set_option,
 )
 
 
 @click.command("generate")
-@config_option
+@click.argument("config", required=False, metavar="CONFIG", shell_complete=configs)
+@click.option(
+    "--config",
+    "config_option",
+    metavar="CONFIG",
+    shell_complete=configs,
+    help="As the argument CONFIG.",
+)
 @click.option(
     "--out",
     type=Place(path_type=Path),
@@ -63,10 +71,11 @@ from ibdata.cli._shared import (
 )
 @click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
 @allow_code_option
-@click.option("--quiet", "-q", is_flag=True, help="Show no progress bar.")
+@quiet_option
 @json_option
 def command(
-    config: str,
+    config: str | None,
+    config_option: str | None,
     out: Path | str | None,
     workers: int | None,
     engine: str,
@@ -83,15 +92,18 @@ def command(
 ) -> None:
     """Generate the dataset of an experiment, or of each experiment in a folder.
 
+    CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment: see ibdata configs.
+
     \b
-    ibdata generate --config random.yaml
-    ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set steps=50
-    ibdata generate --config siemens-offline --dry-run
-    ibdata generate --config random.yaml --shards $SLURM_ARRAY_TASK_ID/3
+    ibdata generate random.yaml
+    ibdata generate safe.yaml --out data/safe-7 --seed 7 --set steps=50
+    ibdata generate siemens-offline --dry-run
+    ibdata generate random.yaml --shards $SLURM_ARRAY_TASK_ID/3
     """
     from ibdata.experiment import find
     from ibdata.experiment.shipped import is_suite
 
+    config = _only_one(config, config_option)
     changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
     common: dict[str, Any] = {"workers": workers, "allow_code": allow_code}
     running: dict[str, Any] = {"progress": False if quiet else None, "engine": engine, "address": address}
@@ -105,11 +117,22 @@ def command(
     elif suite:
         generate_suite(config, out, as_json, **changes, **common, **running, **whole)
     else:
-        from ibdata.generation.generate import default_folder, resolve
+        from ibdata.experiment import load
+        from ibdata.generation.generate import default_folder
 
-        experiment = resolve(config, **changes)
+        experiment = load(config, **changes)
         folder = out or default_folder(experiment)
         if dry_run:
             estimate_one(experiment, folder, as_json, **common, **whole)
         else:
             generate_one(experiment, folder, as_json, **common, **running, **whole)
+
+
+def _only_one(argument: str | None, option: str | None) -> str:
+    """The config, which is an argument or an option."""
+    if argument is not None and option is not None:
+        raise click.UsageError(f"found CONFIG {argument!r} and --config {option!r}, expected one of them")
+    config = option if argument is None else argument
+    if config is None:
+        raise click.UsageError("Missing argument 'CONFIG'; ibdata configs lists the shipped experiments.")
+    return config

@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from ibdata.cli._completion import columns as column_names
+from ibdata.cli._completion import splits as split_names
 from ibdata.cli._shared import json_option, place_argument, print_json, say
 from ibdata.errors import DatasetError
 
@@ -20,8 +22,8 @@ MAX_ROWS = 1_000_000
 @click.option(
     "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="Number of rows."
 )
-@click.option("--columns", metavar="A,B,…", help="Print only these columns.")
-@click.option("--split", metavar="NAME", help="Print only rows of this split.")
+@click.option("--columns", metavar="A,B,…", shell_complete=column_names, help="Print only these columns.")
+@click.option("--split", metavar="NAME", shell_complete=split_names, help="Print only rows of this split.")
 @json_option
 def command(folder: Path | str, rows: int, columns: str | None, split: str | None, as_json: bool) -> None:
     """Print the first rows of a dataset, one column per line.

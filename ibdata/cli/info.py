@@ -16,8 +16,9 @@ from ibdata.cli._shared import (
     print_table,
     say,
     size,
+    within,
 )
-from ibdata.numerics.naming import exact
+from ibdata.numerics.naming import counted, exact
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -45,12 +46,12 @@ def command(folder: Path | str, as_json: bool) -> None:
     pairs = [
         ("name", info.name),
         ("dynamics", "several" if info.dynamics is None else info.dynamics),
-        ("rows", f"{counts.rows} in {counts.episodes} episodes of {_steps(dataset)} steps"),
-        ("files", f"{counts.shards} Parquet, {size(counts.data_bytes)}"),
+        ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {_steps(dataset)}"),
+        ("files", f"{counts.shards:,} Parquet, {size(counts.data_bytes)}"),
         ("content root", dataset.content_root),
     ]
     for name, split in info.splits.items():
-        pairs.append((f"split {name}", f"{split.rows} rows in {split.episodes} episodes"))
+        pairs.append((f"split {name}", within(split.rows, split.episodes)))
     for role, names in info.groups.items():
         pairs.append((role, ", ".join(names)))
     print_pairs(pairs)
@@ -61,7 +62,8 @@ def command(folder: Path | str, as_json: bool) -> None:
 def _steps(dataset: Dataset) -> str:
     """The steps per episode; several numbers if the episodes of a merged dataset differ in length."""
     steps = dataset.info_model.counts.steps
-    return " or ".join(map(str, dataset.episodes["length"].unique())) if steps is None else str(steps)
+    lengths = dataset.episodes["length"].unique() if steps is None else [steps]
+    return " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
 
 
 def _print_returns(returns: Returns) -> None:
@@ -70,9 +72,9 @@ def _print_returns(returns: Returns) -> None:
         (
             r["policy"],
             exact(r["setpoint"]),
-            str(r["episodes"]),
-            f"{r['mean_return']:.0f}",
-            "-" if r["standard_error"] is None else f"{r['standard_error']:.0f}",
+            f"{r['episodes']:,}",
+            f"{r['mean_return']:,.0f}",
+            "-" if r["standard_error"] is None else f"{r['standard_error']:,.0f}",
             f"{r['mean_reward']:.2f}",
             "-" if r["score"] is None else f"{r['score']:.1f}",
         )
@@ -81,6 +83,6 @@ def _print_returns(returns: Returns) -> None:
     names = ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score")
     print_table(names, rows[:MAX_LINES])
     if len(rows) > MAX_LINES:
-        say(f"and {len(rows) - MAX_LINES} more; --json has all")
+        say(f"and {len(rows) - MAX_LINES:,} more; --json has all")
     if returns["scale"]:
         say(f"score: {returns['scale']}")

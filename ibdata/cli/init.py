@@ -27,4 +27,4 @@ def command(file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file)})
         return
-    say(f"{file}: edit it, then run ibdata generate --config {file} --dry-run")
+    say(f"{file}: edit it, then run ibdata generate {file} --dry-run")

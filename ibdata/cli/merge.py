@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say
+from ibdata.cli._shared import json_option, print_json, say, within
 
 
 @click.command("merge")
@@ -30,5 +30,5 @@ def command(folders: tuple[Path, ...], out: Path, as_json: bool) -> None:
     if as_json:
         print_json({"out": str(out), **counts, "content_root": dataset.content_root})
         return
-    say(f"{out}: {counts['rows']} rows in {counts['episodes']} episodes")
+    say(f"{out}: {within(counts['rows'], counts['episodes'])}")
     say(f"content root {dataset.content_root}")

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import Listing, folder_argument, json_option, print_json, say, summaries
+from ibdata.cli._shared import (
+    Listing,
+    folder_argument,
+    json_option,
+    print_json,
+    quiet_option,
+    say,
+    summaries,
+)
 from ibdata.plots import FORMS, plot, plots
 
 
@@ -24,15 +32,16 @@ from ibdata.plots import FORMS, plot, plots
     "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@quiet_option
 @json_option
-def command(folder: Path, out: Path | None, form: str, overwrite: bool, as_json: bool) -> None:
+def command(folder: Path, out: Path | None, form: str, overwrite: bool, quiet: bool, as_json: bool) -> None:
     """Draw all pictures of a dataset and print the names of the files.
 
     \b
     ibdata plot data/random
     ibdata plot data/transfer --out pictures --format svg
     """
-    paths = plot(folder, out, form, overwrite)
+    paths = plot(folder, out, form, overwrite, progress=False if quiet else None)
     if as_json:
         print_json({"files": [str(path) for path in paths]})
         return

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ibdata.cli._shared import allow_code_option, folder_argument, json_option, print_json, say
+from ibdata.numerics.naming import counted
 
 
 @click.command("repair")
@@ -34,4 +35,4 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
     for path in repaired:
         removed = path == manifest.REPORT
         say(f"removed {path}; ibdata card {folder} makes it again" if removed else f"repaired {path}")
-    say(f"{folder}: {len(repaired)} files repaired, content root {root}")
+    say(f"{folder}: {counted(len(repaired), 'file')} repaired, content root {root}")

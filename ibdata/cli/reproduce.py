@@ -14,6 +14,7 @@ from ibdata.cli._shared import (
     problems_json,
     report_problems,
 )
+from ibdata.numerics.naming import counted
 
 
 @click.command("reproduce")
@@ -40,4 +41,4 @@ def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool)
         print_json(
             {"path": str(folder), "episodes": count, "same": same, "problems": problems_json(problems)}
         )
-    report_problems(problems, f"{folder}: {count} episodes made again, all the same", as_json)
+    report_problems(problems, f"{folder}: {counted(count, 'episode')} made again, all the same", as_json)

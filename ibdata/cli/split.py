@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, say
+from ibdata.cli._completion import splits
+from ibdata.cli._shared import folder_argument, json_option, print_json, say, within
+from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
-SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
 
 
 class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer clicks
@@ -25,19 +30,31 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
             self.fail(f"found {value!r}, expected numbers such as 0.8,0.1,0.1", param, ctx)
 
 
+class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """Two names with = between them."""
+
+    name = "renaming"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        made, _, name = value.partition("=")
+        if not (made and name):
+            self.fail(f"found {value!r}, expected two names such as source=at-50", param, ctx)
+        return made, name
+
+
 @click.command("split")
 @folder_argument
 @click.option(
     "--by",
-    type=click.Choice(["setpoint", "episode", "policy"]),
-    help="The property that decides the split of an episode.",
+    type=click.Choice(list(OPTIONS)),
+    help="The property that decides the split of an episode; default: what the other options belong to.",
 )
 @click.option(
     "--scheme",
-    type=click.Choice(SCHEMES),
-    default="transfer",
-    show_default=True,
-    help="With --by setpoint: how to split the setpoints.",
+    type=click.Choice(list(SCHEMES)),
+    help=f"By setpoint: how to split the setpoints; default {DEFAULT_SCHEME}.",
 )
 @click.option("--source", type=float, multiple=True, metavar="P", help="A source setpoint; may be repeated.")
 @click.option("--target", type=float, multiple=True, metavar="P", help="A target setpoint; may be repeated.")
@@ -52,10 +69,26 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
 @click.option(
     "--fractions",
     type=Fractions(),
-    default="0.8,0.1,0.1",
-    show_default=True,
-    help="With --by episode: the shares of train, validation and test, or of train and test.",
+    metavar="F,F,…",
+    help="By episode: the shares of train, validation and test, or of train and test; default 0.8,0.1,0.1.",
 )
+@click.option("--prefix", metavar="NAME", help="Name the new splits NAME-source, NAME-target, …")
+@click.option(
+    "--name",
+    "names",
+    type=Renaming(),
+    multiple=True,
+    metavar="SPLIT=NAME",
+    help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
+)
+@click.option(
+    "--remove",
+    multiple=True,
+    metavar="NAME",
+    shell_complete=splits,
+    help="Remove this split; may be repeated.",
+)
+@click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",
     type=click.Path(path_type=Path),
@@ -64,45 +97,65 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
 )
 @json_option
 def command(
-    folder: Path,
-    by: str | None,
-    scheme: str,
-    source: tuple[float, ...],
-    target: tuple[float, ...],
-    shots: int | None,
-    transitions: int | None,
-    within: float | None,
-    fractions: tuple[float, ...],
-    materialize: Path | None,
-    as_json: bool,
+    folder: Path, names: tuple[tuple[str, str], ...], as_list: bool, as_json: bool, **options: Any
 ) -> None:
     """Split a dataset: label its episodes, or write a copy in which every split has its own files.
 
     \b
     ibdata split data/random --by setpoint --source 50 --target 70
-    ibdata split data/random --by setpoint --scheme leave-one-out
+    ibdata split data/random --scheme leave-one-out --prefix fold
     ibdata split data/many --by episode --fractions 0.7,0.3
+    ibdata split data/many --list
+    ibdata split data/many --remove test
     ibdata split data/many --materialize data/many-files
     """
+    from ibdata.dataset.reader import Dataset
+
+    if as_list:
+        _refuse_with_list({**options, "name": names})
+        _print(Dataset(folder), as_json)
+        return
     from ibdata.maintenance.split import split
 
-    dataset = split(
-        folder,
-        by,
-        scheme=scheme,
-        source=source,
-        target=target,
-        shots=shots,
-        transitions=transitions,
-        within=within,
-        fractions=fractions,
-        materialize=materialize,
-    )
+    before = Dataset(folder)
+    after = split(before, names=dict(names), **options)
+    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after))
+
+
+def _refuse_with_list(options: Mapping[str, Any]) -> None:
+    for option, value in options.items():
+        if value not in (None, ()):
+            raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
+
+
+def _taken_away(before: Dataset, after: Dataset) -> dict[str, list[str]]:
+    """The splits that were replaced or removed, and the files that were removed since they showed them."""
+    old, new = before.manifest_model, after.manifest_model
+    return {
+        "replaced": [
+            name for name in old.splits if old.splits[name] != new.splits.get(name, old.splits[name])
+        ],
+        "removed": [name for name in old.splits if name not in new.splits],
+        "files": [path for path in old.entries() if path not in new.entries()],
+    }
+
+
+def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]] | None = None) -> None:
     splits = dataset.info["splits"]
+    taken = {key: names for key, names in (taken_away or {}).items() if names}
     if as_json:
-        print_json({"path": str(dataset.path), "splits": splits, "content_root": dataset.content_root})
+        root = dataset.content_root
+        print_json({"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken})
         return
+    for name in taken.get("removed", []):
+        say(f"removed the split {name}")
+    for name in taken.get("replaced", []):
+        say(f"replaced the split {name}; --prefix or --name keeps both")
+    for path in taken.get("files", []):
+        say(f"removed {path}, which showed the old splits; ibdata card {dataset.path} makes it again")
     width = max(map(len, splits), default=0)
     for name, made in splits.items():
         kind = "labels" if made["files"] is None else "whole files"
-        say(f"{name.ljust(width)}  {made['rows']} rows in {made['episodes']} episodes ({kind})")
+        say(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
+    if not splits:
+        say(f"{dataset.path}: no splits")

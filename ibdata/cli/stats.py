@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ibdata.cli._completion import splits
 from ibdata.cli._shared import json_option, place_argument, print_json, say
 
 SHOWN = ("mean", "std", "min", "max")
@@ -13,7 +14,7 @@ SHOWN = ("mean", "std", "min", "max")
 
 @click.command("stats")
 @place_argument
-@click.option("--split", metavar="NAME", help="Use only rows of this split.")
+@click.option("--split", metavar="NAME", shell_complete=splits, help="Use only rows of this split.")
 @json_option
 def command(folder: Path | str, split: str | None, as_json: bool) -> None:
     """Print mean, standard deviation, range and median of each column.

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
 Array = npt.NDArray[Any]
+INDICES = ("episode", "step", "terminated", "truncated")
+ROLES = ("observation", "action", "reward", "next_observation")
 
 
 def stacked(observations: Array, after: Array, step: Array, history: int) -> tuple[Array, Array]:
@@ -52,3 +56,32 @@ def _windows(observations: Array, last: Array, history: int) -> Array:
     )
     windows = sliding_window_view(frames.reshape(-1), history * frames.shape[1])[:: frames.shape[1]]
     return windows[::-1]
+
+
+def array_columns(groups: Mapping[str, list[str]]) -> list[str]:
+    """The columns from which `arrays_of` makes arrays; `groups` are the columns of each role."""
+    return [*INDICES, *(name for role in ROLES for name in groups[role])]
+
+
+def arrays_of(table: pa.Table, groups: Mapping[str, list[str]], history: int, drop: bool) -> dict[str, Array]:
+    """The rows of whole episodes as the arrays that `Dataset.arrays` describes.
+
+    `drop` leaves out the rows with fewer observations before them.
+    """
+
+    def stack(role: str) -> Array:
+        return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
+
+    out = {name: table[name].to_numpy() for name in INDICES}
+    observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
+    arrays = {
+        "observations": observations,
+        "actions": stack("action"),
+        "rewards": table["reward"].to_numpy(),
+        "next_observations": after,
+        **out,
+    }
+    if not drop or history == 1:
+        return arrays
+    whole = out["step"] >= history - 1
+    return {name: array[whole] for name, array in arrays.items()}

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
 from ibdata.dataset.models import Manifest, Parsed, parse
-from ibdata.errors import DatasetError, UsageError, printable
+from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system import object_store
 from ibdata.system.atomic_files import plain_bytes
 
@@ -44,6 +44,10 @@ MAX_BYTES = 2**32  # of a JSON file, which is read whole
 MOVES = 2  # how often a replacement may move a file while a reader looks for it
 
 
+class NoDatasetError(DatasetError):
+    """There is no manifest."""
+
+
 class NewerError(DatasetError):
     """The dataset was made by a newer ibdata."""
 
@@ -59,12 +63,24 @@ def read(folder: Path) -> Manifest:
     try:
         data = content(folder, PATH)
     except (FileNotFoundError, NotADirectoryError):
-        raise DatasetError(
-            f"{object_store.name_of(folder)}: no finished dataset here: {PATH} is missing"
+        raise NoDatasetError(
+            f"{object_store.name_of(folder)}: no finished dataset here: {PATH} is missing{_near(folder)}"
         ) from None
     except OSError as error:
         raise DatasetError(f"{folder / PATH}: cannot be read: {error.strerror}") from None
     return parsed(folder / PATH, data)
+
+
+def _near(folder: Path) -> str:
+    """'; did you mean …?' if a dataset with a similar name is beside the folder, or in a folder `data`."""
+    found: dict[str, Path] = {}
+    if object_store.name_of(folder) != str(folder):
+        return ""  # a URL
+    with suppress(OSError, ValueError):
+        for base in (folder.parent, folder.parent / "data", Path("data")):
+            found |= {path.parents[1].name: path.parents[1] for path in base.glob(f"*/{PATH}")}
+    near = nearest(folder.name, found)
+    return "" if near is None else f"; did you mean {str(found[near])!r}?"
 
 
 def parsed(path: Path, data: bytes) -> Manifest:

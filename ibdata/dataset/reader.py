@@ -6,24 +6,26 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.history import stacked
+from ibdata.dataset.history import array_columns, arrays_of
 from ibdata.dataset.models import Info, Manifest, Stats
+from ibdata.dataset.overview import Splits, overview
 from ibdata.dataset.returns import Returns, behaviour_returns
+from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, selected_runs
 from ibdata.errors import DatasetError, UsageError
+from ibdata.numerics.naming import counted
 from ibdata.system import object_store
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Runs = list[tuple[int, int]]
 TRIES = 5
 
 
@@ -60,7 +62,11 @@ class Dataset:
 
     def __repr__(self) -> str:
         counts = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counts.rows} rows, {counts.episodes} episodes>"
+        rows, episodes = counted(counts.rows, "row"), counted(counts.episodes, "episode")
+        return f"<ibdata.Dataset {self.place}: {rows}, {episodes}>"
+
+    def _repr_html_(self) -> str:
+        return overview(self)
 
     def __len__(self) -> int:
         return self.manifest_model.rows
@@ -84,6 +90,11 @@ class Dataset:
     def info_model(self) -> Info:
         """`info` as a model."""
         return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
+
+    @property
+    def splits(self) -> Splits:
+        """For each split its numbers of episodes and rows, and its files; None for files if it has none."""
+        return Splits({name: split.plain() for name, split in self.info_model.splits.items()})
 
     def statistics(self, split: str | None = None) -> dict[str, Any]:
         """Statistics of the float columns.
@@ -120,36 +131,61 @@ class Dataset:
         Returns:
             `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
             mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
-            episodes of 1000 steps from the default start, under a published variant and at constant
-            setpoints; for others, score and scale are None.
+            episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
+            default, uniform and {burn_in: [15, 64]}; for others, the score is None.
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
-    def table(self, columns: Sequence[str] | None = None, split: str | None = None) -> pa.Table:
+    def table(
+        self,
+        columns: Sequence[str] | None = None,
+        split: str | None = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+    ) -> pa.Table:
         """The rows as an Arrow table.
 
         Args:
             columns: The names of the columns to read; by default all.
             split: Only rows of this split.
+            setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
+            policy: Only rows of the policy with this label, or with these.
 
         Raises:
-            UsageError: The dataset has no such column or split.
+            UsageError: The dataset has no such column, split, setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
         names = self._columns(columns)
         parts = []
-        for number, runs in self._shards(split):
+        for number, runs in self._shards(split, setpoint, policy):
             whole = self.read_shard(number, names)
             parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
+        if not parts:  # the split has no episode at this setpoint, or of this policy
+            return self.read_shard(0, names).slice(0, 0)
         return pa.concat_tables(parts).unify_dictionaries()
 
-    def to_pandas(self, columns: Sequence[str] | None = None, split: str | None = None) -> pd.DataFrame:
+    def to_pandas(
+        self,
+        columns: Sequence[str] | None = None,
+        split: str | None = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+    ) -> pd.DataFrame:
         """The rows as a pandas DataFrame. Arguments and errors are those of `table`."""
-        frame: pd.DataFrame = self.table(columns, split).to_pandas(ignore_metadata=True)
+        table = self.table(columns, split, setpoint=setpoint, policy=policy)
+        frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         return frame
 
     def iter_batches(
-        self, columns: Sequence[str] | None = None, split: str | None = None, batch_rows: int = 65_536
+        self,
+        columns: Sequence[str] | None = None,
+        split: str | None = None,
+        batch_rows: int = 65_536,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
     ) -> Iterator[pa.RecordBatch]:
         """The rows in order, at most `batch_rows` at a time, in constant memory.
 
@@ -157,7 +193,9 @@ class Dataset:
         """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        return self._batches(self._shards(split), self._columns(columns), batch_rows)
+        names, shards = self._columns(columns), self._shards(split, setpoint, policy)
+        parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
+        return chain.from_iterable(parts)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
@@ -184,15 +222,23 @@ class Dataset:
             raise
 
     def arrays(
-        self, history: int = 1, split: str | None = None, pad: str = "repeat"
+        self,
+        history: int = 1,
+        split: str | None = None,
+        pad: str = "repeat",
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
     ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
 
         Args:
             history: How many observations to stack, newest first.
-            split: Only rows of this split.
+            split: As in `table`.
             pad: What is done with the first rows of an episode, which have fewer observations before them:
                 "repeat" repeats the first recorded observation, "drop" leaves these rows out.
+            setpoint: As in `table`.
+            policy: As in `table`.
 
         Returns:
             observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
@@ -200,34 +246,17 @@ class Dataset:
             step (N,).
 
         Raises:
-            UsageError: The history is below 1, the dataset has no such split, or pad is neither of the two.
+            UsageError: The history is below 1, pad is neither of the two, or the dataset has no such split,
+                setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
         if history < 1:
             raise UsageError(f"history: found {history}, expected at least 1")
         if pad not in ("repeat", "drop"):
             raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
-        groups = self.info_model.groups
-        roles = ("observation", "action", "reward", "next_observation")
-        names = ["episode", "step", "terminated", "truncated"]
-        table = self.table([*names, *(name for role in roles for name in groups[role])], split)
-
-        def stack(role: str) -> npt.NDArray[Any]:
-            return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
-
-        out = {name: table[name].to_numpy() for name in names}
-        observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-        arrays = {
-            "observations": observations,
-            "actions": stack("action"),
-            "rewards": table["reward"].to_numpy(),
-            "next_observations": after,
-            **out,
-        }
-        if pad == "drop" and history > 1:
-            whole = out["step"] >= history - 1
-            return {name: array[whole] for name, array in arrays.items()}
-        return arrays
+        names = array_columns(self.info_model.groups)
+        table = self.table(names, split, setpoint=setpoint, policy=policy)
+        return arrays_of(table, self.info_model.groups, history, pad == "drop")
 
     @cached_property
     def episode_table(self) -> pa.Table:
@@ -240,56 +269,21 @@ class Dataset:
             return known
         if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
-        unknown = [name for name in columns if name not in known]
-        if unknown:
-            raise UsageError(f"column: found {unknown[0]!r}, expected one of {', '.join(known)}")
-        return list(columns)
+        return known_of("column", columns, known)
 
-    def _shards(self, split: str | None) -> list[tuple[int, Runs | None]]:
+    def _shards(self, split: str | None, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
         """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
-        shards = self.manifest_model.shards
-        if split is None:
-            return [(number, None) for number in range(len(shards))]
-        files = self.info_model.splits[self._known(split)].files
-        if files is not None:
+        files = [shard.path for shard in self.manifest_model.shards]
+        if split is not None:
+            files = self.info_model.splits[self._known(split)].files or []
+        if setpoint is None and policy is None and files:
             known = set(files)
-            return [(number, None) for number, shard in enumerate(shards) if shard.path in known]
-        return sorted(self._runs(split).items())
-
-    def _runs(self, split: str) -> dict[int, Runs]:
-        """The rows of a split in each shard, as runs start … stop - 1."""
-        import pyarrow.compute as pc  # takes 0.04 s, and generating does not need it
-
-        table = self.episode_table
-        offsets = table["splits"].combine_chunks().offsets.to_numpy()
-        hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(table["splits"]), split).to_numpy())])
-        inside = np.flatnonzero(hits[offsets[1:]] > hits[offsets[:-1]])
-        runs: dict[int, Runs] = {}
-        columns = (table[name].to_numpy()[inside].tolist() for name in ("shard", "row_start", "row_stop"))
-        for shard, start, stop in zip(*columns, strict=True):
-            own = runs.setdefault(shard, [])
-            if own and own[-1][1] == start:
-                start = own.pop()[0]
-            own.append((start, stop))
-        return runs
-
-    def _batches(
-        self, shards: list[tuple[int, Runs | None]], names: list[str], rows: int
-    ) -> Iterator[pa.RecordBatch]:
-        for number, runs in shards:
-            first = 0
-            for batch in self.shard_batches(number, names, rows):
-                stop = first + batch.num_rows
-                for start, end in [(first, stop)] if runs is None else runs:
-                    low, high = max(start, first), min(end, stop)
-                    if low < high:
-                        yield batch.slice(low - first, high - low)
-                first = stop
+            shards = enumerate(self.manifest_model.shards)
+            return [(number, None) for number, shard in shards if shard.path in known]
+        return sorted(selected_runs(self.episode_table, split, setpoint, policy).items())
 
     def _known(self, split: str) -> str:
         """Return the split. Raises UsageError if the dataset does not have it."""
-        splits = self.info_model.splits
-        if split not in splits:
-            known = f"one of {', '.join(splits)}" if splits else "none: the dataset declares no splits"
-            raise UsageError(f"split: found {split!r}, expected {known}")
-        return split
+        if not self.splits:
+            raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
+        return str(known_of("split", split, list(self.splits))[0])

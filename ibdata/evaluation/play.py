@@ -11,6 +11,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
 from ibdata.simulation.rollout import CHUNK, Block, blocks
 from ibdata.simulation.variables import record_rows
+from ibdata.system.progress import Advance, unseen
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,7 +25,7 @@ class EvaluationBlock(Block):
         common = {key: value for key, value in form.items() if key != "policy"}
         return form_digest(common), form_digest(form)
 
-    def returns(self, discount: float) -> tuple[Floats, Floats, int]:
+    def returns(self, discount: float, advance: Advance = unseen) -> tuple[Floats, Floats, int]:
         """The discounted and the undiscounted return of each episode (n,); how many actions were clipped."""
         chunk = min(CHUNK, self.experiment.steps)
         rewards = np.empty((1, chunk + 1, self.n))
@@ -36,6 +37,7 @@ class EvaluationBlock(Block):
                 discounted += weight * reward
                 plain += reward
                 weight *= discount
+            advance(count * self.n)
         return discounted, plain, total
 
 
@@ -47,8 +49,10 @@ class Played(NamedTuple):
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
 
 
-def episodes_of(experiment: Experiment, discount: float) -> Played:
+def episodes_of(experiment: Experiment, discount: float, advance: Advance = unseen) -> Played:
     """Play an experiment's episodes, a block never with those of two cells.
+
+    `advance` is called with the number of steps of each part.
 
     Raises PolicyError if a policy fails or returns no valid action.
     """
@@ -56,7 +60,7 @@ def episodes_of(experiment: Experiment, discount: float) -> Played:
     out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
     for cell in range(cells):
         for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
-            *both, count = EvaluationBlock(experiment, first, stop).returns(discount)
+            *both, count = EvaluationBlock(experiment, first, stop).returns(discount, advance)
             out[:, first:stop] = both
             clipped[cell] += count / (episodes * experiment.steps)
     policies = len(experiment.policies)

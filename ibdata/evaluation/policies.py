@@ -147,8 +147,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     policy = _block(block, place, folder)
     if folder is not None and not allow_code and any(customs_in(policy)):
         raise UsageError(
-            f"{place}: found a custom policy, which is code that would run; --allow-code "
-            "(allow_code=True) if you trust it"
+            f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
     with looking_in(folder):
         for custom in customs_in(policy):

@@ -1,11 +1,10 @@
-"""Load experiments from YAML files, with all errors at once as file:line:column."""
+"""Load experiments from YAML or from Python's data, with all errors at once and the place of each."""
 
 from __future__ import annotations
 
 import io
 import os
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,19 @@ from ruamel.yaml import YAML
 
 from ibdata.errors import ConfigError, Loc, UsageError
 from ibdata.experiment.messages import Problem, problems
-from ibdata.experiment.models import Experiment
+from ibdata.experiment.models import Experiment, refusals
+from ibdata.experiment.overrides import Overrides, override_all
+from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.yaml import MAX_BYTES, MAX_DEPTH, Document, StrictYamlError
+from ibdata.experiment.yaml import MAX_BYTES, Document, StrictYamlError
+
+# What gives an experiment: a path or a shipped name, a mapping, or an Experiment itself.
+Config = str | os.PathLike[str] | Mapping[str, Any] | Experiment
 
 __all__ = [
+    "Config",
     "Experiment",
+    "Overrides",
     "as_recorded",
     "as_yaml",
     "find",
@@ -31,21 +37,26 @@ __all__ = [
 ]
 
 
-def load(
-    config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
-) -> Experiment:
-    """Read the experiment of a YAML file.
+def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> Experiment:
+    """Read and check an experiment.
 
     Args:
-        config: the path of the file, or the name of a shipped experiment.
-        overrides: texts `key.sub=value`, each of which replaces a value of the file.
-        seed: replaces the seed of the file.
+        config: The path of a YAML file, the name of a shipped experiment, a mapping with the same keys, or an
+            Experiment.
+        overrides: Replace single values: texts `key.sub=value` with values in YAML, or a mapping such as
+            {"episodes": 10, "output.shard_rows": 1000}, in which mappings are merged.
+        seed: Replaces the seed.
+
+    Returns:
+        The experiment, always a new object.
 
     Raises:
-        UsageError: there is no such file, or it cannot be read.
-        ConfigError: the experiment is invalid. `problems` has a line for each problem of the file and of the
-            overrides: `file:line:column: key: what was found, what was expected`.
+        UsageError: There is no such file, or it cannot be read.
+        ConfigError: The experiment is invalid. `problems` has a line for each problem of the experiment and
+            of the overrides: `file:line:column: key: what was found, what was expected`.
     """
+    if isinstance(config, Mapping | Experiment):
+        return _load_data(config, overrides, seed)
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("*.yaml"))[0]
@@ -59,15 +70,43 @@ def load(
         raise ConfigError([f"{path}:{error}"]) from None
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
-    places = _override_all(document, [*overrides, *([] if seed is None else [f"seed={seed}"])])
-    try:
-        experiment = Experiment.model_validate(document.data, context={"folder": path.parent})
-    except ValidationError as error:
-        found = problems(error, Experiment, document.data)
-        lines = [_line(problem, document, str(path), places) for problem in found]
-        raise ConfigError(list(dict.fromkeys(lines))) from None
+
+    def place(problem: Problem) -> str:
+        line, column = document.place(problem.loc, problem.at_key)
+        return f"{path}:{line}:{column}: "
+
+    experiment = _overridden(document.data, overrides, seed, place, path.parent)
     vars(experiment)["folder"] = path.absolute().parent
     return experiment
+
+
+def _load_data(config: Mapping[str, Any] | Experiment, overrides: Overrides, seed: int | None) -> Experiment:
+    """The experiment of plain data, or the one that an Experiment records, with overrides."""
+    given = as_recorded(config).plain() if isinstance(config, Experiment) else plain(config)
+    experiment = _overridden(given, overrides, seed, lambda problem: "")
+    vars(experiment)["folder"] = getattr(config, "folder", None)
+    return experiment
+
+
+def _overridden(
+    data: dict[str, Any],
+    overrides: Overrides,
+    seed: int | None,
+    place: Callable[[Problem], str],
+    folder: Path | None = None,
+) -> Experiment:
+    """The experiment of data that are changed by overrides; `place` is where a problem of the data is.
+
+    Paths in the data are relative to the folder, by default the current one.
+    """
+    places = override_all(data, overrides, seed)
+    try:
+        return as_recorded(
+            Experiment.model_validate(data, context={"folder": folder})
+        )  # Python's data may hold objects
+    except ValidationError as error:
+        lines = [_line(problem, places, place) for problem in problems(error, Experiment, data)]
+        raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
 def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
@@ -75,11 +114,8 @@ def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
 
     Raises ConfigError with a line `key: found, expected` per problem.
     """
-    try:
+    with refusals(data):
         return Experiment.model_validate(data, context={"folder": folder})
-    except ValidationError as error:
-        found = problems(error, Experiment, data)
-        raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None
 
 
 def as_recorded(experiment: Experiment) -> Experiment:
@@ -99,14 +135,14 @@ def as_recorded(experiment: Experiment) -> Experiment:
     return recorded
 
 
-def load_all(
-    config: str | os.PathLike[str], overrides: Sequence[str] = (), seed: int | None = None
-) -> list[Experiment]:
-    """The experiments of a folder or a shipped suite in the order of their files, or that of one file.
+def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:
+    """The experiments of a folder or a shipped suite in the order of their files, or the one of `load`.
 
     Raises the errors of `load`, with the problems of all files at once, and ConfigError if two experiments
     have the same name.
     """
+    if isinstance(config, Mapping | Experiment):
+        return [load(config, overrides, seed)]
     path = find(config)
     files = sorted(path.glob("*.yaml")) if is_suite(path) else [path]
     experiments: dict[str, Experiment] = {}
@@ -115,7 +151,7 @@ def load_all(
         try:
             experiment = load(file, overrides, seed)
         except UsageError as error:
-            for problem in error.problems if isinstance(error, ConfigError) else [str(error)]:
+            for problem in _lines(error):
                 found.setdefault(problem, []).append(str(file))
             continue
         if experiment.name in experiments:
@@ -127,6 +163,10 @@ def load_all(
     if found:
         raise ConfigError([line for item in found.items() for line in _with_files(*item, len(files))])
     return list(experiments.values())
+
+
+def _lines(error: UsageError) -> list[str]:
+    return error.with_options.split("\n") if isinstance(error, ConfigError) else [error.with_options]
 
 
 def _with_files(problem: str, files: list[str], total: int) -> list[str]:
@@ -146,52 +186,10 @@ def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
     return out.getvalue()
 
 
-def _override_all(document: Document, overrides: Sequence[str]) -> dict[Loc, str]:
-    """Apply overrides to the data. Returns the override behind each changed path."""
-    places: dict[Loc, str] = {}
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        loc: Loc = tuple(
-            int(part) if re.fullmatch("[0-9]{1,9}", part) else part for part in key.strip().split(".")
-        )
-        if not equals or not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
-            raise UsageError(f"--set: found {override!r}, expected key=value")
-        try:
-            value = Document(text).data
-        except StrictYamlError as error:
-            raise UsageError(f"--set {override}: {error.message}") from None
-        for put in _put(document.data, loc, value, override):
-            places[put] = f"--set {override}"
-    return places
-
-
-def _put(data: Any, loc: Loc, value: Any, override: str) -> list[Loc]:
-    """Put a value into the data. Returns the paths of all new values."""
-    new: list[Loc] = []
-    path: Loc = ()
-    for i, part in enumerate(loc):
-        last = i == len(loc) - 1
-        if isinstance(data, list) and isinstance(part, int) and part < len(data):
-            pass
-        elif isinstance(data, dict):
-            part = str(part)
-            if not last and not isinstance(data.get(part), dict | list):
-                data[part] = {}
-                new.append((*path, part))
-        else:
-            raise UsageError(f"--set {override}: there is no {'.'.join(map(str, loc[: i + 1]))} to set")
-        path = (*path, part)
-        if last:
-            data[part] = value
-        data = data[part]
-    return [*new, path]
-
-
-def _line(problem: Problem, document: Document, path: str, places: dict[Loc, str]) -> str:
-    """A problem with its place: the override that caused it, or file, line and column."""
+def _line(problem: Problem, places: dict[Loc, str], place: Callable[[Problem], str]) -> str:
+    """A problem with its place: the override that caused it, or else where it is in the data."""
     loc, key, message = problem.loc, problem.key, problem.message
     for length in range(len(loc), 0, -1):
-        if loc[:length] in places:
-            return f"{places[loc[:length]]}: {key}: {message}"
-    line, column = document.place(loc, problem.at_key)
-    return f"{path}:{line}:{column}: {f'{key}: ' if key else ''}{message}"
+        if (option := places.get(loc[:length])) is not None:
+            return f"{option}: {message}" if option == f"--{key}" else f"{option}: {key}: {message}"
+    return f"{place(problem)}{f'{key}: ' if key else ''}{message}"

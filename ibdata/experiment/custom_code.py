@@ -42,7 +42,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
-            "--allow-code (allow_code=True) if you trust it"
+            "--allow-code if you trust it"
         )
     for target in targets:
         if target.startswith("__main__:"):

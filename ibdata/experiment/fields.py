@@ -19,7 +19,7 @@ def _ordered(pair: list[int]) -> list[int]:
 
 
 class BurnIn(FrozenModel):
-    """A random number of steps with uniform random actions before the first recorded step."""
+    """A random number of steps with uniform random actions, which policies see but which are not recorded."""
 
     burn_in: Annotated[
         list[Annotated[int, Field(strict=True, ge=0, le=100_000), WHOLE]],

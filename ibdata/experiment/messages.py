@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 from collections.abc import Iterable, Mapping
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ValidationError
 
 from ibdata.errors import Loc, Problems
+from ibdata.errors import suggestion as suggestion
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
 
@@ -26,7 +26,7 @@ EXPECTED = {
     "tuple_type": "a list",
     "dict_type": "a mapping",
     "model_type": "a mapping",
-    "model_attributes_type": "a mapping",
+    "model_attributes_type": "the name of a policy, or a mapping with 'kind'",
     "greater_than": "a {number} above {bound}",
     "greater_than_equal": "a {number} of at least {bound}",
     "less_than": "a {number} below {bound}",
@@ -35,12 +35,6 @@ EXPECTED = {
     "too_long": "at most {max_length} {items}",
     "string_pattern_mismatch": "a name of a-z, 0-9, _ and -, at most 64 characters",
 }
-
-
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """'; did you mean …?' if a known word is similar, else an empty text."""
-    near = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near and near[0] != word else ""
 
 
 def shown(value: Any) -> str:
@@ -74,7 +68,7 @@ def _problems(error: Mapping[str, Any], model: type[BaseModel], data: Any) -> li
     inner = error.get("ctx", {}).get("error")
     if isinstance(inner, Problems):
         return [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
-    if kind == "union_tag_invalid":
+    if kind == "union_tag_invalid" and isinstance(_at(data, loc), dict):  # not the bare name of a policy
         loc = (*loc, "kind")
     message = _rephrased(error, _keys_at(model, data, loc[:-1]))
     return [Problem(loc, message, at_key=kind == "extra_forbidden")]
@@ -95,6 +89,13 @@ def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
         if here or (keep_last and i == len(loc) - 1):
             out.append(part)
     return tuple(out)
+
+
+def _at(data: Any, loc: Loc) -> Any:
+    """The value at a path."""
+    for part in loc:
+        data = data[part]
+    return data
 
 
 def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
@@ -130,9 +131,7 @@ def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
 def _keys_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
     """The names of the options that the mapping at `loc` may have."""
     if loc and loc[0] == "policies" and len(loc) > 1:
-        block = data
-        for part in loc:
-            block = block[part]
+        block = _at(data, loc)
         policy = POLICIES.get(str(block.get("kind"))) if isinstance(block, dict) else None
         return list(policy.model_fields) if policy else []
     for part in loc:

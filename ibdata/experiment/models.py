@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
-from ibdata.errors import Loc, Problems
+from ibdata.errors import ConfigError, Loc, Problems
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import BurnIn, Output, Split, Start
-from ibdata.experiment.messages import shown, suggestion
+from ibdata.experiment.messages import problems, shown, suggestion
+from ibdata.experiment.plain import plain
 from ibdata.experiment.scalars import WHOLE, FileName, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
@@ -34,13 +36,33 @@ def _no_bool(value: Any) -> Any:
     return value
 
 
+@contextmanager
+def refusals(data: Mapping[str, Any]) -> Iterator[None]:
+    """Raise ConfigError with a line `key: found, expected` for each problem that pydantic finds."""
+    try:
+        yield
+    except ValidationError as error:
+        found = problems(error, Experiment, data)
+        raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None
+
+
 class Experiment(FrozenModel):
     """The description of a dataset, from which `generate` makes it.
 
     Each combination of a policy and a setpoint is a cell, which has `episodes` episodes of `steps` steps.
-    `ibdata.load` reads an experiment from a YAML file. The constructor takes the same options and raises
-    pydantic's ValidationError if they are invalid.
+    `ibdata.load` reads an experiment from a YAML file. The constructor takes the same options, and raises
+    ConfigError if they are not valid.
     """
+
+    if not TYPE_CHECKING:  # type checkers and editors show the options below
+
+        def __init__(self, **options: Any) -> None:
+            options = plain(options)
+            with refusals(options):
+                super().__init__(**options)
+
+        # With this mark of pydantic's own, `model_validate` does not call __init__.
+        __init__.__pydantic_base_init__ = True
 
     version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
         default=1, description="version of this format"
@@ -51,7 +73,7 @@ class Experiment(FrozenModel):
         description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
     )
     policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)] = Field(
-        description="blocks with a kind and its options"
+        description="names of policies, or blocks with a kind and its options"
     )
     episodes: Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE] = Field(
         default=1, description="number of episodes per setpoint and policy"
@@ -128,8 +150,10 @@ class Experiment(FrozenModel):
         return len(self.cells) * self.episodes * self.steps
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """As that of every block; it keeps the folder."""
-        copy = super().model_copy(update=update, deep=deep)
+        """As that of every block, but it raises ConfigError, and the copy keeps the folder."""
+        changes = plain(update or {})
+        with refusals({**self.options(), **changes}):
+            copy = super().model_copy(update=changes, deep=deep)
         vars(copy)["folder"] = self.folder
         return copy
 

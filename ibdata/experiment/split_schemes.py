@@ -10,7 +10,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.messages import suggestion
-from ibdata.numerics.naming import exact
+from ibdata.numerics.naming import counted, exact
 
 Splits = dict[str, Split]
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
@@ -18,8 +18,8 @@ FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
 
 def transfer(
     spec: DatasetSpec,
-    source: Sequence[float],
-    target: Sequence[float],
+    source: Sequence[float] = (),
+    target: Sequence[float] = (),
     shots: int | None = None,
     transitions: int | None = None,
 ) -> Splits:
@@ -47,7 +47,9 @@ def transfer(
     k = _budget(spec, shots, transitions)
     last = max(experiment.episodes for experiment in spec.experiments) - 1
     if k is not None and k > fewest:
-        raise UsageError(f"split: found a budget of {k} episodes, expected at most the {fewest} of a cell")
+        raise UsageError(
+            f"split: found a budget of {counted(k, 'episode')}, expected at most the {fewest:,} of a cell"
+        )
     if k is None or k > last:
         return {"source": Split(setpoint=here), "target": Split(setpoint=there)}
     return {
@@ -63,14 +65,16 @@ def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> in
         raise UsageError("split: found shots and transitions, expected one of them")
     if transitions is None:
         if shots is not None and shots < 1:
-            raise UsageError(f"split: found {shots} shots, expected at least 1")
+            raise UsageError(f"split: found {counted(shots, 'shot')}, expected at least 1")
         return shots
     steps = {experiment.steps for experiment in spec.experiments}
     if len(steps) > 1:
         raise UsageError("split: found episodes of several lengths, expected shots in place of transitions")
     k = transitions // steps.pop()
     if k < 1:
-        raise UsageError(f"split: found {transitions} transitions, expected at least those of an episode")
+        raise UsageError(
+            f"split: found {counted(transitions, 'transition')}, expected at least those of an episode"
+        )
     return k
 
 
@@ -87,20 +91,35 @@ def leave_one_out(spec: DatasetSpec) -> Splits:
     return folds
 
 
-def held_out(spec: DatasetSpec, extrapolate: bool) -> Splits:
-    """`train` and `test` by setpoint: the test has every second inner one, or the lowest and the highest."""
+def interpolation(spec: DatasetSpec) -> Splits:
+    """`train` and `test` by setpoint: the test has every second one between the lowest and the highest."""
+    known = _enough_to_hold_out(spec)
+    return _held_out(known, known[1:-1:2])
+
+
+def extrapolation(spec: DatasetSpec) -> Splits:
+    """`train` and `test` by setpoint: the test has the lowest and the highest."""
+    known = _enough_to_hold_out(spec)
+    return _held_out(known, [known[0], known[-1]])
+
+
+def _enough_to_hold_out(spec: DatasetSpec) -> list[float]:
     known = setpoints(spec)
     if len(known) < 3:
-        raise UsageError(f"split: found {len(known)} setpoints, expected at least 3 to hold some out")
-    test = {known[0], known[-1]} if extrapolate else {*known[1:-1:2]}
-    return {
-        "train": Split(setpoint=[p for p in known if p not in test]),
-        "test": Split(setpoint=sorted(test)),
-    }
+        raise UsageError(
+            f"split: found {counted(len(known), 'setpoint')}, expected at least 3 to hold some out"
+        )
+    return known
 
 
-def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Splits:
+def _held_out(known: list[float], test: list[float]) -> Splits:
+    return {"train": Split(setpoint=[p for p in known if p not in test]), "test": Split(setpoint=test)}
+
+
+def distance(spec: DatasetSpec, source: Sequence[float] = (), within: float | None = None) -> Splits:
     """`source`, `near` (other setpoints at most `within` from the nearest of the source) and `far`."""
+    if not source or within is None:
+        raise UsageError("split: the scheme distance needs both --source and --within")
     known = setpoints(spec)
     for p in source:
         _refuse_unknown(p, known)
@@ -109,8 +128,8 @@ def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Sp
     far = sorted({*others} - {*near})
     if not near or not far:
         raise UsageError(
-            f"split: found {len(near)} setpoints within {exact(within)} of the source and {len(far)} beyond, "
-            "expected some of both"
+            f"split: found {counted(len(near), 'setpoint')} within {exact(within)} of the source and "
+            f"{len(far)} beyond, expected some of both"
         )
     return {
         "source": Split(setpoint=sorted(set(source))),
@@ -119,7 +138,7 @@ def by_distance(spec: DatasetSpec, source: Sequence[float], within: float) -> Sp
     }
 
 
-def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
+def by_episode(spec: DatasetSpec, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> Splits:
     """`train`, perhaps `validation`, and `test`, from the first to the last episodes of every cell.
 
     The episodes of a cell are independent and identically distributed, so they need no shuffling.
@@ -134,7 +153,9 @@ def by_episode(spec: DatasetSpec, fractions: Sequence[float]) -> Splits:
     n = counts.pop()
     bounds = [round(n * sum(fractions[:i])) for i in range(len(names))] + [n]
     if any(low >= high for low, high in pairwise(bounds)):
-        raise UsageError(f"split: found {n} episodes in each cell, expected enough for every fraction")
+        raise UsageError(
+            f"split: found {counted(n, 'episode')} in each cell, expected enough for every fraction"
+        )
     return {
         name: Split(episodes=EpisodeRange(start=low, stop=high - 1))
         for name, (low, high) in zip(names, pairwise(bounds), strict=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
-from ibdata.system import signals
+from ibdata.system import disk, signals
 from ibdata.system.atomic_files import TEMPORARY, sync_folder
 
 
@@ -69,7 +69,7 @@ def reserve(path: Path, size: int) -> None:
     If a write fails, HDF5 ends the process with a segmentation fault, after which nothing could be removed.
     """
     with path.open("xb") as file:
-        os.posix_fallocate(file.fileno(), 0, size)
+        disk.reserve(file.fileno(), size)
     path.unlink()
 
 
@@ -93,4 +93,4 @@ def _sync(result: Path) -> None:
             sync_folder(path)
         else:
             with path.open("rb") as file:
-                os.fsync(file.fileno())
+                disk.sync(file.fileno())

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-from tqdm import tqdm
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Counts, SplitCounts
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, UsageError
+from ibdata.system.progress import bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,12 +108,11 @@ class View:
 
         The columns must include `terminated`, `truncated` and `reward`. Rewards are scaled.
         """
-        disable = None if self.progress is None else not self.progress
         rows = max(1, BLOCK_ROWS // self.history)
         rest: list[pa.RecordBatch] = []
-        with tqdm(total=self.rows, desc=what, unit=" rows", unit_scale=True, disable=disable) as bar:
+        with bar(self.progress, self.rows, "rows", what) as advance:
             for batch in self.dataset.iter_batches(columns, self.split, rows):
-                bar.update(batch.num_rows)
+                advance(batch.num_rows)
                 last = np.flatnonzero(_numpy(batch["truncated"]) | _numpy(batch["terminated"]))
                 if not len(last):
                     rest.append(batch)

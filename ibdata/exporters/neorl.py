@@ -14,7 +14,7 @@ from ibdata.errors import UsageError
 from ibdata.exporters._arrays import check_npz, same, write_npz
 from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Arrays, Block, View
-from ibdata.numerics.naming import exact
+from ibdata.numerics.naming import counted, exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
@@ -34,7 +34,9 @@ def form(block: Block) -> Arrays:
 def export(view: View, path: Path, target: Path) -> str:
     """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
     if view.rows > MAX_ROWS:
-        raise UsageError(f"neorl: found {view.rows} rows, expected at most {MAX_ROWS}; use --split")
+        raise UsageError(
+            f"neorl: found {counted(view.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
+        )
     write_npz(view, form, path, index=_index(view))
     return f"""\
 import numpy as np

@@ -8,20 +8,19 @@ range's files.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Config, Overrides, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, ranges, receipt
 from ibdata.generation.engine import select_engine
-from ibdata.generation.generate import default_folder, make, resolve
+from ibdata.generation.generate import default_folder, make
 from ibdata.generation.ranges import Range
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy, shared
@@ -40,13 +39,13 @@ class Made(NamedTuple):
 
 
 def generate_shards(
-    config: str | os.PathLike[str] | Experiment,
+    config: Config,
     shards: str,
     out: str | os.PathLike[str] | None = None,
     *,
     workers: int | None = None,
     seed: int | None = None,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     progress: bool | None = False,
     allow_code: bool = False,
     engine: str = "local",
@@ -78,7 +77,7 @@ def generate_shards(
         IbdataError: As in `generate`.
     """
     own = Range.parse(shards)
-    experiment = resolve(config, overrides, seed)
+    experiment = load(config, overrides, seed)
     run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import NamedTuple
 
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
+from ibdata.system.processes import available_processors
 
 # Threads of a process share Python's lock, which a thread that makes a shard holds for an eighth of its time.
 MOST_THREADS = 4
@@ -41,8 +41,3 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
     processes = max(1, min(workers, len(shards)))
     threads = 1 if custom else min(MOST_THREADS, max(1, processors // processes))
     return Division(processes, threads)
-
-
-def available_processors() -> int:
-    """The number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -8,15 +8,18 @@ from pathlib import Path
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
+from ibdata.generation.make_shard import Tell
 from ibdata.writing.shard_writer import WrittenShard
 
 MAX_WORKERS = 1024
 
-Run = Callable[[DatasetSpec, list[Shard], Path, str], Iterator[WrittenShard]]
+Run = Callable[[DatasetSpec, list[Shard], Path, str, Tell], Iterator[WrittenShard]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
     """A function that writes shards to a folder and yields each when it is written.
+
+    It tells which parts of the shards are made, except on Ray.
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
@@ -39,14 +42,14 @@ def _local(workers: int | None, address: str | None) -> Run:
 
     if address is not None:
         raise UsageError(f"address: found {address!r}, which is only for the engine ray")
-    return lambda spec, shards, root, identity: local.run(spec, shards, root, identity, workers)
+    return lambda spec, shards, root, identity, tell: local.run(spec, shards, root, identity, workers, tell)
 
 
 def _ray(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import ray
 
     ray.library()
-    return lambda spec, shards, root, identity: ray.run(spec, shards, root, identity, workers, address)
+    return lambda spec, shards, root, identity, _: ray.run(spec, shards, root, identity, workers, address)
 
 
 ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

@@ -8,17 +8,20 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ibdata.experiment import Experiment, as_recorded
+from ibdata.dataset.tabular import Table, Tabular
+from ibdata.experiment import Config, Experiment, Overrides, load
 from ibdata.experiment.custom_code import in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import output_folder
-from ibdata.generation.division import available_processors, divide
+from ibdata.generation.division import divide
 from ibdata.generation.engine import refuse_workers
+from ibdata.generation.generate import default_folder
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation.rollout import rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.system.lock import refuse_busy
+from ibdata.system.processes import available_processors
 from ibdata.writing.shard_writer import encode
 from ibdata.writing.summary import describe
 
@@ -26,7 +29,50 @@ SAMPLE_ROWS = 100_000
 PARTS = 8
 
 
+class Estimate(Tabular, dict[str, Any]):
+    """The size and duration of a run: a dict that shows as a table."""
+
+    def tables(self) -> list[Table]:
+        """The names and values, a row of all of them."""
+        return [Table(list(self), [list(self.values())])]
+
+
 def estimate(
+    experiment: Config,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    allow_code: bool = False,
+    *,
+    overrides: Overrides = (),
+    seed: int | None = None,
+) -> Estimate:
+    """Estimate the size and duration of a run from a small sample of it; nothing is written.
+
+    Args:
+        experiment: What would be generated, as `config` of `generate`.
+        folder: The folder in which it would be generated; by default data/<name>.
+        workers: How many processes would be used; by default chosen by the work.
+        resume: As in `generate`.
+        overwrite: As in `generate`.
+        allow_code: As in `generate`.
+        overrides: As in `generate`.
+        seed: As in `generate`.
+
+    Returns:
+        out, episodes, rows, shards, workers (the number of processes), and estimated bytes and seconds; a
+        dict that notebooks show as a table.
+
+    Raises:
+        IbdataError: As in `generate`.
+    """
+    planned, out = _permitted(load(experiment, overrides, seed), folder, workers, allow_code)
+    output_folder.check(out, planned, resume, overwrite)
+    return _estimate(planned, out, workers)
+
+
+def preview(
     experiment: Experiment,
     folder: str | os.PathLike[str],
     workers: int | None = None,
@@ -34,44 +80,43 @@ def estimate(
     overwrite: bool = False,
     allow_code: bool = False,
 ) -> dict[str, Any]:
-    """Estimate the size and duration of a run from a small sample of it; nothing is written.
+    """Estimate a run as `estimate` does, also where its folder exists and needs a decision of the user.
 
-    Args:
-        experiment: The experiment that would be generated.
-        folder: The folder in which it would be generated.
-        workers: How many processes would be used; by default chosen by the work.
-        resume: As in `generate`.
-        overwrite: As in `generate`.
-        allow_code: As in `generate`.
-
-    Returns:
-        out, episodes, rows, shards, the number of processes, and estimated bytes and seconds.
-
-    Raises:
-        IbdataError: As in `generate`.
+    The result also has `folder`: what `generate` would do with a folder that exists, or None.
     """
+    planned, out = _permitted(load(experiment), folder, workers, allow_code)
+    found = output_folder.outlook(out, planned, resume, overwrite)
+    return {**_estimate(planned, out, workers), "folder": found}
+
+
+def _permitted(
+    planned: Experiment, folder: str | os.PathLike[str] | None, workers: int | None, allow_code: bool
+) -> tuple[Experiment, Path]:
+    """The experiment and its folder. Raises IbdataError if nothing can be estimated now."""
     refuse_workers(workers)
-    experiment = as_recorded(experiment)
-    out = Path(folder)
-    spec = DatasetSpec.of(experiment)
-    require_consent(spec, experiment.name, allow_code)
+    require_consent(DatasetSpec.of(planned), planned.name, allow_code)
+    out = default_folder(planned) if folder is None else Path(folder)
     refuse_busy(out)
-    output_folder.check(out, experiment, resume, overwrite)
+    return planned, out
+
+
+def _estimate(planned: Experiment, out: Path, workers: int | None) -> Estimate:
+    spec = DatasetSpec.of(planned)
     with in_one_folder(spec):
-        warm_up(experiment)
-        size, seconds = _sample(experiment)
-    shards = plan(experiment)
+        warm_up(planned)
+        size, seconds = _sample(planned)
+    shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
-    return {
-        "out": str(folder),
-        "episodes": len(experiment.cells) * experiment.episodes,
-        "rows": experiment.rows,
-        "shards": len(shards),
-        "bytes": round(size * experiment.rows),
-        "seconds": seconds * experiment.rows / busy,
-        "workers": division.processes,
-    }
+    return Estimate(
+        out=str(out),
+        episodes=len(planned.cells) * planned.episodes,
+        rows=planned.rows,
+        shards=len(shards),
+        bytes=round(size * planned.rows),
+        seconds=seconds * planned.rows / busy,
+        workers=division.processes,
+    )
 
 
 def _sample(experiment: Experiment) -> tuple[float, float]:

@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
-
-from tqdm import tqdm
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, as_recorded, load
+from ibdata.experiment import Config, Experiment, Overrides, load
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading
 from ibdata.generation.engine import Run, select_engine
+from ibdata.generation.make_shard import CountedParts
 from ibdata.generation.origin import Origin
 from ibdata.generation.staging import discard
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import Remote, is_url
+from ibdata.system.progress import bar
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
 
 def generate(
-    config: str | os.PathLike[str] | Experiment,
+    config: Config,
     out: str | os.PathLike[str] | None = None,
     *,
     workers: int | None = None,
     seed: int | None = None,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     resume: bool = False,
     overwrite: bool = False,
     progress: bool | None = False,
@@ -44,13 +42,14 @@ def generate(
     """Generate the dataset of an experiment and open it. The content does not depend on workers or engine.
 
     Args:
-        config: A YAML file, the name of a shipped experiment, or an Experiment. A folder of experiments is
-            for `generate_all`.
+        config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, or an
+            Experiment. A folder of experiments is for `generate_all`.
         out: The folder of the dataset; by default data/<name>. If it is a URL, such as s3://bucket/name, the
             dataset is made on this machine, then uploaded.
         workers: How many processes to use; by default chosen by the work.
         seed: Replaces the experiment's seed.
-        overrides: Replace values of the YAML, as `key.sub=value`.
+        overrides: Replace single values of the experiment: texts `key.sub=value`, or a mapping such as
+            {"episodes": 10, "output.shard_rows": 1000}.
         resume: Continue a run that was stopped, or start one. At a URL, upload the files that are missing.
         overwrite: Replace a dataset, which stays complete until the new one is.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
@@ -68,7 +67,7 @@ def generate(
         BusyError: Another process writes to the folder.
         IbdataError: The system refuses to write, or a worker fails.
     """
-    experiment = resolve(config, overrides, seed)
+    experiment = load(config, overrides, seed)
     run = select_engine(engine, workers, address)
     if is_url(out):
         remote = Remote(str(out))
@@ -106,22 +105,6 @@ def _generate(
                 _run(spec, root, run, overwrite, progress, begun, folder)
                 if root != place:
                     replacement.commit(place)
-
-
-def resolve(
-    config: str | os.PathLike[str] | Experiment, overrides: Sequence[str] = (), seed: int | None = None
-) -> Experiment:
-    """The experiment that a config names, with overrides and seed; a new object for each run."""
-    if not isinstance(config, Experiment):
-        return load(config, overrides, seed)
-    if overrides:
-        raise UsageError("overrides: found an Experiment as config, but they need a file or a name")
-    experiment = as_recorded(config)
-    if seed is None:
-        return experiment
-    if not 0 <= seed < 2**64:
-        raise ConfigError([f"seed: found {seed}, expected a whole number in [0, 2⁶⁴)"])
-    return experiment.model_copy(update={"seed": seed})
 
 
 def default_folder(experiment: Experiment) -> Path:
@@ -163,10 +146,10 @@ def make(
     missing = [shard for shard in shards if shard.number not in done]
     output_folder.forget(root, missing)
     rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
-    disable = None if progress is None else not progress
-    with tqdm(total=rows, unit=" transitions", unit_scale=True, disable=disable) as bar:
-        bar.update(sum(w.content.moments.rows for w in written))
-        for w in run(spec, missing, root, identity):
+    with bar(progress, rows, "transitions") as advance:
+        advance(sum(w.content.moments.rows for w in written))
+        counted = CountedParts(advance)
+        for w in run(spec, missing, root, identity, counted.tell):
             written.append(w)
-            bar.update(w.content.moments.rows)
+            counted.done(w.shard.number, w.content.moments.rows)
     return written

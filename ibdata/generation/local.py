@@ -14,7 +14,7 @@ from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.division import divide
-from ibdata.generation.make_shard import filled, finish, write_shard
+from ibdata.generation.make_shard import Tell, filled, finish, untold, write_shard
 from ibdata.generation.output_folder import forget
 from ibdata.generation.worker_pool import run_pool
 from ibdata.system.signals import check, held
@@ -24,25 +24,31 @@ MAX_DEATHS = 3  # of workers, without a shard finished in between
 
 
 def run(
-    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, workers: int | None
+    spec: DatasetSpec,
+    shards: list[Shard],
+    root: Path,
+    identity: str,
+    workers: int | None,
+    tell: Tell = untold,
 ) -> Iterator[WrittenShard]:
     """Write the shards, yielding each when it and its receipt are on the disk, in any order.
 
+    `tell` is called after each part of a shard, perhaps in another thread.
     If a worker dies, the shards in progress are made again. Raises IbdataError after three deaths in a row.
     """
     division = divide(spec, shards, workers)
     if division.processes == 1 or multiprocessing.current_process().daemon:  # it may not have children
         at_once = min(division.threads, len(shards))
         if at_once > 1:
-            yield from _side_by_side(spec, shards, root, identity, at_once)
+            yield from _side_by_side(spec, shards, root, identity, at_once, tell)
         else:
-            yield from _one_after_the_other(spec, shards, root, identity)
+            yield from _one_after_the_other(spec, shards, root, identity, tell)
         return
     missing = {shard.number: shard for shard in shards}
     deaths = 0
     while missing:
         try:
-            for made in run_pool(spec, list(missing.values()), root, identity, division):
+            for made in run_pool(spec, list(missing.values()), root, identity, division, tell):
                 del missing[made.shard.number]
                 deaths = 0
                 yield made
@@ -57,7 +63,7 @@ def run(
 
 
 def _side_by_side(
-    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, threads: int
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, threads: int, tell: Tell
 ) -> Iterator[WrittenShard]:
     """Make several shards at once, each in a thread."""
     stopped = threading.Event()
@@ -66,7 +72,7 @@ def _side_by_side(
         try:
             with held():
                 waiting = {
-                    pool.submit(write_shard, spec, shard, root, identity, overlap, stopped)
+                    pool.submit(write_shard, spec, shard, root, identity, overlap, stopped, tell)
                     for shard in shards
                 }
             while waiting:
@@ -80,14 +86,14 @@ def _side_by_side(
 
 
 def _one_after_the_other(
-    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, tell: Tell
 ) -> Iterator[WrittenShard]:
     """Simulate each shard while the one before it is finished in a thread."""
     with writing_threads() as threads, thread() as finishing:
         before: Future[WrittenShard] | None = None
         for shard in shards:
             with ExitStack() as opened:
-                writer = filled(opened, spec, shard, root, threads)
+                writer = filled(opened, spec, shard, root, threads, tell=tell)
                 made = before.result() if before else None  # wait, so that at most two are in memory
                 before = finishing.submit(finish, writer, opened.pop_all(), root, identity)
             if made:

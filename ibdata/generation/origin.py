@@ -92,7 +92,7 @@ def get(root: Path, where: Path) -> Origin:
     except ValueError:
         raise UsageError(
             f"{where / PATH}: missing or damaged, so the code that made the shards is unknown; "
-            "start again with ibdata generate --overwrite or another --out"
+            "start again with --overwrite or another --out"
         ) from None
 
 

@@ -22,6 +22,12 @@ from ibdata.writing.card import refuse_foreign
 from ibdata.writing.shard_writer import WrittenShard
 
 EXPERIMENT = staging.EXPERIMENT
+
+
+class TakenError(UsageError):
+    """The output folder is not empty, and the options do not say what is to become of its contents."""
+
+
 RANGE_LOCK = f"{lock.NAME}-"
 
 
@@ -63,6 +69,24 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     return _finished(folder, experiment, resume, overwrite)
 
 
+def outlook(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> str | None:
+    """Say what `generate` would do with an output folder that exists; None if it is new or empty.
+
+    Raises what `check` raises, except TakenError.
+    """
+    try:
+        root = check(folder, experiment, resume, overwrite)
+    except TakenError as error:
+        return f"generate would stop with: {error.with_options}"
+    if root != folder:
+        return "exists; generate would replace the dataset in it"
+    if (folder / manifest.PATH).is_file():
+        return "exists; generate would find the dataset finished, and write nothing"
+    if (folder / EXPERIMENT).is_file():
+        return f"exists; generate would {'discard' if overwrite else 'go on with'} the unfinished run in it"
+    return None
+
+
 def _is_leftover(path: Path) -> bool:
     """Whether a path was left by a run that was killed before it noted its experiment."""
     if path.name == receipt.FOLDER and path.is_dir():
@@ -91,11 +115,11 @@ def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: b
     if overwrite:
         return folder
     if not resume:
-        raise UsageError(
+        raise TakenError(
             f"{folder}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
         )
     if (folder / EXPERIMENT).read_bytes() != as_yaml(experiment):
-        raise UsageError(
+        raise TakenError(
             f"{folder}: holds an unfinished run of another experiment; --overwrite to start again"
         )
     return folder
@@ -103,7 +127,7 @@ def _unfinished(folder: Path, experiment: Experiment, resume: bool, overwrite: b
 
 def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -> Path:
     if not (resume or overwrite):
-        raise UsageError(
+        raise TakenError(
             f"{folder}: exists already; choose another --out, or --overwrite to replace a dataset"
         )
     try:
@@ -114,9 +138,9 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         _refuse_strangers(folder, listed)
         return folder / manifest.NEXT
     if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
-        raise UsageError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
+        raise TakenError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
     if listed.data_version != experiment.data_version:
-        raise UsageError(
+        raise TakenError(
             f"{folder}: holds a dataset of data version {listed.data_version}, and this ibdata makes "
             f"{experiment.data_version}; --overwrite to replace it"
         )

@@ -31,7 +31,7 @@ def library() -> Any:
         try:
             import ray
         except ImportError:
-            raise MissingError("--engine ray", "ray", "ray") from None
+            raise MissingError("the engine ray", "ray", "ray") from None
     return ray
 
 

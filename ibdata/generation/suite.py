@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment, find, load_all
+from ibdata.experiment import Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import output_folder
 from ibdata.generation.engine import select_engine
-from ibdata.generation.estimate import estimate
+from ibdata.generation.estimate import preview
 from ibdata.generation.generate import generate
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import is_url
 
 
 def generate_all(
-    config: str | os.PathLike[str],
+    config: Config,
     out: str | os.PathLike[str] | None = None,
     *,
     workers: int | None = None,
     seed: int | None = None,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     resume: bool = False,
     overwrite: bool = False,
     progress: bool | None = False,
@@ -39,11 +39,12 @@ def generate_all(
     All experiments and all places are checked before the first dataset is made.
 
     Args:
-        config: A folder of YAML files, or the name of a shipped suite.
-        out: The datasets go to out/<name>; by default out is data/<folder>.
+        config: A folder of YAML files, the name of a shipped suite, or a single experiment as in `generate`.
+        out: The datasets go to out/<name>; by default out is data/<folder>, or data for a single experiment
+            that is not a file.
         workers: As in `generate`.
         seed: Replaces the seed of each experiment.
-        overrides: Replace values of each YAML, as `key.sub=value`.
+        overrides: Replace single values of each experiment, as in `generate`.
         resume: Skip the datasets that are finished, and continue with the others.
         overwrite: Replace datasets; each stays complete until the new one is.
         progress: As in `generate`.
@@ -80,32 +81,37 @@ def generate_all(
     }
 
 
-def estimate_all(
-    config: str | os.PathLike[str],
+def preview_all(
+    config: Config,
     out: str | os.PathLike[str] | None = None,
     *,
     workers: int | None = None,
     seed: int | None = None,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     resume: bool = False,
     overwrite: bool = False,
     allow_code: bool = False,
 ) -> list[dict[str, Any]]:
-    """Estimate each run of `generate_all`, as `estimate` does; each result also has its name."""
+    """Preview each run of `generate_all`, as `preview` does; each result also has its name."""
     experiments = load_all(config, overrides, seed)
     return [
-        {"name": experiment.name, **estimate(experiment, folder, workers, resume, overwrite, allow_code)}
+        {"name": experiment.name, **preview(experiment, folder, workers, resume, overwrite, allow_code)}
         for experiment, folder in zip(experiments, folders(config, experiments, out), strict=True)
     ]
 
 
 def folders(
-    config: str | os.PathLike[str], experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
+    config: Config, experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
 ) -> list[Path]:
     """The folders of the datasets. Raises UsageError if out is a file or a URL."""
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
-    root = Path(out) if out is not None else Path("data") / find(config).resolve().name
+    if out is not None:
+        root = Path(out)
+    elif isinstance(config, Mapping | Experiment):
+        root = Path("data")
+    else:
+        root = Path("data") / find(config).resolve().name
     if os.path.lexists(root) and not root.is_dir():
         raise UsageError(f"{root}: is a file, not a folder; choose another --out")
     return [root / experiment.name for experiment in experiments]

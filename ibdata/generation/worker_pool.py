@@ -12,30 +12,36 @@ from contextlib import suppress
 from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
+from struct import Struct
 from typing import Any
 
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.division import Division
-from ibdata.generation.make_shard import write_shard
+from ibdata.generation.make_shard import Tell, write_shard
 from ibdata.generation.origin import agree
 from ibdata.policies.code_places import code_places, look_in
 from ibdata.system.processes import Spawning
 from ibdata.system.signals import check, held
 from ibdata.writing.shard_writer import WrittenShard
 
+LISTEN = 0.2  # seconds between looks at what workers tell
+NUMBERS = Struct("<qq")  # a shard and its rows
+
 
 def run_pool(
-    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, division: Division
+    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, division: Division, tell: Tell
 ) -> Iterator[WrittenShard]:
     before = set(multiprocessing.active_children())
     folders = (code_places()[0], spec.experiments[0].folder)
+    told, telling = multiprocessing.Pipe(duplex=False)
+    os.set_blocking(telling.fileno(), False)  # a worker never waits for somebody to listen
     with held():
         pool = ProcessPoolExecutor(
             division.processes,
             Spawning(),
             initializer=_start,
-            initargs=(spec.plain(), spec.weights, root, identity, division.threads > 1, *folders),
+            initargs=(spec.plain(), spec.weights, root, identity, division.threads > 1, *folders, telling),
         )
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
@@ -46,8 +52,10 @@ def run_pool(
                 running |= {pool.submit(_work, shard) for shard in more}
             if not running:
                 return
-            done, running = wait(running, return_when=FIRST_COMPLETED)
+            done, running = wait(running, LISTEN, FIRST_COMPLETED)
             check()
+            while told.poll():  # what is told of a shard comes before its result
+                tell(*NUMBERS.unpack(told.recv_bytes()))
             yield from (future.result() for future in done)
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
@@ -55,6 +63,8 @@ def run_pool(
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        told.close()
+        telling.close()
 
 
 _job: list[Any] = []  # what the shards of a worker have in common, set once when it starts
@@ -68,6 +78,7 @@ def _start(
     overlap: bool,
     here: Path,
     folder: Path | None,
+    telling: connection.Connection,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -76,7 +87,7 @@ def _start(
     with suppress(OSError):  # the folder was removed
         os.chdir(here)  # a policy may have changed the parent's current folder
     look_in(here, folder)
-    _job[:] = [DatasetSpec.from_plain(plain, weights), root, identity, overlap]
+    _job[:] = [DatasetSpec.from_plain(plain, weights), root, identity, overlap, telling]
 
 
 def _end_with_parent() -> None:
@@ -88,6 +99,11 @@ def _end_with_parent() -> None:
 
 
 def _work(shard: Shard) -> WrittenShard:
-    spec, root, identity, overlap = _job
+    spec, root, identity, overlap, telling = _job
     agree(root, spec)
-    return write_shard(spec, shard, root, identity, overlap)
+
+    def tell(number: int, rows: int) -> None:
+        with suppress(OSError):  # the pipe is full; so few bytes are written all or not at all
+            telling.send_bytes(NUMBERS.pack(number, rows))
+
+    return write_shard(spec, shard, root, identity, overlap, tell=tell)

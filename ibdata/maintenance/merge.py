@@ -12,7 +12,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.maintenance.rewrite import Source, sources_of, write_dataset
-from ibdata.numerics.naming import exact
+from ibdata.numerics.naming import counted, exact
 from ibdata.policies.base import NAME_PATTERN
 from ibdata.simulation.variables import columns
 
@@ -33,7 +33,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
         DatasetError: A dataset does not match its manifest.
     """
     if len(folders) < 2:
-        raise UsageError(f"merge: found {len(folders)} dataset, expected at least 2")
+        raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
     recipes = [spec_in(d.path, d.manifest_model).all_declared() for d in datasets]
     sources = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources_of(d, spec)]

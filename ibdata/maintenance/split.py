@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -12,35 +13,40 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.messages import suggestion
 from ibdata.experiment.scalars import SplitName
+from ibdata.experiment.split_schemes import Splits
 from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
-
-SCHEMES = ("transfer", "leave-one-out", "interpolation", "extrapolation", "distance")
+from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, property_of, refuse_unused
 
 
 def split(
     folder: str | os.PathLike[str] | Dataset,
-    by: str | None = "setpoint",
+    by: str | None = None,
     *,
-    scheme: str = "transfer",
+    scheme: str | None = None,
     source: Sequence[float] = (),
     target: Sequence[float] = (),
     shots: int | None = None,
     transitions: int | None = None,
     within: float | None = None,
-    fractions: Sequence[float] = (0.8, 0.1, 0.1),
+    fractions: Sequence[float] | None = None,
+    prefix: str | None = None,
+    names: Mapping[str, str] | None = None,
+    remove: Sequence[str] = (),
     materialize: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """Split a dataset by setpoint, episode or policy, and open it.
 
     The splits are labels on episodes: nothing is copied and no row changes. A split with the same name that
-    was made in this way before is replaced.
+    was made in this way before is replaced; give names or a prefix to keep both.
 
     Args:
         folder: A dataset, or its folder.
         by: What decides the split of an episode: "setpoint", by scheme; "episode", into fractions; "policy",
-            one split per label. None keeps the splits of the dataset, and needs materialize.
-        scheme: How setpoints are split:
+            one split per label. By default the property that the other options belong to; without any, no
+            split is made, and remove or materialize is needed.
+        scheme: How setpoints are split, by default transfer:
             transfer: source and target; the episodes of a target cell beyond shots or transitions are
                 target-rest
             leave-one-out: train-p and test-p for every setpoint p
@@ -51,7 +57,11 @@ def split(
         shots: The largest number of episodes from each target cell, for transfer.
         transitions: The largest number of rows from each target cell, for transfer.
         within: The largest distance of a near setpoint from a source setpoint, for distance.
-        fractions: The shares of every cell for train, validation and test, or for train and test.
+        fractions: The shares of every cell for train, validation and test, or for train and test; by default
+            0.8, 0.1, 0.1.
+        prefix: The new splits are named prefix-source, prefix-target, …
+        names: Names for single new splits in place of those above, such as {"source": "at-50"}.
+        remove: The names of splits to remove. A declared split has files of its own and stays.
         materialize: The folder for a copy with the same content root, in which every split consists of whole
             files; the dataset itself does not change.
 
@@ -59,57 +69,84 @@ def split(
         The dataset, or the copy.
 
     Raises:
-        UsageError: An argument is invalid.
+        UsageError: An argument is invalid, or is one that the scheme does not use.
         DatasetError: The dataset is damaged.
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
     spec = spec_in(dataset.path, dataset.manifest_model)
-    made: dict[str | None, Callable[[], split_schemes.Splits]] = {
-        "setpoint": lambda: _by_setpoint(spec, scheme, source, target, shots, transitions, within),
-        "episode": lambda: split_schemes.by_episode(spec, fractions),
-        "policy": lambda: split_schemes.by_policy(spec),
+    options: dict[str, Any] = {"scheme": scheme, "source": source, "target": target, "shots": shots}
+    options |= {"transitions": transitions, "within": within, "fractions": fractions}
+    given = {
+        name: x for name, x in options.items() if x is not None and not (isinstance(x, Sequence) and not x)
     }
-    if by not in made and (by is not None or materialize is None):
+    by = by or property_of(given)
+    if by not in OPTIONS and (by is not None or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
         raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
-    new = made[by]() if by in made else {}
+    new = _named(_made(spec, by, given) if by else {}, prefix, names or {})
     _refuse_names(dataset, spec, new)
-    labelled = DatasetSpec(spec.name, spec.experiments, {**spec.later, **new})
+    later = {name: split for name, split in spec.later.items() if name not in remove}
+    _refuse_removal(dataset, spec, remove)
+    labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
         return relabel(dataset, labelled)
     return write_dataset(labelled.all_declared(), sources_of(dataset, spec), Path(materialize))
 
 
-def _by_setpoint(
-    spec: DatasetSpec,
-    scheme: str,
-    source: Sequence[float],
-    target: Sequence[float],
-    shots: int | None,
-    transitions: int | None,
-    within: float | None,
-) -> split_schemes.Splits:
-    if scheme == "transfer":
-        return split_schemes.transfer(spec, source, target, shots, transitions)
-    if scheme == "leave-one-out":
-        return split_schemes.leave_one_out(spec)
-    if scheme in ("interpolation", "extrapolation"):
-        return split_schemes.held_out(spec, extrapolate=scheme == "extrapolation")
-    if scheme == "distance" and source and within is not None:
-        return split_schemes.by_distance(spec, source, within)
-    if scheme == "distance":
-        raise UsageError("split: the scheme distance needs both --source and --within")
-    raise UsageError(f"split: found the scheme {scheme!r}, expected one of {', '.join(SCHEMES)}")
+def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
+    """The splits that a scheme makes of the options given."""
+    scheme = given.get("scheme", DEFAULT_SCHEME)
+    if by == "setpoint" and scheme not in SCHEMES:
+        known = f"{', '.join(SCHEMES)}{suggestion(scheme, SCHEMES)}"
+        raise UsageError(f"split: found the scheme {scheme!r}, expected one of {known}")
+    refuse_unused(given, by, scheme)
+    function = scheme.replace("-", "_") if by == "setpoint" else f"by_{by}"
+    own = {name: value for name, value in given.items() if name != "scheme"}
+    made: Splits = getattr(split_schemes, function)(spec, **own)
+    return made
 
 
-def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: split_schemes.Splits) -> None:
+def _named(made: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits:
+    """The splits under the names asked for."""
+    if not made and (prefix is not None or names):
+        raise UsageError("split: found a name or a prefix, but no splits to make; expected --by")
+    for name in names:
+        if name not in made:
+            known = f"{', '.join(made)}{suggestion(name, made)}"
+            raise UsageError(f"split: found {name!r} to be renamed, expected one of {known}")
+    start = "" if prefix is None else f"{prefix}-"
+    named = {names.get(name, start + name): split for name, split in made.items()}
+    if len(named) < len(made):
+        raise UsageError("split: found one name for two splits, expected different names")
+    return named
+
+
+def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:
     declared, valid = set(spec.declared), TypeAdapter(SplitName)
     for name in new:
         if name in declared:
             raise UsageError(
-                f"{dataset.path}: {name} is a declared split, which has files of its own; choose another name"
+                f"{dataset.path}: {name} is a declared split, which has files of its own; choose another "
+                "name with --prefix or --name"
             )
         try:
             valid.validate_python(name)
         except ValidationError:
-            raise UsageError(f"split: found the name {name!r}, expected one that may name a file") from None
+            raise UsageError(
+                f"split: found the name {name!r}, expected at most 64 of a-z, 0-9, _ and -, and no name that "
+                "is reserved"
+            ) from None
+
+
+def _refuse_removal(dataset: Dataset, spec: DatasetSpec, remove: Sequence[str]) -> None:
+    for name in remove:
+        if name in spec.declared:
+            raise UsageError(
+                f"{dataset.path}: {name} is a declared split, which has files of its own; it cannot be "
+                "removed"
+            )
+        if name not in spec.later:
+            known = f"one of {', '.join(spec.later)}" if spec.later else "none: no splits were made later"
+            raise UsageError(
+                f"split: found {name!r} to be removed, expected {known}{suggestion(name, spec.later)}"
+            )

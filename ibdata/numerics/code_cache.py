@@ -21,8 +21,11 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 
 from ibdata.errors import IbdataError
+from ibdata.numerics.announcement import Announcement
 from ibdata.system.cache_folders import Places
 from ibdata.system.private_files import verified
+
+ANNOUNCEMENT = Announcement()
 
 
 class _Locator(_CacheLocator):
@@ -88,17 +91,27 @@ class CodeCache(FunctionCache):
 
     def __init__(self, function: Callable[..., object], places: Places) -> None:
         super().__init__(function)
+        self._places = places
         self._cache_file = _CodeFiles(self._impl, places)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
         _leave_scipy_out()
+        found = None
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except IbdataError:  # raised by a signal handler
             raise
         except Exception:  # compile again, whatever the reason
-            return None
+            pass
+        if found is None:
+            ANNOUNCEMENT.begin(self._places)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the machine code for a signature, which has been compiled since `load_overload`."""
+        super().save_overload(sig, data)
+        ANNOUNCEMENT.end()
 
 
 @cache

@@ -60,17 +60,6 @@ def _compiled(function: F, inline: bool = False) -> F:
     return cast(F, made)
 
 
-def is_compiled() -> bool:
-    """Whether machine code of an earlier run exists, or compilation is disabled."""
-    config: Any = numba.config
-    return bool(config.DISABLE_JIT) or any(any(Path(folder).glob("*.nbc")) for folder in PLACES.folders)
-
-
-def is_kept() -> bool:
-    """Whether later processes will probably find the machine code; only writing it would tell for certain."""
-    return PLACES.lasting
-
-
 def _digest() -> str:
     hasher = hashlib.sha256(f"{numba.__version__} {sys.implementation.cache_tag}".encode())
     for pattern in SOURCES:

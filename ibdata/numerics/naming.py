@@ -15,6 +15,15 @@ def exact(number: float) -> str:
     return repr(float(number)).removesuffix(".0")
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with the noun that it counts, which is in the singular after 1.
+
+    >>> counted(1, "episode"), counted(10_000, "row")
+    ('1 episode', '10,000 rows')
+    """
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def yaml_name(name: str) -> str:
     """A name of a-z, 0-9, _ and - as YAML, quoted if some parser would not read it as text.
 

@@ -77,6 +77,7 @@ def plot(
     out: str | os.PathLike[str] | None = None,
     form: str = "png",
     overwrite: bool = False,
+    progress: bool | None = False,
 ) -> list[Path]:
     """Draw all pictures of a dataset into a folder. Equal datasets give equal bytes.
 
@@ -89,6 +90,7 @@ def plot(
         out: the folder for the pictures; by default figures/<name of the dataset's folder>.
         form: "png" or "svg".
         overwrite: whether to replace existing files.
+        progress: whether to show bars on stderr; None shows them if stderr is a terminal.
 
     Returns:
         The files.
@@ -100,7 +102,7 @@ def plot(
         IbdataError: a file cannot be written.
     """
     _one_of("form", form, FORMS)
-    summary = _summary(dataset)
+    summary = _summary(dataset, progress)
     folder = Path(FOLDER, _folder_name(summary.dataset)) if out is None else Path(out)
     paths = {name: folder / f"{name}.{form}" for name in _sizes(summary)}
     for path in paths.values():
@@ -115,11 +117,11 @@ def drawn(dataset: Dataset) -> dict[str, bytes]:
     return _drawn(_summary(dataset), "png")
 
 
-def _summary(dataset: Dataset | str | os.PathLike[str]) -> Summary:
+def _summary(dataset: Dataset | str | os.PathLike[str], progress: bool | None = False) -> Summary:
     from ibdata.dataset.reader import Dataset
     from ibdata.plots.summary import Summary
 
-    return Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset))
+    return Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset), progress)
 
 
 def _folder_name(dataset: Dataset) -> str:
@@ -135,12 +137,16 @@ def _sizes(summary: Summary) -> dict[str, tuple[float, float]]:
 
 def _drawn(summary: Summary, form: str) -> dict[str, bytes]:
     from ibdata.plots.style import DATASET_DPI, image
+    from ibdata.system.progress import bar
 
-    made = {}
-    for name, size in _sizes(summary).items():
-        module = module_of(name)
-        heading = f"{module.TITLE}: {summary.dataset.info_model.name}"
-        made[name] = image(partial(module.draw, summary=summary), size, form, heading, DATASET_DPI)
+    made, sizes = {}, _sizes(summary)
+    summary.counts  # noqa: B018  # counted first, with a bar of its own
+    with bar(summary.progress, len(sizes), "pictures", "draw") as advance:
+        for name, size in sizes.items():
+            module = module_of(name)
+            heading = f"{module.TITLE}: {summary.dataset.info_model.name}"
+            made[name] = image(partial(module.draw, summary=summary), size, form, heading, DATASET_DPI)
+            advance(1)
     return made
 
 
@@ -157,7 +163,7 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
     from ibdata.dataset.manifest import refuse_inside
 
     if os.path.lexists(path) and (path.is_dir() or not overwrite):
-        todo = "another name" if path.is_dir() else "another name, or --overwrite (overwrite=True)"
+        todo = "another name" if path.is_dir() else "another name, or --overwrite"
         raise UsageError(f"{path}: exists already; choose {todo}")
     refuse_inside(path)
 

@@ -12,6 +12,7 @@ from ibdata.dataset.models import Quantile
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError
 from ibdata.plots.groups import Episodes, Floats, Numbers
+from ibdata.system.progress import bar
 
 STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 PAIRS = tuple(combinations(range(len(STEERINGS)), 2))
@@ -40,7 +41,7 @@ class Counts(NamedTuple):
     actions: Numbers  # (policies, actions, bins)
 
 
-def count(dataset: Dataset, episodes: Episodes) -> Counts:
+def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -> Counts:
     """Count the rows of a dataset. Raises DatasetError if rows or statistics are damaged."""
     edges = {name: _edges(dataset, name) for name in COSTS}
     reward_edges = _edges(dataset, "reward", episodes.returns / episodes.length)
@@ -58,14 +59,16 @@ def count(dataset: Dataset, episodes: Episodes) -> Counts:
     )
     stops = np.cumsum(episodes.length)
     first = 0
-    for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
-        stop = first + batch.num_rows
-        if stop > stops[-1]:
-            break
-        of = np.searchsorted(stops, np.arange(first, stop), side="right")
-        x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
-        _add(made, x, episodes.setpoint[of], episodes.policy[of])
-        first = stop
+    with bar(progress, len(dataset), "rows", "count") as advance:
+        for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
+            stop = first + batch.num_rows
+            if stop > stops[-1]:
+                break
+            of = np.searchsorted(stops, np.arange(first, stop), side="right")
+            x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
+            _add(made, x, episodes.setpoint[of], episodes.policy[of])
+            advance(batch.num_rows)
+            first = stop
     if first != stops[-1]:
         raise DatasetError(
             f"{dataset.path}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "

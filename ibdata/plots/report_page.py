@@ -11,6 +11,7 @@ from typing import Any
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.numerics.naming import counted
 from ibdata.plots import module_of
 from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
@@ -143,7 +144,7 @@ def _splits(dataset: Dataset) -> Iterable[str]:
 def _files(files: list[str] | None) -> str:
     if files is None:
         return "labels in meta/episodes.parquet"
-    return f"{len(files)} whole file{'s'[: len(files) != 1]}"
+    return counted(len(files), "whole file")
 
 
 def _statistics(dataset: Dataset) -> Iterable[str]:

@@ -20,8 +20,8 @@ MOST_STEPS = 1000  # of the episode whose traces are drawn
 class Summary:
     """A dataset's episodes, counts and one episode's traces."""
 
-    def __init__(self, dataset: Dataset) -> None:
-        self.dataset = dataset
+    def __init__(self, dataset: Dataset, progress: bool | None = False) -> None:
+        self.dataset, self.progress = dataset, progress
         self.columns = {column.name: column for column in dataset.info_model.columns}
 
     @cached_property
@@ -32,7 +32,7 @@ class Summary:
     @cached_property
     def counts(self) -> Counts:
         """Histograms over all rows."""
-        return count(self.dataset, self.episodes)
+        return count(self.dataset, self.episodes, self.progress)
 
     @cached_property
     def typical(self) -> int:

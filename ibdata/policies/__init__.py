@@ -11,9 +11,14 @@ from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
-from pydantic import Field
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_before_validator_function
 
-from ibdata.policies.base import OBSERVATION, Deterministic, Policy
+from ibdata.policies.base import OBSERVATION, Deterministic, FrozenModel, Policy
+from ibdata.policies.choice import Choice
 from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
@@ -34,9 +39,30 @@ POLICIES: dict[str, type[Policy]] = {
 }
 
 
+class _BareName:
+    """An annotation that lets the bare name of a policy stand for the block {kind: name}."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_before_validator_function(
+            lambda value: {"kind": value} if isinstance(value, str) else value, handler(source)
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        block = handler(schema)
+        complete = [kind for kind in block["discriminator"]["mapping"] if not _required(POLICIES[kind])]
+        return {"anyOf": [{"enum": complete, "type": "string"}, block]}
+
+
+def _required(policy: type[Policy]) -> list[str]:
+    """The options of a policy that have no default."""
+    return [name for name, option in policy.model_fields.items() if option.is_required()]
+
+
 def _one_of(kinds: Iterable[type[Policy]]) -> Any:
-    """The type of a block of one of these kinds."""
-    return Annotated[Union[tuple(kinds)], Field(discriminator="kind")]  # noqa: UP007
+    """The type of a block of one of these kinds, or of its bare name."""
+    return Annotated[Union[tuple(kinds)], Field(discriminator="kind"), _BareName()]  # noqa: UP007
 
 
 if TYPE_CHECKING:
@@ -44,12 +70,25 @@ if TYPE_CHECKING:
     AnyBase = Policy
     DeterministicBase = Deterministic
 else:
-    # The types of a wrapper's base, known once all policies are. Wrappers cannot be nested.
-    AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
-    for _policy in POLICIES.values():
-        _policy.model_rebuild(_types_namespace={"AnyBase": AnyBase, "DeterministicBase": DeterministicBase})
+    # The types of policies within others, known once all policies are.
     AnyPolicy = _one_of(POLICIES.values())
+    AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper | Choice))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
+    for _block in _subclasses(FrozenModel):
+        _block.model_rebuild(
+            _types_namespace={
+                "AnyPolicy": AnyPolicy,
+                "AnyBase": AnyBase,
+                "DeterministicBase": DeterministicBase,
+            }
+        )
+
+
+def _plain_default(field: FieldInfo) -> Any:
+    """The default of an option as JSON holds it; None where there is none."""
+    if field.is_required():
+        return None
+    return field.default.form() if isinstance(field.default, Policy) else field.default
 
 
 def described() -> list[dict[str, Any]]:
@@ -62,7 +101,7 @@ def described() -> list[dict[str, Any]]:
                 {
                     "name": name,
                     "required": field.is_required(),
-                    "default": None if field.is_required() else field.default,
+                    "default": _plain_default(field),
                     "description": field.description or "",
                 }
                 for name, field in policy.model_fields.items()

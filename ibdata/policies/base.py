@@ -114,6 +114,11 @@ class Policy(FrozenModel):
         return None
 
     @property
+    def is_short(self) -> bool:
+        """Whether actions depend on nothing but the last observations and random numbers of the step."""
+        return type(self).decide is Policy.decide
+
+    @property
     def inner(self) -> tuple[Policy, ...]:
         """The policies of which this one is made; none by default."""
         return ()
@@ -164,6 +169,24 @@ class Policy(FrozenModel):
         """
         return self.log_prob(given.observations, action)
 
+    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Whether the measure of the density has a unit mass at a whole action.
+
+        By default, it has one at each corner of [-1, 1]³ and at an action that is certain.
+
+        Args:
+            given: as in `decide`.
+            action: as in `log_density`.
+
+        Returns:
+            Bool (n,).
+        """
+        corners: npt.NDArray[np.bool_] = (np.abs(action) == 1.0).all(axis=1)
+        if not is_deterministic(self):
+            return corners
+        own: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
+        return corners | own
+
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         """Return the actions of n episodes at one step: the short form of `decide`.
 
@@ -196,10 +219,10 @@ class Policy(FrozenModel):
         return self.log_density(self._at_start(history, np.empty((len(action), 0))), action)
 
     def _at_start(self, history: History, u: Floats) -> Given:
-        if self.memory_size or self.uniforms_per_episode:
+        if not self.is_short:
             raise TypeError(
                 f"{self.label}: found a call of act or log_prob, expected one of decide or log_density, "
-                "because the policy depends on earlier steps or on random numbers of the episode"
+                "because the policy may depend on more than the last observations"
             )
         return at_start(history, u)
 

@@ -28,13 +28,8 @@ class CheckedPolicy(NamedTuple):
     first: int  # the episode in lane 0
     lanes: int
 
-    def decide(
-        self,
-        given: Given,
-        out: npt.NDArray[np.float32],
-        log_density: npt.NDArray[np.float64] | None = None,
-    ) -> tuple[int, npt.NDArray[np.float64]]:
-        """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
+    def decide(self, given: Given, out: npt.NDArray[np.float32]) -> tuple[int, npt.NDArray[np.float64]]:
+        """Write the policy's actions, clipped and rounded, into out (n, 3).
 
         A policy that sees and remembers nothing may act for several steps at once; n is then the number of
         steps times the number of lanes.
@@ -45,16 +40,27 @@ class CheckedPolicy(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
+        answer = self._asked(lambda: self.policy.decide(given), given, out.shape, "actions")
+        return self._taken(answer, given, out)
+
+    def decide_with_density(
+        self, given: Given, out: npt.NDArray[np.float32], log_density: npt.NDArray[np.float64]
+    ) -> tuple[int, npt.NDArray[np.float64]]:
+        """As `decide`, and write the log densities of the actions into log_density (n,)."""
         answer, density = self._asked(
-            lambda: (
-                (self.policy.decide(given), None)
-                if log_density is None
-                else self.policy.decide_with_density(given)
-            ),
-            given,
-            out.shape,
-            "actions",
+            lambda: self.policy.decide_with_density(given), given, out.shape, "actions"
         )
+        taken = self._taken(answer, given, out)
+        if density is None:
+            log_density[:] = self.log_density(given, out)
+        else:
+            log_density[:] = self._numbers(density, given, log_density.shape, "log densities")
+        return taken
+
+    def _taken(
+        self, answer: Any, given: Given, out: npt.NDArray[np.float32]
+    ) -> tuple[int, npt.NDArray[np.float64]]:
+        """Check a decision, and write its actions."""
         if not (isinstance(answer, tuple) and len(answer) == 2):
             wrong = f"found {type(answer).__name__}, expected a Decision of actions and memory"
             raise PolicyError(f"{self._place(given, 0)}: {wrong}")
@@ -68,10 +74,6 @@ class CheckedPolicy(NamedTuple):
             raise PolicyError(
                 f"{self._place(given, lane)}: found action {action[lane]}, expected finite numbers"
             )
-        if log_density is not None and density is not None:
-            log_density[:] = self._numbers(density, given, log_density.shape, "log densities")
-        elif log_density is not None:
-            log_density[:] = self.log_density(given, out)
         return clipped, memory
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:

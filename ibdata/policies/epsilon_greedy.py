@@ -49,6 +49,11 @@ class EpsilonGreedy(Wrapper):
         """One or three draws that decide, and three for the random action."""
         return 6 if self.per_dimension else 4
 
+    @property
+    def is_short(self) -> bool:
+        """Whether that is true of the base."""
+        return self.base.is_short
+
     def decide(self, given: Given) -> Decision:
         chosen = self.base.decide(self.for_base(given))
         base = applied(chosen.actions)
@@ -71,6 +76,16 @@ class EpsilonGreedy(Wrapper):
             _log_mixture(self.base.log_density(seen, action), action, self.epsilon, out)
         return out
 
+    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        seen, corners = self.for_base(given), super().has_mass(given, action)
+        if self.epsilon == 1.0:
+            return corners
+        if self.per_dimension:
+            own = applied(self.base.decide(seen).actions)
+            kept: npt.NDArray[np.bool_] = ((action == own) | (np.abs(action) == 1.0)).all(axis=1)
+            return kept
+        return corners | self.base.has_mass(seen, action)
+
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:
         if self.per_dimension and not is_deterministic(self.base):
@@ -90,7 +105,8 @@ def _act(base: npt.NDArray[np.float32], u: Floats, epsilon: float, each: bool, o
 
 
 @compiled
-def _log(x: float) -> float:
+def log_share(x: float) -> float:
+    """Logarithm of a share, -inf if it is 0."""
     return log(x) if x > 0.0 else -np.inf
 
 
@@ -112,7 +128,7 @@ def _log_prob(
     each: bool,
     out: Floats,
 ) -> None:
-    log_kept, log_replaced = _log(1.0 - epsilon), _log(epsilon)
+    log_kept, log_replaced = log_share(1.0 - epsilon), log_share(epsilon)
     for i in range(out.shape[0]):
         same = 0
         total = 0.0
@@ -129,7 +145,46 @@ def _log_prob(
 @compiled
 def _log_mixture(base: Floats, action: npt.NDArray[np.float32], epsilon: float, out: Floats) -> None:
     for i in range(out.shape[0]):
-        a = _log(1.0 - epsilon) + base[i]
-        b = _log(epsilon) + _log_uniform(action, i)
+        a = log_share(1.0 - epsilon) + base[i]
+        b = log_share(epsilon) + _log_uniform(action, i)
         top, bottom = max(a, b), min(a, b)
         out[i] = base[i] if np.isnan(base[i]) else top + log(1.0 + exp(bottom - top))
+
+
+def replaced(base: npt.NDArray[np.float32], u: Floats, epsilon: Floats) -> Floats:
+    """The base's actions (n, 3), some replaced as a whole by u (n, 4), with the probabilities ε (n,)."""
+    return np.where(u[:, :1] < epsilon[:, None], 2.0 * u[:, 1:] - 1.0, base)
+
+
+def log_replaced(
+    base: Floats, mass: npt.NDArray[np.bool_], action: npt.NDArray[np.float32], epsilon: Floats
+) -> Floats:
+    """The log densities (n,) of actions that `replaced` returned.
+
+    Args:
+        base: the log densities of the base (n,).
+        mass: whether the base takes the whole action with a probability of its own (n,).
+        action: the actions (n, 3).
+        epsilon: the probabilities with which actions are replaced (n,).
+
+    Returns:
+        Log densities; the base's where ε is 0, and NaN where it is NaN.
+    """
+    out = base.copy()
+    _log_replaced(mass & (np.abs(action) < 1.0).any(axis=1), action, epsilon, out)
+    return out
+
+
+@compiled
+def _log_replaced(
+    mass: npt.NDArray[np.bool_], action: npt.NDArray[np.float32], epsilon: Floats, out: Floats
+) -> None:
+    for i in range(out.shape[0]):
+        if np.isnan(out[i]) or epsilon[i] == 0.0:
+            continue
+        a = log_share(1.0 - epsilon[i]) + out[i]
+        b = log(epsilon[i]) + _log_uniform(action, i)
+        if mass[i]:
+            out[i] = a  # random actions have no mass there
+        else:
+            out[i] = max(a, b) + log(1.0 + exp(min(a, b) - max(a, b)))

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, Policy, is_deterministic
+from ibdata.policies.base import Floats
 from ibdata.policies.given import Decision, Given
-from ibdata.policies.wrapper import Unnamed, Wrapper
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
@@ -23,15 +23,6 @@ EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
 FAR = 3.0  # |z| from which a continued fraction replaces the series
 TERMS = 60  # of either
-
-
-def _deterministic(base: Policy) -> Policy:
-    if not is_deterministic(base):
-        raise ValueError(
-            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
-            "that into it if it draws nothing"
-        )
-    return base
 
 
 class Gaussian(Wrapper):
@@ -43,12 +34,15 @@ class Gaussian(Wrapper):
     own_uniforms_per_step: ClassVar[int] = 3
 
     kind: Literal["gaussian"] = "gaussian"
-    base: Annotated[DeterministicBase, Unnamed, AfterValidator(_deterministic)] = Field(
-        description="a deterministic policy"
-    )
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(description="a deterministic policy")
     scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
         description="standard deviation of the noise"
     )
+
+    @property
+    def is_short(self) -> bool:
+        """Whether that is true of the base."""
+        return self.base.is_short
 
     def decide(self, given: Given) -> Decision:
         chosen = self.base.decide(self.for_base(given))

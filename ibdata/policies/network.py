@@ -63,7 +63,7 @@ class Network(Deterministic):
 
     @property
     def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of observations that the network sees."""
+        """As many observations as its file says."""
         return self.weights.metadata.frames
 
     def form(self) -> dict[str, Any]:

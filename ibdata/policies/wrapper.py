@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator
 
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, History, Policy
+from ibdata.policies.base import Floats, History, Policy, is_deterministic
 from ibdata.policies.given import Given
 
 
@@ -19,7 +19,17 @@ def _without_name(base: Policy) -> Policy:
     return base
 
 
-Unnamed = AfterValidator(_without_name)
+def _certain(base: Policy) -> Policy:
+    if not is_deterministic(base):
+        raise ValueError(
+            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
+            "that into it if it draws nothing"
+        )
+    return base
+
+
+# Of a base: that it has no name, and that its actions are certain.
+Unnamed, Certain = AfterValidator(_without_name), AfterValidator(_certain)
 
 
 class Wrapper(Policy):

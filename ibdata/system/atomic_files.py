@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from ibdata.system.disk import sync
 from ibdata.system.lock import locked
 
 TEMPORARY = ".tmp-"  # the prefix of temporary files
@@ -53,7 +54,7 @@ class HashingFile(io.RawIOBase):
     def sync(self) -> None:
         """Wait until the file's data are on the disk."""
         self._raw.flush()
-        os.fsync(self._raw.fileno())
+        sync(self._raw.fileno())
 
     def sha256(self) -> str:
         """The hex hash of what has been written."""
@@ -179,6 +180,6 @@ def sync_folder(folder: Path) -> None:
     """Wait until the list of files in a folder is on the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        os.fsync(descriptor)
+        sync(descriptor)
     finally:
         os.close(descriptor)

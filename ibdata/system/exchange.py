@@ -7,15 +7,22 @@ import errno
 import os
 from pathlib import Path
 
-AT_FDCWD, RENAME_EXCHANGE = -100, 2
+AT_FDCWD, RENAME_EXCHANGE, RENAME_SWAP = -100, 2, 2
 
 
 def exchanged(a: Path, b: Path) -> bool:
-    """Let two folders change places in one system call; False where there is none that can."""
-    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if call is None:
+    """Let two folders change places in one system call; False where there is none that can.
+
+    The call is Linux's renameat2, or macOS's renamex_np, which has not been tried on macOS.
+    """
+    library, names = ctypes.CDLL(None, use_errno=True), (os.fsencode(a), os.fsencode(b))
+    if hasattr(library, "renameat2"):
+        failed = library.renameat2(AT_FDCWD, names[0], AT_FDCWD, names[1], RENAME_EXCHANGE)
+    elif hasattr(library, "renamex_np"):
+        failed = library.renamex_np(*names, RENAME_SWAP)
+    else:
         return False
-    if call(AT_FDCWD, os.fsencode(a), AT_FDCWD, os.fsencode(b), RENAME_EXCHANGE) == 0:
+    if not failed:
         return True
     number = ctypes.get_errno()
     if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):

@@ -19,7 +19,7 @@ from ibdata.errors import BusyError, IbdataError
 NAME = ".lock"
 PATIENCE = 1.0  # seconds; a process that gives up a shared lock holds the folder alone for a moment
 _mine: dict[Path, int] = {}  # the descriptors of the locks that this process holds
-NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
+NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK)  # two numbers on macOS
 
 
 class _NoLocksError(IbdataError):

@@ -1,7 +1,8 @@
-"""Worker processes that do not import the script that starts them, so that it needs no `__main__` guard."""
+"""Processors, and worker processes that do not import the script that starts them, so it needs no guard."""
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Iterator
@@ -12,6 +13,11 @@ from types import ModuleType
 from typing import Any
 
 _lock = threading.Lock()
+
+
+def available_processors() -> int:
+    """The number of processors that this process may use, else that the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

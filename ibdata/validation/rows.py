@@ -17,6 +17,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
+from ibdata.system.progress import Advance, unseen
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
 from ibdata.writing.arrow import STATISTICS
@@ -27,7 +28,12 @@ PART_ROWS = 100_000  # as a row group has, which then is a part where it holds w
 
 
 def check_shard(
-    spec: DatasetSpec, shard: Shard, path: Path, listed: str, data_version: int | None = None
+    spec: DatasetSpec,
+    shard: Shard,
+    path: Path,
+    listed: str,
+    data_version: int | None = None,
+    advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
 
@@ -37,6 +43,7 @@ def check_shard(
         path: Its file.
         listed: The path under which the manifest lists it.
         data_version: The data version of the dataset; by default that of a new one.
+        advance: Called with the number of rows of each part.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
@@ -60,6 +67,7 @@ def check_shard(
                 if before:
                     before.result()
                 before = checking.submit(_check, experiment, version, shard, part, account, found)
+                advance((part.episodes.stop - part.episodes.first) * experiment.steps)
             if before:
                 before.result()
     except DatasetError as error:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
@@ -40,6 +41,14 @@ class Problem(NamedTuple):
     def __str__(self) -> str:
         place = self.path if self.row is None else f"{self.path}: row {self.row}"
         return f"{place}: {self.rule}: {self.message}"
+
+
+class Findings(Tabular, list[Problem]):
+    """The problems of a dataset: a list that shows as a table."""
+
+    def tables(self) -> list[Table]:
+        """The problems, a row each."""
+        return [Table(Problem._fields, self, () if self else ["no problems"])]
 
 
 class Broken(NamedTuple):

@@ -16,9 +16,10 @@ from ibdata.experiment.dataset_spec import spec_in
 from ibdata.system import object_store
 from ibdata.system.atomic_files import file_sha256
 from ibdata.system.lock import is_locked
+from ibdata.system.progress import Advance, bar, unseen
 from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
-from ibdata.validation.rules import Problem
+from ibdata.validation.rules import Findings, Problem
 from ibdata.writing.metadata import as_json
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
@@ -30,7 +31,9 @@ Hashes = dict[str, "Future[str | None]"]  # the SHA-256 of files, by path
 PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
-def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Problem]:
+def validate(
+    folder: str | os.PathLike[str], quick: bool = False, *, progress: bool | None = False
+) -> Findings:
     """Find every problem of a dataset, without running any code of the dataset.
 
     First, the SHA-256 of every file is compared. Then every rule of the rows is checked (schema, no nulls,
@@ -41,9 +44,10 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
     Args:
         folder: A folder or a URL.
         quick: Compare only the SHA-256 of the files.
+        progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
-        The problems; empty if there are none.
+        The problems, a list that is empty if there are none, and that notebooks show as a table.
 
     Raises:
         BusyError: The dataset was being replaced each time it was read.
@@ -54,9 +58,10 @@ def validate(folder: str | os.PathLike[str], quick: bool = False) -> list[Proble
         try:
             listed = manifest.read(path)
         except DatasetError as error:
-            return [*_interrupted(path), Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")]
+            unread = Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")
+            return Findings([*_interrupted(path), unread])
         try:
-            problems = [*_interrupted(path), *_problems(path, listed, quick)]
+            problems = Findings([*_interrupted(path), *_problems(path, listed, quick, progress)])
             manifest.refuse_replaced(path, listed)
         except manifest.ReplacedError:
             continue
@@ -86,13 +91,18 @@ def _interrupted(folder: Path) -> Iterator[Problem]:
         yield Problem(manifest.NEW, None, "unsettled", message)
 
 
-def _problems(folder: Path, listed: Manifest, quick: bool) -> Iterator[Problem]:
+def _problems(folder: Path, listed: Manifest, quick: bool, progress: bool | None) -> Iterator[Problem]:
     if manifest.content(folder, manifest.PATH) != as_json(listed):
         message = "found other bytes than ibdata writes for this content"
         yield Problem(manifest.PATH, None, "manifest", message)
         return
     with _hashing(folder, listed) as hashes:  # meanwhile the rows are checked
-        contents = [] if quick else list(_contents(folder, listed, hashes))
+        if quick:
+            with bar(progress, len(hashes), "files") as advance:
+                yield from _wrong_files(folder, listed, hashes, advance)
+            return
+        with bar(progress, listed.rows, "rows") as advance:
+            contents = list(_contents(folder, listed, hashes, advance))
         yield from _wrong_files(folder, listed, hashes)
     yield from contents
 
@@ -115,10 +125,13 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
         yield from _wrong_files(folder, listed, hashes)
 
 
-def _wrong_files(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Problem]:
+def _wrong_files(
+    folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen
+) -> Iterator[Problem]:
     known = listed.entries()
     for path, future in hashes.items():
         found, expected = future.result(), known[path].sha256
+        advance(1)
         if found is None:
             yield Problem(path, None, "file", "found no file that can be read; ibdata repair makes it")
         elif found != expected:
@@ -145,7 +158,7 @@ def is_stranger(path: Path) -> bool:
     return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
 
 
-def _contents(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Problem]:
+def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
     entries = listed.entries()
 
@@ -165,7 +178,7 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes) -> Iterator[Proble
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         try:
             file, version = manifest.locate(folder, one.path), listed.data_version
-            content, problems = check_shard(spec, shard, file, one.path, version)
+            content, problems = check_shard(spec, shard, file, one.path, version, advance)
         except Exception:  # whatever a damaged file leads to
             if not damaged(one.path):
                 raise

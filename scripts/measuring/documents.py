@@ -14,6 +14,11 @@ def replaced(document: str, block: str) -> str:
     return f"{before}{OPEN}\n{block}\n{CLOSE}{after}"
 
 
+def measured(document: str) -> str:
+    """The lines between the markers of a document."""
+    return document.split(OPEN)[1].split(CLOSE)[0][1:-1]
+
+
 def write_or_compare(path: Path, block: str, check: bool) -> int:
     """Write the lines between the markers, or with `check` compare them; return 1 if they differ."""
     old = path.read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ SMALL = ("--set", "steps=20")
 def test_the_papers_batch_comes_out_in_an_empty_folder(ibdata, tmp_path):
     done = ibdata("generate", "--config", "random.yaml")
     assert done.returncode == 0
-    assert "10000 in 10 episodes of 1000 steps" in done.stdout
+    assert "10,000 in 10 episodes of 1,000 steps" in done.stdout
     assert pq.read_table(tmp_path / "data/random/data").num_rows == 10_000
 
 
@@ -91,7 +91,8 @@ def test_a_dry_run_for_people_shows_the_resolved_experiment(ibdata):
         (("--config", "random", "--seed", "-1"), "seed: found -1, expected a whole number of at least 0"),
         (("--config", "random", "--workers", "0"), "workers: found 0, expected a whole number in [1, 1024]"),
         (("--config", "random", "--out", "file"), "file: is a file, not a folder"),
-        ((), "Missing option '--config'."),
+        ((), "Missing argument 'CONFIG'; ibdata configs lists"),
+        (("random", "--config", "safe"), "found CONFIG 'random' and --config 'safe', expected one of them"),
         (("--config", "random", "--nonsense"), "No such option"),
     ],
 )
@@ -154,5 +155,5 @@ def test_a_dry_run_of_a_suite_says_what_each_would_be_and_all(ibdata, tmp_path):
     assert [e["rows"] for e in data["experiments"]] == [300] * 16
     shown = ibdata("generate", *tiny).stdout
     assert "bad-0: 300 rows, " in shown
-    assert "rows      4800" in shown
+    assert "rows      4,800" in shown
     assert list(tmp_path.iterdir()) == []

@@ -110,7 +110,15 @@ def crafted(made):
 
 
 READING = ["info d", "head d", "stats d", "validate d", "validate d --quick", "diff d whole", "diff whole d"]
-READING += ["reproduce d", "repair d", "split d --by policy", "merge d whole --out m", "card d"]
+READING += [
+    "ls",
+    "split d --list",
+    "reproduce d",
+    "repair d",
+    "split d --by policy",
+    "merge d whole --out m",
+    "card d",
+]
 
 
 @pytest.mark.parametrize("line", READING)

@@ -116,7 +116,7 @@ def test_every_command_gives_an_example_in_its_help(ibdata):
 
 
 def test_version_is_printed(ibdata):
-    assert ibdata("--version").stdout == "ibdata, version 0.1.0\n"
+    assert ibdata("--version").stdout == "ibdata, version 0.9.0\n"
 
 
 def test_a_closed_stdout_is_no_traceback(command, data):

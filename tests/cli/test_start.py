@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import ibdata
-from ibdata.cli import cli, main
+from ibdata.cli import cli
 from ibdata.experiment.template import template
 from ibdata.plots import names, plots
 from ibdata.policies import POLICIES
@@ -21,22 +21,9 @@ IBDATA = str(Path(sys.executable).with_name("ibdata"))
 COMMANDS = cli.list_commands(None)
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
-
-    def run(*args):
-        with pytest.raises(SystemExit) as end:
-            main(args)
-        return (end.value.code or 0, *capsys.readouterr())
-
-    return run
-
-
 def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
     code, out, _ = run("init", "mine.yaml")
-    assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate --config mine.yaml --dry-run\n")
+    assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate mine.yaml --dry-run\n")
     experiment = ibdata.load(tmp_path / "mine.yaml")
     assert experiment.name == "mine"
     assert set(experiment.splits) == {"source", "target"}

@@ -235,5 +235,5 @@ def test_any_override_is_taken_or_an_error_that_repeats_it(file, override):
     try:
         load(file, [override])
     except UsageError as error:
-        starts = ("--set ", "--set:", f"{file}:")
+        starts = ("overrides: ", f"{file}:")
         assert all(line.startswith(starts) for line in lines_of(error))  # noqa: PT017  # may be valid

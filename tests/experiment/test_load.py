@@ -10,9 +10,10 @@ import pytest
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import Experiment, find, load, shipped, suites
 from ibdata.policies import POLICIES, Wrapper
+from ibdata.policies.choice import Choice
 
 KINDS = ", ".join(POLICIES)
-BASES = ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper))
+BASES = ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper | Choice))
 FIXED = ", ".join(kind for kind, policy in POLICIES.items() if hasattr(policy, "mean_action"))
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"

@@ -21,6 +21,7 @@ SPECIAL = {
         " {kind: epsilon_greedy, base: {kind: bad}, epsilon: 1, per_dimension: true, name: a},"
         " {kind: gaussian, base: {kind: optimized}, scale: 1e-3}]",
     ],
+    "bare names of policies": ["policies: [random, safe, {kind: gaussian, base: optimized, scale: 1}]"],
     "drifting": ["name: 'on'", "setpoints: drifting", "start: uniform"],
     "drifting from several": ["setpoints: {drifting: [10, 0.1]}", "start: {burn_in: [0, 64]}"],
     "numbers at their ends": [
@@ -40,7 +41,8 @@ BAD = [
     "steps: 0", "steps: 1.5", "steps: true", "seed: 18446744073709551616", "epsiodes: 3", "dynamics: simens",
     "dynamics: {base: paper, eta_man: 1}", "start: {burn_in: [3]}", "output: {latent: yes}", "version: 2",
     "splits: {A: {}}", "splits: {a: {overlap: 1}}", "setpoints: 101", "setpoints: '70'",
-    "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: []", "name: A", "version: true",
+    "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: [rndom]", "policies: [gaussian]",
+    "policies: [{kind: gaussian, base: safe, scale: 1}]", "policies: []", "name: A", "version: true",
     "output: {latent: 1}", "policies: [{kind: gaussian, base: {kind: safe}, scale: 1}]",
     "policies: [{kind: epsilon_greedy, base: {kind: epsilon_greedy}, epsilon: 1}]",
     "policies: [{kind: epsilon_greedy, base: {kind: bad}, epsilon: 2}]",

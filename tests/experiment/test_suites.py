@@ -67,14 +67,16 @@ def test_the_problems_of_all_files_are_told_at_once_with_their_files(folder):
 
 
 def test_an_override_that_fits_no_file_is_told_once_and_one_that_fits_some_with_the_others(folder):
-    assert problems(folder, ["stpes=3"]) == ["--set stpes=3: stpes: no such option; did you mean 'steps'?"]
+    assert problems(folder, ["stpes=3"]) == [
+        "overrides: stpes=3: stpes: no such option; did you mean 'steps'?"
+    ]
     assert problems(folder, ["policies.1.kind=safe"]) == [
-        "--set policies.1.kind=safe: there is no policies.1 to set"
+        "overrides: policies.1.kind=safe: there is no policies.1 to set"
     ]
     greedy = "[{kind: epsilon_greedy, base: {kind: bad}, epsilon: 0.5}]"
     (folder / "a.yaml").write_text(f"name: a\nsetpoints: 70\npolicies: {greedy}\n")
     assert problems(folder, ["policies.0.epsilon=0.1"]) == [
-        "two/b.yaml: --set policies.0.epsilon=0.1: policies.0.epsilon: no such option; "
+        "two/b.yaml: overrides: policies.0.epsilon=0.1: policies.0.epsilon: no such option; "
         "expected one of kind, name"
     ]
 

@@ -56,9 +56,7 @@ def test_the_parts_are_all_shards_once_in_order_and_of_nearly_equal_size(tiny, p
     "text", ["", "1", "0/3", "4/3", "1/0", "-1/3", "1/3/3", "a/3", "1/ 3", "²/3", "1/999999"]
 )
 def test_what_is_no_range_is_refused_before_anything_is_made(tiny, text):
-    with pytest.raises(
-        UsageError, match=r"^--shards: found .*, expected i/n with i from 1 to n, such as 1/3"
-    ):
+    with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as 1/3"):
         make(tiny, text)
     assert list(Path().iterdir()) == []
 
@@ -93,7 +91,7 @@ def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(ti
 
 def test_a_plain_run_resumes_what_ranges_have_begun(tiny, files):
     make(tiny, "2/3")
-    with pytest.raises(UsageError, match="holds an unfinished run; --resume to go on with it"):
+    with pytest.raises(UsageError, match="holds an unfinished run; resume=True to go on with it"):
         ibdata.generate(tiny, "out", workers=1)
     resumed = ibdata.generate(tiny, "out", workers=1, resume=True)
     assert resumed.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
@@ -226,7 +224,7 @@ def test_custom_policies_need_leave_and_the_same_code_everywhere(tmp_path):
     Path("still.py").write_text(POLICY.format("0"))
     custom = {**TEN_SHARDS.plain(), "policies": [{"kind": "custom", "target": "still:Still"}]}
     Path("mine.yaml").write_text(json.dumps(custom))
-    with pytest.raises(UsageError, match="--allow-code"):
+    with pytest.raises(UsageError, match="allow_code=True"):
         ibdata.generate_shards("mine.yaml", "1/2", "out", workers=1)
     for text in ("1/2", "2/2"):
         ibdata.generate_shards("mine.yaml", text, "out", workers=1, allow_code=True)

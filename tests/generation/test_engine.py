@@ -32,7 +32,7 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_made(tmp_path, monke
 def test_without_ray_its_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(
-        MissingError, match=r"^--engine ray needs the package ray: pip install ray, or 'ibdata\[ray\]'"
+        MissingError, match=r"^the engine ray needs the package ray: pip install ray, or 'ibdata\[ray\]'"
     ):
         select_engine("ray", None, None)
 

@@ -10,7 +10,8 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import UsageError
-from ibdata.generation.estimate import estimate
+from ibdata.experiment import as_yaml
+from ibdata.generation.estimate import estimate, preview
 
 
 def described(**changes):
@@ -107,6 +108,58 @@ def test_what_generating_refuses_is_refused(options, line):
         estimate(experiment, **{"folder": Path("new"), "workers": 1, **options})
     assert str(error.value).startswith(line)
     assert ibdata.open("made").content_root == made.content_root
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"folder": Path("new")}, None),
+        ({"folder": Path("empty")}, None),
+        (
+            {},
+            "generate would stop with: made: exists already; choose another --out, or --overwrite to replace "
+            "a dataset",
+        ),
+        ({"overwrite": True}, "exists; generate would replace the dataset in it"),
+        ({"resume": True}, "exists; generate would find the dataset finished, and write nothing"),
+        (
+            {"folder": Path("foreign")},
+            "generate would stop with: foreign: exists already; choose another --out",
+        ),
+        ({"folder": Path("begun")}, "generate would stop with: begun: holds an unfinished run; --resume"),
+        (
+            {"folder": Path("begun"), "resume": True},
+            "exists; generate would go on with the unfinished run in it",
+        ),
+        (
+            {"folder": Path("begun"), "overwrite": True},
+            "exists; generate would discard the unfinished run in it",
+        ),
+    ],
+    ids=str,
+)
+def test_a_preview_says_what_would_become_of_a_folder_that_exists(options, said):
+    experiment = described(episodes=1, steps=2)
+    ibdata.generate(experiment, "made", workers=1)
+    for path, content in (("foreign/mine", b"mine"), ("begun/.run/experiment.yaml", as_yaml(experiment))):
+        Path(path).parent.mkdir(parents=True)
+        Path(path).write_bytes(content)
+    Path("empty").mkdir()
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    made = preview(experiment, **{"folder": Path("made"), "workers": 1, **options})
+    assert made["rows"] == experiment.rows
+    assert made["folder"] == said if said is None else made["folder"].startswith(said)
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+
+
+def test_a_preview_refuses_a_place_where_no_option_helps():
+    Path("file").write_text("mine")
+    Path("foreign").mkdir()
+    Path("foreign/mine").write_text("mine")
+    with pytest.raises(UsageError, match="is a file, not a folder"):
+        preview(described(episodes=1), Path("file"))
+    with pytest.raises(UsageError, match="not a dataset of ibdata"):
+        preview(described(episodes=1), Path("foreign"), overwrite=True)
 
 
 def test_a_dataset_that_may_be_overwritten_is_estimated_and_stays():

@@ -127,14 +127,15 @@ def test_a_dataset_is_made_again_from_its_own_experiment(tiny):
             lambda e: ibdata.generate("no-such.yaml"),
             "config: found 'no-such.yaml', expected a file or one of",
         ),
-        (lambda e: ibdata.generate(e, overrides=["steps=3"]), "overrides: found an Experiment as config"),
+        (lambda e: ibdata.generate(e, overrides=["steps"]), "overrides: found 'steps', expected key=value"),
+        (lambda e: ibdata.generate(e, overrides={"steps": 0}), "overrides: steps: found 0, expected"),
         (lambda e: ibdata.generate(e, workers=0), "workers: found 0, expected a whole number in [1, 1024]"),
         (lambda e: ibdata.generate(e, workers=-1), "workers: found -1, expected a whole number"),
         (lambda e: ibdata.generate(e, workers=10**6), "workers: found 1000000, expected a whole number"),
-        (lambda e: ibdata.generate("random", seed=-1), "--set seed=-1: seed: found -1"),
+        (lambda e: ibdata.generate("random", seed=-1), "seed: found -1"),
         (lambda e: ibdata.generate(e, seed=-1), "seed: found -1"),
     ],
-    ids=["config", "overrides", "no workers", "fewer", "a million", "seed of a file", "seed"],
+    ids=["config", "overrides", "a mapping", "no workers", "fewer", "a million", "seed of a file", "seed"],
 )
 def test_a_call_that_cannot_be_meant_is_refused_before_anything_is_made(tiny, call, line):
     with pytest.raises(UsageError) as error:
@@ -170,7 +171,7 @@ def test_what_is_not_a_dataset_is_refused_and_left_alone(tiny, found, overwrite)
 def test_an_existing_dataset_is_replaced_only_when_asked_for(tiny):
     ibdata.generate(tiny, "target", workers=1)
     before = contents(".")
-    with pytest.raises(UsageError, match=r"^target: exists already; choose another --out, or --overwrite"):
+    with pytest.raises(UsageError, match=r"^target: exists already; choose another out=…, or overwrite=True"):
         ibdata.generate(tiny, "target", workers=1)
     assert contents(".") == before
 

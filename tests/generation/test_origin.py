@@ -107,8 +107,8 @@ def test_a_run_is_resumed_with_the_code_that_it_began_with_only(here, path, name
     with pytest.raises(UsageError) as error:
         generate(resume=True)
     assert str(error.value) == (
-        f"out: found other code than the run began with, in {named}; restore it and --resume, "
-        "or start again with --overwrite or another --out"
+        f"out: found other code than the run began with, in {named}; restore it and resume=True, "
+        "or start again with overwrite=True or another out=…"
     )
     assert error.value.exit_code == 2
     assert sorted(Path("out").rglob("*")) == before
@@ -276,7 +276,7 @@ def test_a_run_goes_on_where_the_bits_are_those_it_began_with_only(here, monkeyp
     with monkeypatch.context() as other:
         other.setattr(self_check, "digest", lambda: "0" * 64)
         stopped()
-    with pytest.raises(UsageError, match=r"^out: this machine computes other bits than .* --resume on"):
+    with pytest.raises(UsageError, match=r"^out: this machine computes other bits than .* resume=True on"):
         generate(resume=True)
     monkeypatch.setattr(self_check, "digest", lambda: "0" * 64)
     assert generate(resume=True).manifest["reproducible"] is False

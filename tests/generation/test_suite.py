@@ -11,7 +11,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import suites
-from ibdata.generation.suite import estimate_all
+from ibdata.generation.suite import preview_all
 from ibdata.validation.validate import validate
 
 PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
@@ -95,7 +95,7 @@ def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
 
 
 def test_the_estimates_are_those_of_the_single_runs(two):
-    guessed = estimate_all(two, workers=1)
+    guessed = preview_all(two, workers=1)
     assert [(g["name"], g["out"], g["rows"]) for g in guessed] == [
         ("set-a", "data/two/set-a", 5),
         ("set-b", "data/two/set-b", 5),

@@ -167,7 +167,7 @@ def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
     lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
     assert lines[0] == (
         "failed: IbdataError: True: three worker processes died in a row, probably out of memory; "
-        "run again with --resume and fewer --workers"
+        "run again with resume=True and fewer workers=…"
     )
     assert not list(tmp_path.rglob(".tmp-*"))
 

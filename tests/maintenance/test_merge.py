@@ -150,7 +150,7 @@ def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_
     with pytest.raises(UsageError) as error:
         ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
     assert str(error.value).startswith(f"{third.path}: setpoint 20.0000002, policy random: the same")
-    assert f"also in {first.path}; make one of the datasets with another --seed" in str(error.value)
+    assert f"also in {first.path}; make one of the datasets with another seed=…" in str(error.value)
 
 
 def test_a_dataset_more_is_one_comparison_more(make, tmp_path, monkeypatch):
@@ -188,7 +188,7 @@ def test_a_source_that_is_damaged_is_an_error_and_leaves_nothing(pair, shard_fil
 def test_one_dataset_or_a_folder_that_holds_something_is_refused(pair, tmp_path):
     with pytest.raises(UsageError, match="found 1 dataset, expected at least 2"):
         ibdata.merge([pair[0].path], tmp_path / "both")
-    with pytest.raises(UsageError, match="exists already; choose another --out"):
+    with pytest.raises(UsageError, match="exists already; choose another out=…"):
         ibdata.merge([d.path for d in pair], pair[0].path)
 
 

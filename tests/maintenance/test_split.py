@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment import split_schemes
+from ibdata.maintenance import split_options
 from ibdata.maintenance.repair import repair
 
 SETPOINTS = [10.0, 30.0, 50.0, 75.0, 90.0]
@@ -215,7 +218,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
             "found 3 transitions, expected at least those of an episode",
         ),
         ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
-        ({"scheme": "distance", "source": [50]}, "needs both --source and --within"),
+        ({"scheme": "distance", "source": [50]}, "needs both source=… and within=…"),
         ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
         ({"scheme": "nearest"}, "found the scheme 'nearest', expected one of transfer"),
         ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
@@ -223,6 +226,31 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"by": "episode", "fractions": (1.1, -0.1)}, "found fractions 1.1, -0.1"),
         ({"by": "colour"}, "found 'colour', expected by setpoint, episode or policy"),
         ({"by": None}, "found nothing, expected by setpoint"),
+        ({}, "found nothing, expected by setpoint"),
+        ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
+        (
+            {"by": "policy", "scheme": "transfer"},
+            "found scheme=…, but a split by policy uses no other option",
+        ),
+        ({"by": "episode", "shots": 1}, "found shots=…, but a split by episode uses only fractions=…"),
+        (
+            {"source": [50], "fractions": (0.5, 0.5)},
+            "found fractions=…, but the scheme transfer uses only source=…",
+        ),
+        ({"scheme": "leave-one-out", "target": [50]}, "but the scheme leave-one-out uses no other option"),
+        (
+            {"scheme": "distance", "source": [50], "within": 25, "shots": 1},
+            "found shots=…, but the scheme distance uses only source=…, within=…",
+        ),
+        ({"by": "policy", "prefix": "No"}, "found the name 'No-random', expected at most 64 of a-z"),
+        (
+            {"by": "policy", "names": {"saef": "x"}},
+            "found 'saef' to be renamed, expected one of random, safe; did",
+        ),
+        ({"by": "policy", "names": {"safe": "random"}}, "found one name for two splits"),
+        ({"prefix": "a"}, "found nothing, expected by setpoint"),
+        ({"remove": ["x"], "prefix": "a"}, "found a name or a prefix, but no splits to make"),
+        ({"remove": ["x"]}, "found 'x' to be removed, expected none: no splits were made later"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_and_changes_nothing(made, call, line):
@@ -238,6 +266,63 @@ def test_a_name_of_a_declared_split_is_refused(experiment, tmp_path):
     ibdata.generate(Experiment.model_validate(plain), tmp_path / "x", workers=1)
     with pytest.raises(UsageError, match="train is a declared split"):
         ibdata.split(tmp_path / "x", scheme="interpolation")
+
+
+def test_several_schemes_live_together_under_names_of_their_own(made, shard_file, tmp_path):
+    ibdata.split(made.path, source=[50], target=[75], shots=2, prefix="near")
+    ibdata.split(made.path, source=[50], target=[90], names={"source": "at-50", "target": "at-90"})
+    split = ibdata.split(made.path, by="episode", fractions=(0.6, 0.4), prefix="x", names={"test": "last"})
+    names = ["low", "near-source", "near-target", "near-target-rest", "at-50", "at-90", "x-train", "last"]
+    assert list(split.info["splits"]) == names
+    assert conditions(split, "near-target") == ({75.0}, BOTH, {0, 1})
+    assert conditions(split, "last") == (set(SETPOINTS), BOTH, {3, 4})
+    assert ibdata.validate(made.path) == []
+    for file in ("meta/stats.json", shard_file(made.path, 1)):
+        path = made.path / file
+        whole = path.read_bytes()
+        path.write_bytes(whole[: len(whole) // 2])
+        assert repair(made.path, workers=1) == [file]
+        assert path.read_bytes() == whole
+    assert ibdata.reproduce(made.path) == (50, [])
+    other = {**ibdata.load(made.path / "meta/experiment.yaml").plain(), "seed": 1}
+    ibdata.generate(Experiment.model_validate(other), tmp_path / "other", workers=1)
+    merged = ibdata.merge([made.path, tmp_path / "other"], tmp_path / "both")
+    assert list(merged.info["splits"]) == names
+    assert merged.info["splits"]["near-target"]["episodes"] == 4
+    assert merged.info["splits"]["near-target"]["files"]
+    assert ibdata.validate(merged.path) == []
+
+
+def test_a_declared_split_and_a_later_one_live_together_in_labels_and_in_files(experiment, tmp_path):
+    plain = {**experiment.plain(), "splits": {"source": {"setpoint": 50}, "target": {"setpoint": 75}}}
+    made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "x", workers=1)
+    with pytest.raises(UsageError, match=r"source is a declared split, .* with prefix=… or names=…"):
+        ibdata.split(made.path, source=[50], target=[90])
+    split = ibdata.split(made.path, source=[50], target=[90], prefix="far")
+    assert list(split.info["splits"]) == ["source", "target", "far-source", "far-target"]
+    assert members(split, "far-source") == members(split, "source")
+    copy = ibdata.split(made.path, materialize=tmp_path / "copy")
+    assert conditions(copy, "far-target") == ({90.0}, BOTH, ALL)
+    for folder in (made.path, copy.path):
+        assert ibdata.validate(folder) == []
+    with pytest.raises(UsageError, match=r"target is a declared split, .* it cannot be removed"):
+        ibdata.split(made.path, remove=["target"])
+
+
+def test_later_splits_are_removed_and_others_made_in_one_go(made, tmp_path):
+    ibdata.split(made.path, by="policy")
+    split = ibdata.split(made.path, source=[50], target=[75], remove=["safe"])
+    assert list(split.info["splits"]) == ["low", "random", "source", "target"]
+    copy = ibdata.split(made.path, remove=["random"], materialize=tmp_path / "copy")
+    assert list(copy.info["splits"]) == ["low", "source", "target"]
+    assert list(ibdata.split(made.path, remove=["random", "source", "target"]).info["splits"]) == ["low"]
+    assert ibdata.validate(made.path) == []
+
+
+def test_every_scheme_has_a_function_with_its_options():
+    for scheme, options in split_options.SCHEMES.items():
+        taken = signature(getattr(split_schemes, scheme.replace("-", "_"))).parameters
+        assert tuple(taken) == ("spec", *options)
 
 
 def test_rows_that_are_not_those_listed_are_refused_and_nothing_is_changed(made, shard_file, tmp_path):

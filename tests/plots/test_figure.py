@@ -73,9 +73,7 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
     (tmp_path / "mine.png").write_text("mine")
     refused = ibdata("figure", "setpoints", "--out", "mine.png")
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr == (
-        "mine.png: exists already; choose another name, or --overwrite (overwrite=True)\n"
-    )
+    assert refused.stderr == ("mine.png: exists already; choose another name, or --overwrite\n")
     assert (tmp_path / "mine.png").read_text() == "mine"
     done = ibdata("figure", "setpoints", "--out", "mine.png", "--overwrite", "--json")
     assert json.loads(done.stdout) == {"version": 1, "files": ["mine.png"]}

@@ -97,7 +97,7 @@ def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_pat
     (tmp_path / "figures" / "both" / "traces.png").write_text("mine")
     refused = ibdata("plot", str(merged.path))
     assert (refused.returncode, refused.stdout) == (2, "")
-    expected = "exists already; choose another name, or --overwrite (overwrite=True)"
+    expected = "exists already; choose another name, or --overwrite"
     assert refused.stderr == f"figures/both/traces.png: {expected}\n"
     assert os.listdir(tmp_path / "figures" / "both") == ["traces.png"]
     assert ibdata("plot", str(merged.path), "--overwrite").returncode == 0

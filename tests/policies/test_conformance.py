@@ -17,7 +17,8 @@ from pydantic import ValidationError
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.policies import POLICIES, Deterministic, Policy, Wrapper
-from ibdata.policies.base import is_deterministic
+from ibdata.policies.choice import Choice
+from ibdata.policies.given import Given
 from ibdata.testing import check_policy
 
 
@@ -33,8 +34,9 @@ EXAMPLES = {
     "constant": [{}, {"action": [1.0, -0.25, 0.1]}],
     "custom": [CUSTOM, SURE],
 }
-# Around every policy that may be a base; 24 nodes integrate a normal of 0.4 to 1e-7.
-PLAIN = [kind for kind in ALONE if not issubclass(POLICIES[kind], Wrapper)]
+# Around every policy that may be a base, but multisine, which is like prbs; 24 nodes integrate a normal of
+# 0.4 to 1e-7.
+PLAIN = [k for k in ALONE if not issubclass(POLICIES[k], Wrapper | Choice) and k != "multisine"]
 FIXED = [kind for kind in PLAIN if issubclass(POLICIES[kind], Deterministic)]
 EXAMPLES["epsilon_greedy"] = [
     *({"base": {"kind": kind}, "epsilon": 0.2} for kind in PLAIN),
@@ -50,6 +52,32 @@ EXAMPLES["epsilon_greedy"] = [
 EXAMPLES["gaussian"] = [
     *({"base": {"kind": kind}, "scale": 0.4} for kind in FIXED),
     {"base": {"kind": "custom", **SURE}, "scale": 0.4},
+]
+NOISE = {"base": {"kind": "constant", "action": [0.5, -0.25, 1.0]}}
+EXAMPLES["ornstein_uhlenbeck"] = [{}, {**NOISE, "theta": 0.5, "sigma": 0.4}]
+EXAMPLES["coloured_noise"] = [{"period": 8}, {**NOISE, "beta": 0.5, "scale": 2.0, "period": 2}]
+EXAMPLES["prbs"] = [{}, {"order": 3, "hold": 1, "amplitude": 0.25}]
+EXAMPLES["multisine"] = [{}, {"sines": 2, "period": 16, "amplitude": 0.5}]
+EXAMPLES["sticky"] = [
+    {"base": {"kind": "random"}, "kappa": 0.5},
+    {"base": {"kind": "optimized"}, "kappa": 0.5},
+    {"base": {"kind": "custom", **SURE}, "kappa": 0.5},
+    {"base": {"kind": "epsilon_greedy", "base": {"kind": "prbs"}, "epsilon": 0.4}, "kappa": 0.25},
+    {"base": {"kind": "sticky", "base": {"kind": "safe"}, "kappa": 0.5}, "kappa": 0.5},
+]
+EXAMPLES["mixture"] = [
+    {"bases": [{"kind": "safe"}, {"kind": "optimized"}, {"kind": "random"}]},
+    {"bases": [{"kind": "coloured_noise", "period": 8}, {"kind": "prbs"}], "weights": [1.0, 3.0]},
+    {"bases": [{"kind": "sticky", "base": {"kind": "ornstein_uhlenbeck"}, "kappa": 0.5}, {"kind": "bad"}]},
+]
+EXAMPLES["schedule"] = [
+    {"stages": [{"base": {"kind": "safe"}, "steps": 2}, {"base": {"kind": "ornstein_uhlenbeck"}}]},
+    {"stages": [{"base": {"kind": "bad"}, "steps": 20, "epsilon": [1.0, 0.0]}]},
+    {
+        "stages": [
+            {"base": {"kind": "sticky", "base": {"kind": "random"}, "kappa": 0.5}, "epsilon": [0.5, 0.5]}
+        ]
+    },
 ]
 # A policy that needs options and has no example here calls `check_policy` in its own test.
 CASES = [
@@ -71,16 +99,34 @@ def histories(policy, values=EDGES):
     return history
 
 
-def draws(policy, n):
-    u = np.random.default_rng(0).random((n, policy.uniforms_per_step))
+def draws(n, count):
+    u = np.random.default_rng(0).random((n, count))
     u[: n // 4][u[: n // 4] < 0.5] = SMALLEST
     u[n // 4 : n // 2][u[n // 4 : n // 2] > 0.5] = LARGEST
     return u
 
 
-def applied(policy, history, u):
+def applied(policy, given):
     """The action as it is applied and stored: clipped and rounded to float32."""
-    return np.clip(np.asarray(policy.act(history, u)), -1.0, 1.0).astype(np.float32)
+    return np.clip(np.asarray(policy.decide(given).actions), -1.0, 1.0).astype(np.float32)
+
+
+def asked(policy, history, step=3):
+    """What a policy is given at a step of episodes with these histories, after it has played the others."""
+    n, frames = history.shape[:2]
+    random = np.random.default_rng(1)
+    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.memory_size))
+    drawn = random.random((n, policy.uniforms_per_episode))
+    for t in range(step):
+        u = random.random((n, policy.uniforms_per_step))
+        given = Given(history, done, np.full(n, t), u, drawn, memory)
+        memory = np.asarray(policy.decide(given).memory)
+        done = np.concatenate([applied(policy, given)[:, None], done], axis=1)[:, :frames]
+    return Given(history, done, np.full(n, step), draws(n, policy.uniforms_per_step), drawn, memory)
+
+
+def repeated(given, times):
+    return given.apply(lambda x: np.repeat(x, times, axis=0))
 
 
 def read_only(array):
@@ -107,57 +153,72 @@ def test_a_policy_passes_the_checks_that_are_published_for_everybody(policy):
 
 @policies
 def test_its_own_actions_have_a_finite_log_density(policy):
-    history = np.repeat(histories(policy), 20, axis=0)
-    action = applied(policy, history, draws(policy, len(history)))
-    assert np.isfinite(policy.log_prob(history, action)).all()
+    given = repeated(asked(policy, histories(policy)), 20)
+    given = given._replace(uniforms=draws(len(given.step), policy.uniforms_per_step))
+    density = policy.log_density(given, applied(policy, given))
+    assert np.isfinite(density[~unknown(policy, given)]).all()
+    assert np.isnan(density[unknown(policy, given)]).all()
 
 
 @policies
 def test_arrays_that_cannot_be_written_are_enough(policy):
-    history = histories(policy)
-    u = draws(policy, len(history))
-    action = applied(policy, history, u)
-    seen, drawn, done = read_only(history), read_only(u), read_only(action)
-    np.testing.assert_array_equal(policy.act(seen, drawn), policy.act(history, u))
-    np.testing.assert_array_equal(policy.log_prob(seen, done), policy.log_prob(history, action))
+    given = asked(policy, histories(policy))
+    action = applied(policy, given)
+    seen, done = given.apply(read_only), read_only(action)
+    for a, b in zip(policy.decide(seen), policy.decide(given), strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(policy.log_density(seen, done), policy.log_density(given, action))
 
 
-def atoms_of(policy, lane, dimension):
-    """±1 and the actions that a state repeats: the points of the measure of `Policy.log_prob`."""
-    many = np.repeat(lane, 400, axis=0)
-    values, counts = np.unique(
-        applied(policy, many, np.random.default_rng(1).random((400, policy.uniforms_per_step)))[:, dimension],
-        return_counts=True,
-    )
-    return sorted({-1.0, 1.0} | set(values[counts > 4].tolist()))
+def unknown(policy, given):
+    """Whether no density is known in each episode (n,): that of coloured noise is not."""
+    if policy.kind == "mixture":
+        kinds = np.array([base.kind for base in policy.bases])
+        return kinds[policy.chosen(given)] == "coloured_noise"
+    return np.full(len(given.step), policy.kind == "coloured_noise")
 
 
-def whole_atom(policy, lane):
-    """The one action (1, 3) that has a mass of its own as a whole, or none (0, 3)."""
-    whole = policy.kind == "epsilon_greedy" and not policy.per_dimension and policy.epsilon < 1.0
-    if whole and is_deterministic(policy.base):
-        return policy.base.mean_action(lane)
-    return np.empty((0, 3), dtype=np.float32)
+def repeats(actions):
+    """The values or rows that occur more than once in a hundred times."""
+    values, counts = np.unique(actions, axis=0, return_counts=True)
+    return values[counts > len(actions) // 100]
+
+
+def atoms_of(policy, many):
+    """For each dimension, ±1 and the numbers that a state repeats: the points of the measure."""
+    actions = applied(policy, many)
+    return [sorted({-1.0, 1.0} | set(repeats(actions[:, j]).tolist())) for j in range(3)]
+
+
+def whole_atoms(policy, many):
+    """The actions (k, 3) that have a mass as a whole, where single numbers have none of their own."""
+    plain = policy.kind == "epsilon_greedy" and not policy.per_dimension
+    if not (plain or policy.kind in ("sticky", "mixture", "schedule")):
+        return np.empty((0, 3), dtype=np.float32)
+    found = repeats(applied(policy, many))
+    return found[(np.abs(found) < 1.0).any(axis=1)]  # others are on the grid already
 
 
 @policies
 def test_the_density_integrates_to_1_in_every_state(policy):
     """Gauss-Legendre on (-1, 1) and unit masses at the atoms, over the product of the dimensions."""
     nodes, node_weights = np.polynomial.legendre.leggauss(24)
-    for i, _ in enumerate(history := histories(policy, (20.0, 40.0, 50.0, 60.0, 80.0))):
-        lane = history[i : i + 1]
-        whole = whole_atom(policy, lane)
+    everywhere = asked(policy, histories(policy, (20.0, 40.0, 50.0, 60.0, 80.0)))
+    random = np.random.default_rng(1).random((400, policy.uniforms_per_step))
+    for i in np.flatnonzero(~unknown(policy, everywhere)):
+        one = everywhere.apply(lambda x, i=i: x[i : i + 1])
+        many = repeated(one, 400)._replace(uniforms=random)
+        whole = whole_atoms(policy, many)
         axes, weights = [], []
-        for dimension in range(3):
-            atoms = [-1.0, 1.0] if len(whole) else atoms_of(policy, lane, dimension)
+        for found in atoms_of(policy, many):
+            atoms = [-1.0, 1.0] if len(whole) else found
             axes.append(np.concatenate([nodes, atoms]))
             weights.append(np.concatenate([node_weights, np.ones(len(atoms))]))
         action = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
         weight = np.einsum("i,j,k->ijk", *weights).ravel()
-        if len(whole) and not (np.abs(whole) == 1.0).all():  # else it is on the grid already
-            action, weight = np.concatenate([action, whole]), np.append(weight, 1.0)
-        density = np.exp(policy.log_prob(np.repeat(lane, len(action), axis=0), action))
-        assert (density * weight).sum() == pytest.approx(1.0, abs=1e-6), lane[0, 0].tolist()
+        action, weight = np.concatenate([action, whole]), np.append(weight, np.ones(len(whole)))
+        density = np.exp(policy.log_density(repeated(one, len(action)), action))
+        assert (density * weight).sum() == pytest.approx(1.0, abs=1e-6), one
 
 
 @policies

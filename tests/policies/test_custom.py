@@ -151,7 +151,7 @@ def test_repair_and_reproduce_need_leave_too(mine, shard_file):
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
-        with pytest.raises(UsageError, match="which is code that would run; --allow-code"):
+        with pytest.raises(UsageError, match="which is code that would run; allow_code=True"):
             call("out")
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (2, [])

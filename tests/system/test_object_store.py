@@ -77,7 +77,7 @@ def test_damage_is_found_and_named(url, shard_file):
 def test_resuming_takes_what_is_there_and_another_experiment_is_refused(url):
     made(url)
     assert made(url, resume=True).content_root == made("plain").content_root
-    with pytest.raises(UsageError, match=r"holds the dataset of another experiment; choose another --out$"):
+    with pytest.raises(UsageError, match=r"holds the dataset of another experiment; choose another out=…$"):
         made(url, seed=5, resume=True)
 
 
@@ -118,7 +118,7 @@ def interrupted(monkeypatch, url, puts, torn=False, **options):
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        with pytest.raises(IbdataError, match=r"connection lost; --resume uploads what is missing$"):
+        with pytest.raises(IbdataError, match=r"connection lost; resume=True uploads what is missing$"):
             made(url, **options)
 
 
@@ -143,7 +143,7 @@ def test_an_upload_is_resumed_here_and_begun_again_on_another_machine(url, machi
         machine("first")
         interrupted(monkeypatch, url, puts, torn)
         before = names()
-        with pytest.raises(UsageError, match="holds an upload that was interrupted; --resume"):
+        with pytest.raises(UsageError, match="holds an upload that was interrupted; resume=True"):
             made(url)
         assert names() == before
         machine(name)
@@ -221,7 +221,7 @@ def test_files_that_no_upload_has_put_are_refused_by_name_and_left_alone(
     for options in ({}, {"resume": True}):
         with pytest.raises(UsageError, match=rf"there.*{path}") as error:
             made(url, **options)
-        assert "--resume" not in str(error.value)
+        assert "resume" not in str(error.value)
     assert names() == before
     assert Path("there", path).read_text() == "mine"
     Path("there", path).unlink()

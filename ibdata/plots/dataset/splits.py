@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ibdata.numerics.naming import counted
 from ibdata.plots.groups import Numbers
 from ibdata.plots.summary import Summary
 
@@ -59,7 +60,8 @@ def draw(figure: Figure, summary: Summary) -> None:
     lower.set_title("episodes that two splits share", loc="left")
     more = len(summary.dataset.info_model.splits) - MOST
     figure.suptitle(
-        f"episodes by {summary.setpoint_label} and policy" + (f"; {more} more splits" if more > 0 else "")
+        f"episodes by {summary.setpoint_label} and policy"
+        + (f"; and {counted(more, 'split')} more" if more > 0 else "")
     )
 
 

@@ -1,4 +1,4 @@
-"""The site builds without a warning and loads no other site; transfer-example.md prints what it shows."""
+"""The site builds and loads no other site; its tour and its worked example print what they show."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from helpers import ROOT, script
 
-ROOT = Path(__file__).parents[3]
+import ibdata
+
 DOCS = ROOT / "docs"
 LOADING = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
 
@@ -38,9 +40,45 @@ def site(tmp_path_factory) -> Path:
 
 def test_every_page_is_there_and_reached_from_the_first(site):
     first = (site / "index.html").read_text(encoding="utf-8")
-    for page in DOCS.glob("*.md"):
+    for page in [*DOCS.glob("*.md"), *DOCS.glob("*.ipynb")]:
         assert (site / f"{page.stem}.html").is_file()
         assert f'href="{page.stem}.html"' in first
+
+
+def test_every_public_name_is_described_with_its_arguments(site):
+    text = (site / "api.html").read_text(encoding="utf-8")
+    for name in ibdata.__all__:
+        if name not in ("__version__", "open"):
+            found = getattr(ibdata, name)
+            assert f'<h3 id="{found.__module__}.{found.__qualname__}"' in text, name
+    assert "overrides" in text
+
+
+def test_no_link_leads_to_a_source(site):
+    for page in site.glob("*.html"):
+        assert not re.search(r'href="[^":]+\.(md|ipynb)[#"]', page.read_text(encoding="utf-8")), page.name
+
+
+def test_search_needs_no_server(site):
+    """Browsers start no worker in a folder, so a script in the site stands in for it."""
+    assert (site / "search/search_index.js").read_text(encoding="utf-8").startswith("var __index = {")
+    for page in set(site.glob("*.html")) - {site / "404.html"}:
+        assert 'src="iframe-worker.js"' in page.read_text(encoding="utf-8"), page.name
+
+
+def test_the_tour_prints_what_it_shows():
+    command = [sys.executable, str(ROOT / "scripts/tour"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_tour_that_shows_something_else_is_noticed():
+    tour = script("tour")
+    stored = tour.nbformat.read(tour.TOUR, as_version=4)
+    assert sum("a picture" in cell for cell in tour.shown(stored)) == 2
+    changed = tour.nbformat.from_dict(stored)
+    changed.cells[1].outputs[0].text = "60001 rows in 60 episodes\n"
+    assert tour.shown(changed) != tour.shown(stored)
 
 
 def test_pages_load_nothing_from_elsewhere(site):

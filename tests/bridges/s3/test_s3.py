@@ -123,7 +123,7 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        message = "cannot be written: connection lost; --resume uploads what is missing$"
+        message = "cannot be written: connection lost; resume=True uploads what is missing$"
         with pytest.raises(IbdataError, match=message):
             ibdata.generate(tiny, url, workers=1)
     with pytest.raises(DatasetError, match=r"no finished dataset|no valid JSON"):
@@ -177,9 +177,9 @@ def test_what_is_there_is_not_written_over(bucket, tiny, objects):
     ibdata.generate(tiny, url, workers=1)
     before = objects()
     for options, line in (
-        ({}, "exists already; choose another --out"),
+        ({}, "exists already; choose another out=…"),
         ({"seed": 1, "resume": True}, "holds the dataset of another experiment"),
-        ({"overwrite": True}, "--overwrite is for folders"),
+        ({"overwrite": True}, "overwrite=True is for folders"),
     ):
         with pytest.raises(UsageError, match=f"^{url}: {line}"):
             ibdata.generate(tiny, url, workers=1, **options)
@@ -198,7 +198,7 @@ def test_no_bucket_is_an_error_of_one_line(bucket, ibdata):
 
 
 def test_ranges_and_folders_of_experiments_need_a_folder(bucket, tiny):
-    with pytest.raises(UsageError, match="found a URL with --shards, expected a folder"):
+    with pytest.raises(UsageError, match="found a URL with shards=…, expected a folder"):
         ibdata.generate_shards(tiny, "1/2", f"s3://{bucket}/x")
     with pytest.raises(UsageError, match="found a URL for a folder of experiments, expected a folder"):
         ibdata.generate_all("siemens-offline", f"s3://{bucket}/x")

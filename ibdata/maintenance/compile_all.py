@@ -1,0 +1,74 @@
+"""Compiling ahead all that ibdata may need, so that no later process waits for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ibdata.environment.lane import Lane
+from ibdata.environment.settings import settings
+from ibdata.environment.simulation import Indices, Simulation
+from ibdata.errors import IbdataError
+from ibdata.experiment import Experiment, load, shipped
+from ibdata.generation.warm_up import warm_up
+from ibdata.numerics.compiled import PLACES
+from ibdata.numerics.philox import Raw
+
+# Options that change which functions an experiment needs.
+VARIATIONS = (
+    ("setpoints=drifting", "start={burn_in: [1, 2]}", "output.latent=full", "output.dtype=float64"),
+    ("output.latent=next", "start=uniform"),
+    ("output.latent=false",),
+)
+
+
+class Compiled(NamedTuple):
+    """The folder with the machine code, and the seconds that it took to compile what was missing."""
+
+    folder: Path
+    seconds: float
+
+
+def compile_all() -> Compiled:
+    """Compile the simulator for every policy and option, and for the environments.
+
+    Raises:
+        IbdataError: There is no folder in which later processes would find the machine code.
+    """
+    start = time.perf_counter()
+    if not PLACES.lasting:
+        raise IbdataError(
+            "there is no cache folder that only this user can write to, so nothing would be kept; set "
+            "IBDATA_CACHE_DIR to one"
+        )
+    for experiment in _experiments():
+        warm_up(experiment)
+    for setpoint in (50.0, "drifting"):
+        for form in ("default", {"burn_in": [1, 2]}):
+            _play(Simulation(settings(setpoint=setpoint, start=form), 2))
+            lane = Lane(settings(setpoint=setpoint, start=form))
+            _play(lane)
+            lane.move((0.0, 0.0, 0.0), _zeros(np.arange(1), lane.draws)[0])
+    folder = next(folder for folder in PLACES.folders if os.access(folder, os.W_OK))
+    return Compiled(Path(folder), time.perf_counter() - start)
+
+
+def _experiments() -> Iterator[Experiment]:
+    yield from (load(name, ["episodes=1", "splits={}"]) for name in shipped())
+    yield from (load("random", variation) for variation in VARIATIONS)
+
+
+def _play(simulation: Simulation) -> None:
+    """Begin episodes and make a step: in all lanes, then in one."""
+    for which in (simulation.everyone, simulation.everyone[:1]):
+        simulation.reset(which, _zeros)
+        simulation.step(which, np.zeros((len(which), 3), dtype=np.float32), _zeros)
+
+
+def _zeros(lanes: Indices, count: int) -> Raw:
+    return np.zeros((len(lanes), count), dtype=np.uint64)

@@ -1,0 +1,44 @@
+"""The ways to split a dataset and the options of each. The command line reads them without the library.
+
+A way is a function of `ibdata.experiment.split_schemes` whose arguments are its options.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from ibdata.errors import UsageError
+
+SCHEMES = {
+    "transfer": ("source", "target", "shots", "transitions"),
+    "leave-one-out": (),
+    "interpolation": (),
+    "extrapolation": (),
+    "distance": ("source", "within"),
+}
+DEFAULT_SCHEME = "transfer"
+OPTIONS = {
+    "setpoint": ("scheme", *dict.fromkeys(option for options in SCHEMES.values() for option in options)),
+    "episode": ("fractions",),
+    "policy": (),
+}
+
+
+def property_of(given: Iterable[str]) -> str | None:
+    """The property that the given options split by; None if there are none."""
+    return next((by for option in given for by, options in OPTIONS.items() if option in options), None)
+
+
+def refuse_unused(given: Iterable[str], by: str, scheme: str) -> None:
+    """Raise UsageError for a given option that the way to split does not use."""
+    way, used = f"a split by {by}", OPTIONS[by]
+    if by == "setpoint":
+        way, used = f"the scheme {scheme}", ("scheme", *SCHEMES[scheme])
+    for option in given:
+        if option not in used:
+            own = [f"--{name}" for name in used if name != "scheme"]
+            raise UsageError(f"split: found --{option}, but {way} uses {_only(own)}")
+
+
+def _only(options: list[str]) -> str:
+    return f"only {', '.join(options)}" if options else "no other option"

@@ -1,0 +1,153 @@
+"""A base policy with noise whose spectrum is a power of the frequency."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field
+
+from ibdata.numerics.circle import cosine, sine
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import pow
+from ibdata.numerics.random import standard_normal
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats
+from ibdata.policies.constant import Constant
+from ibdata.policies.given import Decision, Given, Steps
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
+
+if TYPE_CHECKING:
+    from ibdata.policies import DeterministicBase
+
+
+def _power_of_two(value: int) -> int:
+    if value & (value - 1):
+        raise ValueError(f"found {value}, expected a power of two")
+    return value
+
+
+class ColouredNoise(Wrapper):
+    """Adds noise with the power spectrum 1/f^β to each number of the base's action, and clips to [-1, 1].
+
+        x[t] = Σ_k s_k (A_k cos 2πkt/N + B_k sin 2πkt/N),    s_k ∝ k^(-β/2),    k = 1 … N/2
+
+    A_k and B_k ~ N(0, 1) are drawn once for an episode, separately for each number; the s_k make the variance
+    of x equal to 1, and `scale` · x is added. β = 0 is white, 1 pink, 2 brown noise. x repeats itself after
+    N steps, the `period`. An action has no simple density given those before it, so `action_log_prob` is NaN.
+    Sources: Timmer and König 1995, On generating power law noise; for exploration Eberhard et al. 2023, Pink
+    noise is all you need, who recommend β = 1 and draw the noise of a whole episode at once.
+    """
+
+    kind: Literal["coloured_noise"] = "coloured_noise"
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(
+        default=Constant(), description="a deterministic policy; by default constant, with the action 0"
+    )
+    beta: Annotated[float, Field(ge=0.0, le=4.0, strict=True), AfterValidator(lambda x: x + 0.0)] = Field(
+        default=1.0, description="β, the exponent of the spectrum"
+    )
+    scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
+        default=0.5, description="standard deviation of the noise"
+    )
+    period: Annotated[int, Field(ge=2, le=4096, strict=True), AfterValidator(_power_of_two)] = Field(
+        default=1024, description="steps after which the noise repeats itself, a power of two"
+    )
+
+    @property
+    def own_uniforms_per_episode(self) -> int:  # type: ignore[override]  # read from instances only
+        """Two numbers for each frequency and each number of the action."""
+        return 3 * self.period
+
+    @property
+    def own_memory_size(self) -> int:  # type: ignore[override]  # read from instances only
+        """The noise of the whole episode, which is computed at its first step."""
+        return 3 * self.period
+
+    def decide(self, given: Given) -> Decision:
+        chosen, own = self.base.decide(self.for_base(given)), self.own(given)
+        base = applied(chosen.actions)
+        noise = own.memory
+        if (given.step == 0).any():
+            noise = noise.copy()
+            _draw(given.step, own.episode_uniforms, self.beta, noise)
+        action = np.empty(base.shape)
+        _act(base, noise, given.step, self.scale, action)
+        return Decision(action, self.joined(chosen.memory, noise))
+
+
+@compiled
+def _act(base: npt.NDArray[np.float32], noise: Floats, step: Steps, scale: float, out: Floats) -> None:
+    period = noise.shape[1] // 3
+    for i in range(out.shape[0]):
+        for j in range(3):
+            x = noise[i, j * period + step[i] % period]
+            out[i, j] = np.float64(base[i, j]) + scale * x
+
+
+@compiled
+def _draw(step: Steps, u: Floats, beta: float, noise: Floats) -> None:
+    """Write the noise of the episodes that are at step 0 into noise (n, 3 · period), from u of that shape."""
+    period = noise.shape[1] // 3
+    half = period // 2
+    weights = np.zeros(half + 1)
+    total = 0.0
+    for k in range(1, half + 1):
+        weights[k] = pow(np.float64(k), -0.5 * beta)
+        total += weights[k] * weights[k]
+    for k in range(1, half + 1):
+        weights[k] /= np.sqrt(total)
+    cosines, sines = np.empty(half), np.empty(half)
+    for k in range(half):
+        cosines[k], sines[k] = cosine(k / period), sine(k / period)
+    real, imaginary = np.empty(period), np.empty(period)
+    for i in range(noise.shape[0]):
+        if step[i] == 0:
+            for j in range(3):
+                own = u[i, j * period : (j + 1) * period]
+                for k in range(period):
+                    real[k], imaginary[k] = 0.0, 0.0
+                for k in range(1, half):
+                    real[k] = weights[k] * standard_normal(own[2 * k])
+                    imaginary[k] = -weights[k] * standard_normal(own[2 * k + 1])
+                real[half] = weights[half] * standard_normal(own[1])
+                transform(real, imaginary, cosines, sines)
+                for t in range(period):
+                    noise[i, j * period + t] = real[t]
+
+
+@compiled
+def transform(real: Floats, imaginary: Floats, cosines: Floats, sines: Floats) -> None:
+    """Replace c_k by Σ_k c_k e^(2πikt/N), for t = 0 … N - 1, in place; N is a power of two.
+
+    The fast Fourier transform of Cooley and Tukey 1965, in a fixed order.
+
+    Args:
+        real: the real parts of c_k, (N,).
+        imaginary: their imaginary parts, (N,).
+        cosines: cos 2πk/N for k < N/2.
+        sines: sin 2πk/N for k < N/2.
+    """
+    n = real.shape[0]
+    j = 0
+    for i in range(1, n):  # the order of reversed bits
+        bit = n >> 1
+        while j & bit:
+            j ^= bit
+            bit >>= 1
+        j |= bit
+        if i < j:
+            real[i], real[j] = real[j], real[i]
+            imaginary[i], imaginary[j] = imaginary[j], imaginary[i]
+    half = 1
+    while half < n:
+        stride = n // (2 * half)
+        for start in range(0, n, 2 * half):
+            for k in range(half):
+                c, s = cosines[k * stride], sines[k * stride]
+                a, b = start + k, start + k + half
+                x = real[b] * c - imaginary[b] * s
+                y = real[b] * s + imaginary[b] * c
+                real[b], imaginary[b] = real[a] - x, imaginary[a] - y
+                real[a], imaginary[a] = real[a] + x, imaginary[a] + y
+        half *= 2

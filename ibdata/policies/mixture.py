@@ -1,0 +1,66 @@
+"""One of several policies, drawn for each episode."""
+
+from __future__ import annotations
+
+import math
+from itertools import accumulate
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ibdata.policies.base import NormalDouble, Policy
+from ibdata.policies.choice import Choice, Chosen, forms
+from ibdata.policies.given import Given
+from ibdata.policies.wrapper import Unnamed
+
+if TYPE_CHECKING:
+    from ibdata.policies import AnyPolicy
+
+Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True), NormalDouble]
+
+
+class Mixture(Choice):
+    """Draws one of several policies for each episode, which acts in it from start to end.
+
+    The density is that of the policy that was drawn. Field data look like this where several operators take
+    turns; Fu et al. 2020, D4RL (arXiv 2004.07219), make their medium-replay and medium-expert data of several
+    policies.
+    """
+
+    kind: Literal["mixture"] = "mixture"
+    bases: Annotated[list[Annotated[AnyPolicy, Unnamed]], Field(min_length=1, max_length=100)] = Field(
+        description="the policies"
+    )
+    weights: Annotated[list[Weight], Field(min_length=1)] | None = Field(
+        default=None,
+        description="how often each is drawn, relative to the others; default: equally often",
+    )
+
+    @property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies."""
+        return tuple(self.bases)
+
+    @property
+    def own_uniforms_per_episode(self) -> int:
+        """The draw of the policy."""
+        return 1
+
+    def chosen(self, given: Given) -> Chosen:
+        weights = self.weights or [1.0] * len(self.bases)
+        total = math.fsum(weights)
+        bounds = [part / total for part in accumulate(weights)][:-1]
+        return np.searchsorted(bounds, given.episode_uniforms[:, 0], side="right").astype(np.int64)
+
+    def form(self) -> dict[str, Any]:
+        """The form of the policy, which contains those of the bases."""
+        return {**super().form(), "bases": forms(self.inner)}
+
+    @model_validator(mode="after")
+    def _check(self) -> Mixture:
+        if self.weights is not None and len(self.weights) != len(self.bases):
+            raise ValueError(
+                f"found {len(self.weights)} weights, expected {len(self.bases)}, one for each of the bases"
+            )
+        return self

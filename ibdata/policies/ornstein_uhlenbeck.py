@@ -1,0 +1,77 @@
+"""A base policy with noise that drifts back to zero."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.random import standard_normal
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats
+from ibdata.policies.constant import Constant
+from ibdata.policies.gaussian import log_clipped_normal
+from ibdata.policies.given import Decision, Given
+from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
+
+if TYPE_CHECKING:
+    from ibdata.policies import DeterministicBase
+
+
+class OrnsteinUhlenbeck(Wrapper):
+    """Adds an Ornstein-Uhlenbeck process to each number of the base's action, and clips the sum to [-1, 1].
+
+        x[t] = (1 - θ) x[t-1] + σ z,    z ~ N(0, 1),    x before the first step is 0
+
+    The process itself is not clipped; it is the policy's memory, given which the density is that of a clipped
+    normal. Its standard deviation grows to σ / √(1 - (1 - θ)²), by default 0.38. Sources: Uhlenbeck and
+    Ornstein 1930, On the theory of the Brownian motion; for exploration, with these defaults, Lillicrap et
+    al. 2016 (arXiv 1509.02971), section 7.
+    """
+
+    own_uniforms_per_step: ClassVar[int] = 3
+    own_memory_size: ClassVar[int] = 3
+
+    kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
+    base: Annotated[DeterministicBase, Unnamed, Certain] = Field(
+        default=Constant(), description="a deterministic policy; by default constant, with the action 0"
+    )
+    theta: Annotated[float, Field(ge=1e-9, le=1.0, strict=True)] = Field(
+        default=0.15, description="share of the distance to 0 by which the process returns per step"
+    )
+    sigma: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
+        default=0.2, description="standard deviation of what is added to the process per step"
+    )
+
+    def decide(self, given: Given) -> Decision:
+        chosen, own = self.base.decide(self.for_base(given)), self.own(given)
+        base = applied(chosen.actions)
+        x, action = np.empty(base.shape), np.empty(base.shape)
+        _act(base, own.memory, own.uniforms, self.theta, self.sigma, x, action)
+        return Decision(action, self.joined(chosen.memory, x))
+
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
+        base = applied(self.base.decide(self.for_base(given)).actions)
+        out = np.empty(len(action))
+        log_clipped_normal(base + (1.0 - self.theta) * self.own(given).memory, action, self.sigma, out)
+        return out
+
+
+@compiled
+def _act(
+    base: npt.NDArray[np.float32],
+    before: Floats,
+    u: Floats,
+    theta: float,
+    sigma: float,
+    x: Floats,
+    out: Floats,
+) -> None:
+    for i in range(out.shape[0]):
+        for j in range(3):
+            x[i, j] = (1.0 - theta) * before[i, j] + sigma * standard_normal(u[i, j])
+            out[i, j] = np.float64(base[i, j]) + x[i, j]

@@ -1,0 +1,68 @@
+"""Pseudo-random binary signals, which excite a system for its identification."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ibdata.policies.base import Deterministic, NormalSingle
+from ibdata.policies.given import Decision, Given
+
+# The bits of a shift register of that many bits whose parity is shifted in, for the longest period: exponents
+# of primitive polynomials over GF(2), as in Peterson and Weldon 1972, Error-Correcting Codes, appendix C.
+TAPS = {
+    2: (2, 1), 3: (3, 2), 4: (4, 3), 5: (5, 3), 6: (6, 5), 7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7),
+    11: (11, 9), 12: (12, 11, 10, 4),
+}  # fmt: skip
+Amplitude = Annotated[float, Field(gt=0.0, le=1.0, strict=True), NormalSingle]
+
+
+class Prbs(Deterministic):
+    """Moves each steering up or down by the same amount, in the order of a pseudo-random binary signal.
+
+    The signal is a sequence of maximal length, 2^order - 1 bits of `hold` steps each, from a shift register
+    with feedback. Its autocorrelation is nearly that of white noise, with the greatest power that bounded
+    actions allow. The three numbers of the action follow the same sequence a third of it apart. An episode
+    begins at a random place of the sequence; given this place, its actions have the probability 1. Source:
+    Ljung 1999, System Identification, chapter 13.
+    """
+
+    history_length: ClassVar[int] = 0
+    uniforms_per_episode: ClassVar[int] = 1
+
+    kind: Literal["prbs"] = "prbs"
+    order: Annotated[int, Field(ge=2, le=12, strict=True)] = Field(
+        default=8, description="bits of the shift register; the sequence has 2^order - 1 bits"
+    )
+    hold: Annotated[int, Field(ge=1, le=1000, strict=True)] = Field(
+        default=4, description="steps for which a bit is held"
+    )
+    amplitude: Amplitude = Field(default=1.0, description="the size of each number of the action")
+
+    def decide(self, given: Given) -> Decision:
+        signs = sequence(self.order)
+        length = len(signs)
+        place = np.floor(given.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
+        bit = (place + given.step) // self.hold
+        apart = np.arange(3) * (length // 3)
+        return Decision(self.amplitude * signs[(bit[:, None] + apart) % length], given.memory)
+
+
+@lru_cache
+def sequence(order: int) -> npt.NDArray[np.float64]:
+    """The 2^order - 1 signs, 1.0 or -1.0, of the register that begins with ones only.
+
+    >>> sequence(3).tolist()
+    [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]
+    """
+    register = [1] * order
+    signs = np.empty(2**order - 1)
+    for i in range(len(signs)):
+        signs[i] = 2.0 * register[-1] - 1.0
+        register = [sum(register[tap - 1] for tap in TAPS[order]) % 2, *register[:-1]]
+    signs.flags.writeable = False
+    return signs

@@ -1,0 +1,168 @@
+"""Finding what there is: lists, suggestions, completion, and help that is not cut."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.cli import cli
+from ibdata.experiment.shipped import shipped
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0, 80.0, 90.0],
+    "policies": [{"kind": "random"}],
+    "episodes": 1,
+    "steps": 3,
+    "splits": {"low": {"setpoint": 20}},
+}
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finding") / "tiny"
+    return ibdata.generate(Experiment.model_validate(PLAIN), folder, workers=1).path
+
+
+@pytest.fixture
+def made(original, tmp_path):
+    return ibdata.open(shutil.copytree(original, tmp_path / "data/tiny"))
+
+
+def test_no_summary_of_a_command_is_cut(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = run("-h")
+    assert "..." not in out.partition("Commands:")[2]
+    said = " ".join(out.split())
+    for name in cli.list_commands(None):
+        summary = " ".join(cli.get_command(None, name).help.split(". ")[0].split("\n\n")[0].split())
+        assert summary in said
+
+
+def test_configs_are_listed_with_rows_and_descriptions(run):
+    code, out, _ = run("configs")
+    lines = out.splitlines()
+    assert (code, len(lines)) == (0, 2 + len(shipped()))
+    assert any(line.split()[:3] == ["siemens-offline/", "1,600,000", "A"] for line in lines)
+    listed = json.loads(run("configs", "--json")[1])["configs"]
+    assert {each["name"]: each["rows"] for each in listed}["transfer"] == 20_000
+
+
+def test_datasets_are_listed_with_totals_of_folders(made, run):
+    assert run("ls", "--json")[1] == json.dumps(
+        {
+            "version": 1,
+            "datasets": [
+                {
+                    "path": "data/tiny", "state": "finished", "name": "tiny", "rows": 12,
+                    "setpoints": [20.0, 70.0, 80.0, 90.0], "policies": ["random"],
+                    "bytes": sum(file["bytes"] for file in made.manifest["files"]),
+                    "content_root": made.content_root,
+                }
+            ],
+        }
+    ) + "\n"  # fmt: skip
+    ibdata.generate(
+        Experiment.model_validate({**PLAIN, "setpoints": 70, "splits": {}}), "data/one", workers=1
+    )
+    code, out, _ = run("ls")
+    lines = [line.split() for line in out.splitlines()]
+    assert code == 0
+    assert lines[0] == ["dataset", "rows", "bytes", "setpoints", "policies", "content", "state"]
+    assert lines[1][0::7] == ["data/one", "finished"]
+    assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
+    assert out.splitlines()[3].startswith("data: 2 datasets, 15 rows, ")
+    (made.path / "../empty").mkdir()
+    assert run("ls", "data/empty")[1].startswith("data/empty: no datasets here or below")
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "near"),
+    [
+        (("generat",), 2, "generate"),
+        (("config", "vaildate"), 2, "validate"),
+        (("info", "tiny"), 3, "data/tiny"),
+        (("info", "dta/tinny"), 3, "data/tiny"),
+        (("info", "data/tini"), 3, "data/tiny"),
+        (("head", "data/tiny", "--columns", "rewrad"), 2, "reward"),
+        (("stats", "data/tiny", "--split", "lo"), 2, "low"),
+        (("generate", "randm.yaml"), 2, "random"),
+        (("evaluate", "--policy", "saef"), 2, "safe"),
+    ],
+    ids=str,
+)
+def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(made, run, args, code, near):
+    found, out, err = run(*args)
+    assert (found, out) == (code, "")
+    assert f"; did you mean {near!r}?" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (("generate", "siemens-offline/gl"), ["siemens-offline/global-100"]),
+        (("generate", "--config", "rand"), ["random", "random-paper"]),
+        (("config", "show", "transf"), ["transfer"]),
+        (("evaluate", "--policy", "sa"), ["safe"]),
+        (("head", "data/tiny", "--columns", "step,rew"), ["step,reward"]),
+        (("head", "data/nothing", "--columns", "rew"), []),
+        (("head", "data/tiny", "--split", ""), ["low"]),
+        (("stats", "data/tiny", "--split", "l"), ["low"]),
+        (("split", "data/tiny", "--remove", ""), ["low"]),
+        (("export", "data/tiny", "--split", "l"), ["low"]),
+        (("warm",), ["warm-up"]),
+    ],
+    ids=str,
+)
+def test_the_shell_completes_names(made, run, monkeypatch, words, offered):
+    monkeypatch.setenv("_IBDATA_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", " ".join(["ibdata", *words]))
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    _, out, err = run()
+    found = [line.partition(",")[2] for line in out.splitlines() if line.startswith("plain,")]
+    assert sorted(found) == offered
+    assert err == ""
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_for_a_shell_names_the_command(run, shell):
+    code, out, err = run("completion", shell)
+    assert (code, err) == (0, "")
+    assert f"_IBDATA_COMPLETE={shell}_complete" in out
+
+
+def test_bash_takes_the_script(run, command, tmp_path):
+    (tmp_path / "script").write_text(run("completion", "bash")[1])
+    line = (
+        ". ./script; COMP_WORDS=(ibdata gen); COMP_CWORD=1; _ibdata_completion ibdata; echo ${COMPREPLY[@]}"
+    )
+    env = {**os.environ, "PATH": f"{os.path.dirname(command)}:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("generate\n", "")
+
+
+def test_datasets_that_differ_and_what_is_none_have_codes_of_their_own(made, run):
+    ibdata.generate(Experiment.model_validate({**PLAIN, "seed": 1}), "other", workers=1)
+    assert run("diff", "data/tiny", "data/tiny")[0] == 0
+    assert run("diff", "data/tiny", "other")[0] == 3
+    assert run("diff", "data/tiny", "nothing")[0] == 2
+    assert run("diff", "nothing", "other")[0] == 2
+    (made.path / "meta/manifest.json").write_text("{}")
+    assert run("diff", "data/tiny", "other")[0] == 3
+
+
+def test_a_config_may_be_an_argument_and_a_dry_run_beside_its_dataset_ends_well(run):
+    tiny = ("random.yaml", "--set", "steps=1", "--set", "setpoints=70")
+    code, out, _ = run("generate", *tiny)
+    assert "1 in 1 episode of 1 step\n" in out
+    code, out, _ = run("generate", *tiny, "--dry-run")
+    assert code == 0
+    assert "folder    generate would stop with: data/random: exists already; choose another --out, " in out
+    assert "with 1 worker (" in out
+    assert "1 row," in run("config", "validate", *tiny)[1].replace("row\n", "row,")

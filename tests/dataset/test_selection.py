@@ -1,0 +1,90 @@
+"""Rows by setpoint, policy and split."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import ibdata
+from ibdata.errors import UsageError
+
+SELECTIONS = {
+    "a number": {"setpoint": 70},
+    "a list": {"setpoint": [20, 70.0]},
+    "an array": {"setpoint": np.array([70], dtype=np.float32)},
+    "a series": {"setpoint": pd.Series([20.0])},
+    "a label": {"policy": "calm"},
+    "labels": {"policy": ("calm", "random")},
+    "both": {"setpoint": 20, "policy": "calm"},
+    "with a split": {"split": "target", "policy": "random"},
+    "with a label": {"split": "calm", "setpoint": [70]},
+    "nothing": {"split": "source", "setpoint": 70},
+}
+
+
+@pytest.fixture(scope="module")
+def labelled(declared, tmp_path_factory):
+    """The dataset of the other tests with splits that are labels, beside those that are files."""
+    made = ibdata.generate(declared, tmp_path_factory.mktemp("selection") / "small", workers=1)
+    return ibdata.split(made.path, by="policy")
+
+
+def by_hand(dataset, setpoint=None, policy=None, split=None):
+    """The rows of the episodes that a look at each of them selects."""
+    chosen = [
+        row["episode"]
+        for row in dataset.episodes.to_dict("records")
+        if (setpoint is None or row["setpoint"] in list(np.atleast_1d(setpoint)))
+        and (policy is None or row["policy"] in np.atleast_1d(policy).tolist())
+        and (split is None or split in row["splits"])
+    ]
+    rows = dataset.to_pandas()
+    return rows[rows["episode"].isin(chosen)].reset_index(drop=True)
+
+
+@pytest.mark.parametrize("selection", SELECTIONS.values(), ids=SELECTIONS)
+def test_the_rows_of_the_episodes_that_meet_all_conditions_come_in_order(labelled, selection):
+    expected = by_hand(labelled, **selection)
+    assert expected.empty == (selection == SELECTIONS["nothing"])
+    found = labelled.to_pandas(**selection)
+    pd.testing.assert_frame_equal(found, expected, check_categorical=False)
+    batches = list(labelled.iter_batches(["episode", "step"], batch_rows=30, **selection))
+    assert [step for batch in batches for step in batch["step"].to_pylist()] == expected["step"].tolist()
+    arrays = labelled.arrays(history=2, **selection)
+    assert arrays["rewards"].tolist() == expected["reward"].tolist()
+    assert arrays["observations"].shape == (len(expected), 12)
+
+
+def test_moving_setpoints_count_by_their_first_value(moving):
+    found = moving.to_pandas(setpoint=0.5)
+    assert len(found) == len(moving) / 2
+    starts = moving.episodes.set_index("episode")["setpoint"]
+    assert found["episode"].unique().tolist() == starts[starts == 0.5].index.tolist()
+
+
+@pytest.mark.parametrize(
+    ("selection", "line"),
+    [
+        ({"setpoint": 71}, "setpoint: found 71, expected one of 20, 70"),
+        ({"setpoint": [20, 7]}, "setpoint: found 7, expected one of 20, 70; did you mean '70'?"),
+        ({"setpoint": "70"}, "setpoint: found '70', expected one of 20, 70"),
+        ({"policy": "clam"}, "policy: found 'clam', expected one of random, calm; did you mean 'calm'?"),
+        ({"policy": ["calm", "safe"]}, "policy: found 'safe', expected one of random, calm"),
+        ({"split": "sorce"}, "split: found 'sorce', expected one of source, target, random, calm; did you"),
+        ({"columns": ["rewards"]}, "column: found 'rewards', expected one of episode, "),
+    ],
+    ids=str,
+)
+def test_an_unknown_name_is_one_line_that_lists_the_known_ones(labelled, selection, line):
+    for read in (labelled.to_pandas, labelled.table, lambda **given: list(labelled.iter_batches(**given))):
+        with pytest.raises(UsageError) as error:
+            read(**selection)
+        assert str(error.value).startswith(line)
+        assert "\n" not in str(error.value)
+
+
+def test_a_long_list_of_names_is_cut(describe, tmp_path):
+    many = describe(setpoints=[float(p) for p in range(50)], episodes=1, steps=1)
+    with pytest.raises(UsageError, match=r"one of 0, 1, .*, 39 and 10 more; "):
+        ibdata.generate(many, tmp_path / "many", workers=1).arrays(setpoint=50)

@@ -1,0 +1,102 @@
+"""Results show as text in a terminal and as tables in a notebook, and become DataFrames."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+
+import pandas as pd
+import pytest
+
+import ibdata
+from ibdata.dataset.tabular import MOST_ROWS, Table, as_html, as_text
+
+
+def cells(html):
+    """The texts of the cells of all tables in HTML."""
+    return re.findall(r"<td>(.*?)</td>", html)
+
+
+def test_a_long_table_is_cut_and_says_so():
+    table = Table(("n", "values"), [(i, list(range(i))) for i in range(MOST_ROWS + 1234)], "a note")
+    lines = as_text(table).split("\n")
+    assert len(lines) == 1 + MOST_ROWS + 2
+    assert lines[-2:] == ["and 1,234 more", "a note"]
+    assert lines[12].endswith("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, … 11 in all]")
+    assert len(cells(as_html([table]))) == 2 * MOST_ROWS
+    assert "<p>and 1,234 more</p>" in as_html([table])
+
+
+def test_texts_of_a_dataset_can_forge_neither_lines_nor_html():
+    table = Table(("name",), [("<b>\n\x1b[1m",)], ["<i>\nsafe"])
+    assert as_text(table) == "name\n<b>\\n\\x1b[1m\n<i>\\nsafe"
+    assert cells(as_html([table])) == ["&lt;b&gt;\\n\\x1b[1m"]
+    assert "<i>" not in as_html([table])
+
+
+def test_a_dataset_shows_what_it_holds_and_its_splits(dataset, moving):
+    shown = cells(dataset._repr_html_())
+    assert shown[:5] == ["small", "480", "12", "[random, calm]", "[20, 70]"]
+    assert shown[5] == f"{dataset.content_root[:12]}…"
+    assert shown[7:] == ["source", "6", "240", "whole files", "target", "4", "160", "whole files"]
+    assert "<p>no splits</p>" in moving._repr_html_()
+
+
+def test_splits_are_a_dict_and_a_table(dataset, moving):
+    assert dataset.splits == dataset.info["splits"]
+    assert repr(dataset.splits).split("\n")[0].split() == ["split", "episodes", "rows", "kind"]
+    assert dataset.splits.to_pandas()["rows"].tolist() == [240, 160]
+    assert repr(moving.splits) == "no splits"
+    assert moving.splits == {}
+
+
+def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    guessed = ibdata.estimate("random")
+    assert json.loads(json.dumps(guessed)) == dict(guessed)
+    assert guessed["rows"] == guessed.to_pandas().loc[0, "rows"] == 10_000
+    assert cells(guessed._repr_html_())[:3] == ["data/random", "10", "10,000"]
+    assert repr(guessed).split("\n")[0].split()[:3] == ["out", "episodes", "rows"]
+
+
+def test_the_problems_are_a_list_and_a_table(copied):
+    fine = ibdata.validate(copied)
+    assert fine == []
+    assert (repr(fine), list(fine.to_pandas().columns)) == (
+        "no problems",
+        ["path", "row", "rule", "message"],
+    )
+    (copied / "README.md").write_text("other")
+    found = ibdata.validate(copied)
+    assert isinstance(found, list)
+    assert found.to_pandas()["rule"].tolist() == [problem.rule for problem in found] == ["hash"]
+    assert cells(found._repr_html_())[:3] == ["README.md", "–", "hash"]
+    assert "README.md" in repr(found)
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    return ibdata.evaluate(["optimized", "safe"], setpoint=[50, 70], steps=100, episodes=2)
+
+
+def test_an_evaluation_shows_results_differences_and_scale(evaluation):
+    text = repr(evaluation)
+    assert evaluation.scale in text
+    rows = [line.split() for line in text.split("\n")]
+    assert [row[:2] for row in rows[1:7]] == [
+        [p, s] for p in ("optimized", "safe") for s in ("50", "70", "all")
+    ]
+    assert ["safe", "optimized", "all"] in [row[:3] for row in rows]
+    assert "all" in cells(evaluation._repr_html_())
+    alone = ibdata.evaluate("safe", steps=3, episodes=1, discount=1)
+    assert len(repr(alone).split("\n")) == 4  # a row, and why it has neither error nor score
+    assert "–" in repr(alone)
+
+
+def test_an_evaluation_becomes_a_frame_of_its_results(evaluation):
+    frame = evaluation.to_pandas()
+    assert frame["mean_return"].tolist() == [result.mean_return for result in evaluation.results]
+    assert frame["setpoint"].isna().tolist() == [False, False, True] * 2
+    assert isinstance(frame, pd.DataFrame)

@@ -1,0 +1,172 @@
+"""Experiments from Python: mappings, bare names of policies, overrides as mappings, and their errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment import Experiment, as_yaml, load, load_all
+from ibdata.generation.estimate import estimate
+from ibdata.policies import POLICIES
+
+PLAIN = {"name": "x", "setpoints": [20, 70], "policies": [{"kind": "random"}, {"kind": "safe"}], "steps": 3}
+TEXT = "name: x\nsetpoints: [20, 70]\npolicies: [random, {kind: safe}]\nsteps: 3\n"
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("x.yaml").write_text(TEXT)
+
+
+FORMS = {
+    "a file": lambda: "x.yaml",
+    "a path": lambda: Path("x.yaml"),
+    "a mapping": lambda: PLAIN,
+    "an experiment": lambda: Experiment(**PLAIN),
+}
+forms = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+
+
+@forms
+def test_every_form_is_the_same_experiment_also_with_overrides_and_seed(form):
+    expected = Experiment(**{**PLAIN, "steps": 2, "seed": 5})
+    for overrides in (["steps=2"], {"steps": 2}):
+        assert load(form(), overrides, seed=5) == expected
+        assert load_all(form(), overrides, seed=5) == [expected]
+        assert estimate(form(), overrides=overrides, seed=5)["rows"] == expected.rows
+    assert load(form()) == Experiment(**PLAIN)
+
+
+@forms
+def test_every_form_makes_the_same_dataset(form):
+    options = {"workers": 1, "overrides": {"episodes": 2}}
+    made = ibdata.generate(form(), "one", **options)
+    assert ibdata.generate_all(form(), "all", **options)["x"].content_root == made.content_root
+    ibdata.generate_shards(form(), "1/1", out="parts", **options)
+    assert ibdata.finalize("parts").content_root == made.content_root
+    assert len(made) == 2 * 2 * 2 * 3
+
+
+def test_a_single_experiment_that_is_no_file_goes_to_data():
+    assert ibdata.generate_all(PLAIN, workers=1)["x"].path == Path("data/x")
+    assert estimate({**PLAIN, "name": "y"})["out"] == "data/y"
+
+
+def test_what_is_given_does_not_change():
+    given = {**PLAIN, "output": {"latent": False}}
+    load(given, {"output.dtype": "float64", "policies.0.name": "a"}, seed=3)
+    assert given == {**PLAIN, "output": {"latent": False}}
+    made = Experiment(**PLAIN)
+    assert load(made) is not made
+
+
+def test_bare_names_are_blocks_and_leave_no_trace():
+    wrapped = {"kind": "gaussian", "scale": 0.1}
+    short = load({**PLAIN, "policies": ["random", "safe", {**wrapped, "base": "optimized"}]})
+    blocks = [{"kind": "random"}, {"kind": "safe"}, {**wrapped, "base": {"kind": "optimized"}}]
+    long = load({**PLAIN, "policies": blocks})
+    assert short == long
+    assert as_yaml(short) == as_yaml(long)
+    assert [cell.digest for cell in short.cells] == [cell.digest for cell in long.cells]
+
+
+def test_the_types_of_python_and_numpy_are_those_of_yaml():
+    made = Experiment(
+        name="x",
+        setpoints=np.arange(20, 71, 50),
+        policies=("random", {"kind": "constant", "action": np.zeros(3)}),
+        episodes=np.int64(2),
+        start={"burn_in": (1, 2)},
+        splits={"a": {"setpoint": np.float64(20)}, "b": {"setpoint": (70,)}},
+    )
+    assert made == load(made.plain())
+    assert made.setpoints == [20.0, 70.0]
+    assert load(PLAIN, {"setpoints": range(10, 31, 10)}).setpoints == [10.0, 20.0, 30.0]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "value"),
+    [
+        ({"output.dtype": "float64"}, "output", {"dtype": "float64", "latent": False, "shard_rows": 7}),
+        ({"output": {"dtype": "float64"}}, "output", {"dtype": "float64", "latent": False, "shard_rows": 7}),
+        ({"setpoints.stop": 20}, "setpoints", {"start": 10.0, "stop": 20.0, "step": 10.0}),
+        ({"setpoints": {"stop": 20}}, "setpoints", {"start": 10.0, "stop": 20.0, "step": 10.0}),
+        ({"setpoints": {"drifting": 50}}, "setpoints", {"drifting": 50.0}),
+        ({"policies.1.name": "calm"}, "policies.1", {"kind": "safe", "name": "calm"}),
+        (
+            {"policies.0": {"base": {"action": (0, 0, 1)}}},
+            "policies.0",
+            {"kind": "epsilon_greedy", "base": {"kind": "constant", "action": [0.0, 0.0, 1.0]},
+             "epsilon": 0.5, "per_dimension": False},
+        ),
+        ({"policies.0": {"kind": "random"}}, "policies.0", {"kind": "random"}),
+        ({"policies": ["bad"]}, "policies.0", {"kind": "bad"}),
+        ({"start": {"burn_in": [1, 2]}}, "start", {"burn_in": [1, 2]}),
+        ({"splits": {"b": {"setpoint": 30}}}, "splits", {"a": {"setpoint": 20.0}, "b": {"setpoint": 30.0}}),
+        ({}, "steps", 3),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_mapping_of_overrides_is_merged_where_it_meets_another(overrides, key, value):
+    given = {
+        **PLAIN,
+        "setpoints": {"start": 10, "stop": 30, "step": 10},
+        "policies": [{"kind": "epsilon_greedy", "base": "constant", "epsilon": 0.5}, "safe"],
+        "output": {"latent": False, "shard_rows": 7},
+    }
+    if "splits" in overrides:
+        given["splits"] = {"a": {"setpoint": 20}}
+    found = load(given, overrides).plain()
+    for part in key.split("."):
+        found = found[int(part)] if part.isdigit() else found[part]
+    for split in found.values() if key == "splits" else ():
+        del split["overlap"]
+    assert found == value
+
+
+@pytest.mark.parametrize(
+    ("given", "overrides", "line"),
+    [
+        ({"steps": 0}, {}, "steps: found 0, expected a whole number of at least 1"),
+        ({"epsiodes": 1}, {}, "epsiodes: no such option; did you mean 'episodes'?"),
+        ({"policies": ["rndom"]}, {}, f"policies.0: found 'rndom', expected one of {', '.join(POLICIES)}"),
+        ({"setpoints": (20, 101)}, {}, "setpoints.1: found 101, expected a number of at most 100"),
+        ({}, {"steps": 0}, "overrides: steps: found 0, expected a whole number of at least 1"),
+        ({}, {"output": {"dtyp": 1}}, "overrides: output.dtyp: no such option; did you mean 'dtype'?"),
+        ({}, ["output.dtyp=1"], "overrides: output.dtyp=1: output.dtyp: no such option; did you mean"),
+        ({}, {"policies.7.name": "a"}, "overrides: there is no policies.7 to set"),
+        ({}, {"a..b": 1}, "overrides: found the key 'a..b', expected names joined by dots"),
+        ({}, "steps=1", "overrides: found the text 'steps=1', expected a list of such texts, or a mapping"),
+        ({}, [1], "overrides: found 1, expected key=value"),
+    ],
+    ids=str,
+)
+def test_a_mistake_is_one_line_that_names_its_key(given, overrides, line):
+    with pytest.raises(UsageError) as error:
+        load({**PLAIN, **given}, overrides)
+    assert str(error.value).startswith(line)
+    assert "\n" not in str(error.value)
+
+
+def test_the_constructor_tells_all_mistakes_as_the_loader_does():
+    with pytest.raises(ConfigError) as error:
+        Experiment(name="X", setpoints=70, policies=["random"], steps=0)
+    assert [line.split(":")[0] for line in error.value.problems] == ["name", "steps"]
+    assert error.value.problems == tuple(str(error.value).split("\n"))
+    assert error.value.__cause__ is None
+    assert error.value.__suppress_context__
+
+
+def test_an_object_that_its_yaml_would_not_give_again_is_refused_in_a_mapping_too():
+    class Mine(POLICIES["safe"]):
+        """A policy that ibdata does not know."""
+
+    for call in (lambda: load({**PLAIN, "policies": [Mine()]}), lambda: load(PLAIN, {"policies": [Mine()]})):
+        with pytest.raises(UsageError, match="found an experiment that its YAML does not give again"):
+            call()
+    assert load({**PLAIN, "policies": [POLICIES["safe"]()]}).labels == ("safe",)

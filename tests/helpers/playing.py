@@ -1,0 +1,35 @@
+"""Policies alone, without an environment: they are given random observations and their own memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.policies import Policy
+from ibdata.policies.given import Given
+
+Actions = npt.NDArray[np.float32]
+
+
+def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple[Given, Actions]]:
+    """Yield what a policy is given at each step of n episodes, and its actions as they are applied."""
+    random, frames = np.random.default_rng(seed), policy.history_length
+    seen = random.uniform(0.0, 100.0, (n, frames, 6)).astype(np.float32)
+    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.memory_size))
+    drawn = random.random((n, policy.uniforms_per_episode))
+    for t in range(steps):
+        u = random.random((n, policy.uniforms_per_step))
+        given = Given(seen, done, np.full(n, t), u, drawn, memory)
+        answer = policy.decide(given)
+        actions, memory = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32), answer.memory
+        yield given, actions
+        done = np.concatenate([actions[:, None], done], axis=1)[:, :frames]
+        now = random.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32)
+        seen = np.concatenate([now, seen], axis=1)[:, :frames]
+
+
+def played(policy: Policy, n: int, steps: int, seed: int = 0) -> Actions:
+    """The actions (n, steps, 3)."""
+    return np.stack([actions for _, actions in playing(policy, n, steps, seed)], axis=1)

@@ -1,0 +1,47 @@
+"""After `ibdata warm-up` nothing is left to compile."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from ibdata.errors import IbdataError
+from ibdata.maintenance import compile_all
+
+LATER = """
+import numpy as np, ibdata
+from ibdata.environment.lane import Lane
+from ibdata.environment.settings import settings
+from ibdata.maintenance.compile_all import compile_all
+from ibdata.numerics.code_cache import CodeCache
+print(compile_all().folder)
+new = []
+CodeCache.load_overload = lambda self, *_: new.append(self._name) or None
+policies = [{"kind": kind} for kind in ("random", "safe", "constant", "bad", "mediocre", "optimized")]
+policies += [{"kind": "epsilon_greedy", "base": {"kind": "bad"}, "epsilon": 0.2, "per_dimension": True}]
+policies += [{"kind": "gaussian", "base": {"kind": "optimized"}, "scale": 0.1}]
+ibdata.evaluate(policies, setpoint=[20, 70], episodes=2, steps=3)
+ibdata.evaluate(policies, setpoint="drifting", episodes=2, steps=3, start="uniform", dynamics="paper")
+plain = {"name": "x", "setpoints": [20], "policies": policies, "episodes": 2, "steps": 3, "dynamics": "paper"}
+for latent in (True, False, "full", "next"):
+    for dtype in ("float32", "float64"):
+        output = {"latent": latent, "dtype": dtype, "shard_rows": 10}
+        one = ibdata.Experiment.model_validate({**plain, "output": output})
+        ibdata.generate(one, f"{latent}-{dtype}", workers=1)
+print(new)
+"""
+
+
+@pytest.mark.slow
+def test_nothing_is_compiled_after_it(tmp_path):
+    done = subprocess.run([sys.executable, "-c", LATER], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[1:] == ["[]"]
+
+
+def test_where_nothing_can_be_kept_it_fails(monkeypatch):
+    monkeypatch.setattr(compile_all.PLACES, "lasting", False)
+    with pytest.raises(IbdataError, match="set IBDATA_CACHE_DIR to one"):
+        compile_all.compile_all()

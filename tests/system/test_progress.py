@@ -1,0 +1,139 @@
+"""Bars of long tasks reach their ends, move by less than a file, and are shown only where wanted."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.cli import cli
+from ibdata.plots import plot
+
+slow = pytest.mark.slow
+
+
+def parts(steps):
+    """600 episodes in two files of 300."""
+    return Experiment(
+        name="parts",
+        setpoints=70,
+        policies=["constant"],
+        episodes=600,
+        steps=steps,
+        output={"latent": False, "shard_rows": 300 * steps},
+    )
+
+
+@pytest.fixture
+def bars(monkeypatch):
+    """The bars that are shown: the total of each and the numbers by which it moves."""
+    shown = []
+
+    class Bar:
+        def __init__(self, total, **options):
+            self.total, self.moves = total, []
+            shown.append(self)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def update(self, n):
+            self.moves.append(n)
+
+    monkeypatch.setattr("tqdm.auto.tqdm", Bar)
+    return shown
+
+
+def moves_by_parts(bars, steps):
+    """Whether the one bar moved by the parts of 256 and 44 episodes in which each file is simulated."""
+    [bar] = bars
+    assert bar.total == sum(bar.moves) == 600 * steps
+    return sorted(n for n in bar.moves if n) == [44 * steps, 44 * steps, 256 * steps, 256 * steps]
+
+
+@pytest.mark.parametrize("processors", [1, 2])
+def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, processors):
+    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: processors)
+    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 10 * 256)
+    ibdata.generate(parts(10), tmp_path / "made", workers=1, progress=True)
+    assert moves_by_parts(bars, 10)
+
+
+@slow
+def test_the_bar_of_generate_moves_by_what_workers_tell(bars, tmp_path):
+    ibdata.generate(parts(1000), tmp_path / "made", workers=2, progress=True)
+    assert moves_by_parts(bars, 1000)
+
+
+def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
+    tiny = parts(5).model_copy(update={"episodes": 4, "output": {"shard_rows": 5}})
+    ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1)
+    ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1, progress=True)
+    ibdata.generate(tiny, tmp_path, workers=1, resume=True, progress=True)
+    assert bars[0].moves == [10]
+    assert (bars[1].moves[0], sum(bars[1].moves)) == (10, 20)
+
+
+def test_a_shard_that_is_begun_again_takes_the_bar_back():
+    from ibdata.generation.make_shard import CountedParts
+
+    moves = []
+    counted = CountedParts(moves.append)
+    counted.tell(3, 10)
+    counted.tell(4, 5)
+    counted.tell(3, 20)
+    counted.tell(3, 10)
+    counted.done(3, 30)
+    counted.done(4, 5)
+    assert moves == [10, 5, 10, -10, 20, 0]
+
+
+CALLS = {
+    "evaluate": lambda folder, out, **options: ibdata.evaluate("safe", episodes=300, steps=70, **options),
+    "validate": lambda folder, out, **options: ibdata.validate(folder, **options),
+    "validate quickly": lambda folder, out, **options: ibdata.validate(folder, quick=True, **options),
+    "export": lambda folder, out, **options: ibdata.export(folder, to="csv", out=out / "x.csv", **options),
+    "plot": lambda folder, out, **options: plot(folder, out, **options),
+}
+
+
+calls = [pytest.param(call, id=name, marks=[slow] if name == "plot" else []) for name, call in CALLS.items()]
+
+
+@pytest.mark.parametrize("call", calls)
+def test_a_bar_is_shown_in_python_when_asked_for(bars, dataset, tmp_path, call):
+    call(dataset.path, tmp_path / "one")
+    assert bars == []
+    call(dataset.path, tmp_path / "two", progress=True)
+    assert bars
+    assert all(bar.total == sum(bar.moves) > 0 for bar in bars)
+    assert all(len(bar.moves) > 1 for bar in bars[-1:])
+
+
+COMMANDS = {
+    "evaluate": "evaluate --policy safe --steps 3",
+    "validate": "validate {folder}",
+    "export": "export {folder} --to csv --out {out}/x.csv",
+    "plot": "plot {folder} --out {out}/plots",
+    "generate": "generate --config random --set steps=3 --out {out}/made --workers 1",
+}
+
+
+commands = [
+    pytest.param(line, id=name, marks=[slow] if name == "plot" else []) for name, line in COMMANDS.items()
+]
+
+
+@pytest.mark.parametrize("line", commands)
+@pytest.mark.parametrize(("terminal", "more"), [(True, ""), (False, ""), (True, " --quiet")])
+def test_a_command_shows_its_bar_only_in_a_terminal(
+    bars, dataset, tmp_path, monkeypatch, line, terminal, more
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    cli.main((line + more).format(folder=dataset.path, out=tmp_path).split(), standalone_mode=False)
+    assert bool(bars) == (terminal and not more)
