@@ -79,7 +79,7 @@ def test_stats_are_those_of_the_split_asked_for(ibdata, data):
         (
             ("config", "validate", "nope"),
             2,
-            "config: found 'nope', expected a file or one of cautious, depeweg",
+            "config: found 'nope', expected a file or one of cautious",
         ),
     ],
 )
