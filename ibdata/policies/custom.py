@@ -16,11 +16,13 @@ import numpy.typing as npt
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ibdata.errors import IbdataError, UsageError, printable
-from ibdata.policies.adapter import WAYS, Adapter, AnswerError, can_act, has_method, is_torch_module
+from ibdata.policies.adapter import Adapter
 from ibdata.policies.base import Deterministic, Floats, History
 from ibdata.policies.code_places import code_places, import_from, located
+from ibdata.policies.given import Decision, Given
 from ibdata.policies.parameters import Parameters
 from ibdata.policies.user_code import told
+from ibdata.policies.ways import WAYS, can_act, decides, has_method, is_torch_module
 
 NAME = "[A-Za-z_][A-Za-z0-9_]*"
 PART = r"[^/:\\\x00-\x1f\x7f-\x9f]+"  # of a relative path
@@ -143,7 +145,18 @@ class Custom(Adapter):
             raise CustomError(line) from error
         if not can_act(own):
             raise CustomError(f"{self.target}: found {type(own).__name__}, expected {WAYS}")
+        self._refuse_too_little(own)
         return own
+
+    def _refuse_too_little(self, own: Any) -> None:
+        """CustomError if an object with `decide` needs more than the options say, which are known before."""
+        for option, length in (("history", "history_length"), ("uniforms", "uniforms_per_step")):
+            found, least = getattr(self, option), getattr(own, length, 0) if decides(own) else 0
+            if found < least:
+                raise CustomError(
+                    f"{self.target}: found {option}: {found}, expected at least the {length} of "
+                    f"{type(own).__name__}; write {option}: {least}"
+                )
 
     def _imported(self, module: str) -> Any:
         """Import the module. Raises UsageError if its name means another one than the target's file."""
@@ -156,32 +169,16 @@ class Custom(Adapter):
             )
         return imported
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+    def decide(self, given: Given) -> Decision:
         with redirect_stdout(sys.stderr):
-            actions = np.array(super().act(history, u))
-            if self.deterministic:
-                self._refuse_other(history, actions)
-        return actions
-
-    def _refuse_other(self, history: History, actions: Floats) -> None:
-        """AnswerError if the actions are others than those for the same history before.
-
-        The first history is asked about twice; each later one when `log_prob` asks again.
-        """
-        last, before = vars(self).get("last") or (history, super().act(history, np.empty((len(history), 0))))
-        if np.array_equal(last, history) and not np.array_equal(before, actions, equal_nan=True):
-            raise AnswerError(
-                "found another action for the same observation when asked again, expected the same from a "
-                "policy with deterministic: true"
-            )
-        vars(self)["last"] = history.copy(), actions.copy()
+            return super().decide(given)
 
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded; only for `deterministic: true`."""
         return Deterministic.mean_action(self, history)  # type: ignore[arg-type]
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         if self.deterministic:
-            return Deterministic.log_prob(self, history, action)  # type: ignore[arg-type]
+            return Deterministic.log_density(self, given, action)  # type: ignore[arg-type]
         with redirect_stdout(sys.stderr):
-            return super().log_prob(history, action)
+            return super().log_density(given, action)
