@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,11 @@ from ibdata.policies.ways import Answer, AnswerError, Way
 ASKED_AGAIN = (0, 1, 10, 100)  # the steps of an episode at which an earlier question is asked again
 NEARLY = {"rtol": 1e-3, "atol": 1e-3}  # the last bits of an action may depend on the number of episodes
 
-SECRET = (
-    "found other actions when the same was asked again, expected equal ones; memory must be returned by "
-    "decide, be the state of predict, or begin anew in reset(n), and random numbers must come from `uniforms`"
+DECLARE = (
+    "memory must be returned by decide, be the state of predict, or begin anew in reset(n), and random "
+    "numbers must come from `uniforms`"
 )
+SECRET = f"found other actions when the same was asked again, expected equal ones; {DECLARE}"
 MIXED = (
     "found other actions for the same episodes in another order, expected that the actions of an episode "
     "depend on nothing in the others; random numbers must come from `uniforms`"
@@ -48,7 +50,7 @@ class Conversation:
         """
         if self.last is not None and _same(self.last[0], given):
             if not self._remembers:
-                _refuse_other(self.way.ask(given, None), self.last[1])
+                _refuse_other(self._ask_again(given, None), self.last[1])
             return self.last[1]
         self._refuse_disorder(given)
         question, step = given.apply(np.copy), int(given.step[0])
@@ -76,22 +78,28 @@ class Conversation:
         """Ask what was asked before. Returns the answer to the latest question, with its state."""
         if self.way.reset is None:
             question, before = self.asked[0]
-            _refuse_other(self.way.ask(question, None), before)
+            _refuse_other(self._ask_again(question, None), before)
         elif step <= 1:
             self.way.begin(len(found.actions))
             state = None
             for question, before in self.asked:
-                found = self.way.ask(question, state)
+                found = self._ask_again(question, state)
                 _refuse_other(found, before)
                 state = found.state
         return found
+
+    def _ask_again(self, question: Given, state: Any) -> Answer:
+        try:
+            return self.way.ask(question, state)
+        except AnswerError as error:
+            raise AnswerError(f"{error}, when asked again; {DECLARE}") from error
 
     def _refuse_mixing(self, question: Given, found: Answer) -> None:
         """AnswerError if most actions are others where the episodes have other places."""
         n = len(found.actions)
         rows = np.roll(np.arange(max(2, n)), 1) % n
         self.way.begin(len(rows))
-        other = self.way.ask(question.apply(itemgetter(rows)), None)
+        other = self._ask_again(question.apply(itemgetter(rows)), None)
         near = np.isclose(other.actions, found.actions[rows], **NEARLY, equal_nan=True).all(axis=1)
         if 2 * int(near.sum()) <= len(rows):
             raise AnswerError(MIXED)
@@ -115,4 +123,5 @@ def _refuse_other(found: Answer, before: Answer) -> None:
 
 
 def _same(question: Given, other: Given) -> bool:
-    return all(np.array_equal(one, two) for one, two in zip(question, other, strict=True))
+    pairs: Any = zip(question, other, strict=True)
+    return all(np.array_equal(one, two) for one, two in pairs)

@@ -45,13 +45,30 @@ class Custom(Adapter):
     float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a tuple that begins
     with them. A method `log_prob` is used if there is one. The arrays are copies, which it may change.
 
+    A policy may remember the steps before in one of three ways, and in no other:
+
+    - `decide(given)`, `memory_size` and, if you like, `log_density(given, action)`, as in a subclass of
+      `Policy`: see [Extending](extending.md#a-policy-that-remembers).
+    - `predict` with the keyword `state`: it returns the actions and a state of any kind, which it is given at
+      the next step; at the first one it is given None. If it has the keywords `episode_start` and
+      `deterministic`, as recurrent policies of SB3 do, it gets an array (n,), true at the first step, and
+      true.
+    - `reset(n)`, which is called before n episodes begin; until its next call, the n rows of all arrays
+      belong to these episodes.
+
+    State and what `reset` begins belong to the n episodes that are simulated together, whose number and
+    company change with files and workers. So the policy must act in each episode as if it were alone, and
+    draw random numbers from `u` only, not from a seed. ibdata asks earlier questions again, at the steps 0,
+    1, 10 and 100 of each block of episodes or, if there is `reset`, at the steps 0 and 1, and asks the first
+    question with the episodes in another order. A policy that answers otherwise is refused.
+
     The module or file may be beside the YAML file or in the current folder, and may import others there. It
     is not imported before a run begins. What its code prints goes to stderr.
 
-    With `deterministic: true`, you promise that the same observations always give the same actions: the
-    policy draws no random numbers of any kind, and remembers nothing. Then `action_log_prob` is known, and
-    the policy may be the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks
-    the policy twice at each step, and refuses it if the answers differ.
+    With `deterministic: true`, you promise that the policy draws no random numbers of any kind: what it sees
+    and openly remembers always gives the same actions. Then `action_log_prob` is known, and the policy may be
+    the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks a policy that
+    remembers nothing twice at each step, and refuses it if the answers differ.
     """
 
     kind: Literal["custom"] = "custom"
@@ -61,7 +78,7 @@ class Custom(Adapter):
         default=1, description="number of observations that it sees"
     )
     uniforms: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="number of uniform random numbers per step for act"
+        default=0, description="number of uniform random numbers per step for act and decide"
     )
     files: list[str] | None = Field(
         default=None,
@@ -69,7 +86,7 @@ class Custom(Adapter):
         "current folder; they are hashed like its code",
     )
     deterministic: bool = Field(
-        default=False, strict=True, description="whether the same observations always give the same actions"
+        default=False, strict=True, description="whether it draws no random numbers of any kind"
     )
 
     @property

@@ -156,7 +156,7 @@ class Turning:
 
     def predict(self, observations):
         before, self.last = self.last, observations.copy()
-        return observations[:, 1:4] - (observations if before is None else before)[:, 1:4]
+        return 0.1 + observations[:, 1:4] - (observations if before is None else before)[:, 1:4].mean(axis=0)
 
 
 class Holding:
@@ -219,6 +219,20 @@ ORDER = "found other actions for the same episodes in another order"
 def test_what_remembers_or_draws_in_secret_is_found_out(policy, step, line, episodes):
     with pytest.raises(PolicyError, match=rf"episode 0: step {step}: {line}.*random numbers must come from"):
         returns({"mine": policy()}, episodes=episodes, steps=101)
+
+
+def test_an_object_that_keeps_the_number_of_episodes_is_told_how_to_learn_it():
+    class Keeping(Resetting):
+        reset = None
+
+        def act(self, history, u):
+            if not hasattr(self, "x"):
+                Resetting.reset(self, len(u))
+            return self.x
+
+    line = r"it returned \(1, 3\); expected \(2, 3\), when asked again; memory must be returned by decide"
+    with pytest.raises(PolicyError, match=line):
+        returns(Keeping(), episodes=1)
 
 
 def test_the_last_bits_may_depend_on_the_place_in_the_block():
