@@ -47,8 +47,8 @@ class Custom(Adapter):
 
     A policy may remember the steps before in one of three ways, and in no other:
 
-    - `decide(given)`, `memory_size` and, if you like, `log_density(given, action)`, as in a subclass of
-      `Policy`: see [Extending](extending.md#a-policy-that-remembers).
+    - `decide(given)`, `memory_size` and, if its density is known, `log_density(given, action)`, as in a
+      subclass of `Policy`: see [Extending](extending.md#a-policy-that-remembers).
     - `predict` with the keyword `state`: it returns the actions and a state of any kind, which it is given at
       the next step; at the first one it is given None. If it has the keywords `episode_start` and
       `deterministic`, as recurrent policies of SB3 do, it gets an array (n,), true at the first step, and
@@ -86,7 +86,7 @@ class Custom(Adapter):
         "current folder; they are hashed like its code",
     )
     deterministic: bool = Field(
-        default=False, strict=True, description="whether it draws no random numbers of any kind"
+        default=False, strict=True, description="promise that it draws no random numbers of any kind"
     )
 
     @property
