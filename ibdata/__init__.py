@@ -11,6 +11,8 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.dataset.reader import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
+    from ibdata.evaluation.states import state_at as state_at
+    from ibdata.evaluation.true_values import true_values as true_values
     from ibdata.experiment import Experiment as Experiment
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
@@ -23,6 +25,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
     open = Dataset
@@ -45,7 +48,10 @@ _MODULES = {
     "open": "dataset.reader",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
+    "save_network": "policies.save_network",
     "split": "maintenance.split",
+    "state_at": "evaluation.states",
+    "true_values": "evaluation.true_values",
     "validate": "validation.validate",
 }
 

@@ -60,6 +60,7 @@ def _keyword(option: re.Match[str]) -> str:
         return option[0]
     if name == "set":
         return "overrides:"
+    name = "names" if name == "name" else name  # of `split`
     value = ":" if option["colon"] else "=True" if name in SWITCHES else "=…"
     return name.replace("-", "_") + value
 
@@ -118,6 +119,11 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     import difflib
 
     return next(iter(difflib.get_close_matches(word, list(known), n=1)), None)
+
+
+def is_thread_limit(error: BaseException) -> bool:
+    """Whether an error says, in Python's words, that the system starts no more threads."""
+    return isinstance(error, RuntimeError) and str(error) == "can't start new thread"
 
 
 class Problems(ValueError):
