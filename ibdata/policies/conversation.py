@@ -22,6 +22,10 @@ MIXED = (
     "found other actions for the same episodes in another order, expected that the actions of an episode "
     "depend on nothing in the others; random numbers must come from `uniforms`"
 )
+DISORDER = (
+    "found a question about step {}, expected the steps of the same episodes in order from step 0, because "
+    "the object remembers them; only a policy with decide may begin at any step"
+)
 
 
 class Conversation:
@@ -54,10 +58,13 @@ class Conversation:
             return self.last[1]
         self._refuse_disorder(given)
         question, step = given.apply(np.copy), int(given.step[0])
-        state = self.last[1].state if self.last is not None and step > 0 else None
-        if step == 0:
+        begins = not given.step.any()
+        state = None if begins or self.last is None else self.last[1].state
+        if begins:
             self.way.begin(len(given.step))
         found = self.way.ask(question, state)
+        if found.state is not None and state is None and not begins:
+            raise AnswerError(DISORDER.format(step))
         is_first = not self.asked
         if is_first or (self.way.reset is not None and step <= 1):
             self.asked = [*self.asked[:step], (question, found)]
@@ -105,15 +112,10 @@ class Conversation:
             raise AnswerError(MIXED)
 
     def _refuse_disorder(self, given: Given) -> None:
-        """AnswerError if an object that remembers is asked about another step than the next one."""
-        if self.last is None or not self._remembers or given.step[0] == 0:
-            return
-        found, last = (len(given.step), int(given.step[0])), self.last[0].step
-        if found != (len(last), int(last[0]) + 1):
-            raise AnswerError(
-                f"found step {found[1]} of {found[0]} episodes, expected step {last[0] + 1} of {len(last)}, "
-                "because the object remembers the steps before"
-            )
+        """AnswerError if an object that remembers is asked about other steps than the next ones."""
+        expected = -1 if self.last is None else self.last[0].step
+        if self._remembers and given.step.any() and not np.array_equal(given.step, expected + 1):
+            raise AnswerError(DISORDER.format(given.step[0]))
 
 
 def _refuse_other(found: Answer, before: Answer) -> None:

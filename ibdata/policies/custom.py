@@ -58,7 +58,8 @@ class Custom(Adapter):
 
     State and what `reset` begins belong to the n episodes that are simulated together, whose number and
     company change with files and workers. So the policy must act in each episode as if it were alone, and
-    draw random numbers from `u` only, not from a seed. ibdata asks earlier questions again, at the steps 0,
+    draw random numbers from `u` only, not from a seed; and only a policy with `decide` can begin at any step
+    of an episode. ibdata asks earlier questions again, at the steps 0,
     1, 10 and 100 of each block of episodes or, if there is `reset`, at the steps 0 and 1, and asks the first
     question with the episodes in another order. A policy that answers otherwise is refused.
 

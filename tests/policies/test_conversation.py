@@ -245,11 +245,17 @@ def test_the_last_bits_may_depend_on_the_place_in_the_block():
     assert len(returns(rounded)) == 5
 
 
-def test_steps_out_of_order_are_refused_where_the_object_remembers():
-    policy = policy_of(Resetting())
-    (first, _), (second, _) = list(playing(policy, 4, 2))
-    line = "found step 5 of 4 episodes, expected step 2 of 4, because the object remembers"
+@pytest.mark.parametrize("steps", [[5, 5, 5, 5], [2, 2, 2, 3], [0, 0, 0, 1], [2, 2]], ids=str)
+@pytest.mark.parametrize("make", [Resetting, Recurrent])
+@pytest.mark.parametrize("asked", [0, 2])
+def test_steps_out_of_order_are_refused_where_the_object_remembers(make, steps, asked):
+    policy = policy_of(make())
+    questions = [given for given, _ in playing(policy, 4, 2)]
+    policy = policy_of(make())
+    for given in questions[:asked]:
+        once, again = policy.decide(given), policy.decide(given)
+        assert np.array_equal(once.actions, again.actions)
+    wrong = questions[0].apply(lambda x: x[: len(steps)])._replace(step=np.array(steps))
+    line = f"found a question about step {steps[0]}, expected the steps of the same episodes in order"
     with pytest.raises(AnswerError, match=line):
-        policy.decide(first._replace(step=np.full(4, 5)))
-    once, again = policy.decide(second), policy.decide(second)
-    assert np.array_equal(once.actions, again.actions)
+        policy.decide(wrong)
