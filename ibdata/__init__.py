@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.dataset.reader import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
+    from ibdata.evaluation.importance import importance as importance
     from ibdata.experiment import Experiment as Experiment
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
@@ -40,6 +41,7 @@ _MODULES = {
     "generate": "generation.generate",
     "generate_all": "generation.suite",
     "generate_shards": "generation.array_job",
+    "importance": "evaluation.importance",
     "load": "experiment",
     "merge": "maintenance.merge",
     "open": "dataset.reader",

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ibdata.errors import IbdataError
 from ibdata.policies.actions import as_numbers
 from ibdata.policies.base import Floats, History, Policy
+from ibdata.policies.support import Support
 from ibdata.policies.user_code import told
 
 WAYS = "an object with act(history, u) or predict(observations), a torch module, or a function"
@@ -62,6 +63,10 @@ class Adapter(Policy):
         flat = history.reshape(n, 6 * length).copy()
         way = getattr(own, "predict", _module_call(own) if is_torch_module(own) else own)
         return _asked(f"{flat.shape}, history={length}", n, _first(way), flat)
+
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        own = getattr(self.adapted, "support", None)
+        return (own,) if isinstance(own, frozenset) else None
 
     def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         if not hasattr(self.adapted, "log_prob"):
