@@ -12,6 +12,8 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.importance import importance as importance
+    from ibdata.evaluation.states import state_at as state_at
+    from ibdata.evaluation.true_values import true_values as true_values
     from ibdata.experiment import Experiment as Experiment
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
@@ -24,6 +26,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
     open = Dataset
@@ -47,7 +50,10 @@ _MODULES = {
     "open": "dataset.reader",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
+    "save_network": "policies.save_network",
     "split": "maintenance.split",
+    "state_at": "evaluation.states",
+    "true_values": "evaluation.true_values",
     "validate": "validation.validate",
 }
 

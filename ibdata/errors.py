@@ -60,6 +60,7 @@ def _keyword(option: re.Match[str]) -> str:
         return option[0]
     if name == "set":
         return "overrides:"
+    name = "names" if name == "name" else name  # of `split`
     value = ":" if option["colon"] else "=True" if name in SWITCHES else "=…"
     return name.replace("-", "_") + value
 

@@ -31,7 +31,10 @@ def test_the_names_of_ibdata():
         "open",
         "repair",
         "reproduce",
+        "save_network",
         "split",
+        "state_at",
+        "true_values",
         "validate",
     ]
     assert all(hasattr(ibdata, name) for name in ibdata.__all__)

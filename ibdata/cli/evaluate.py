@@ -119,6 +119,7 @@ def _print(evaluation: Evaluation) -> None:
             "clipped",
             "score",
             "± s.e.",
+            "expert score",
         ),
         [
             (
@@ -134,6 +135,7 @@ def _print(evaluation: Evaluation) -> None:
                 f"{100 * r.clipped:.1f} %",
                 _number(r.score, 1),
                 _number(r.score_error, 1),
+                _number(r.expert_score, 1),
             )
             for r in evaluation.results
         ],

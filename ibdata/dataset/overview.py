@@ -19,7 +19,7 @@ class Splits(Tabular, dict[str, dict[str, Any]]):
             (name, split["episodes"], split["rows"], "labels" if split["files"] is None else "whole files")
             for name, split in self.items()
         ]
-        return [Table(("split", "episodes", "rows", "kind"), rows, "" if rows else "no splits")]
+        return [Table(("split", "episodes", "rows", "kind"), rows, () if rows else ["no splits"])]
 
 
 def overview(dataset: Dataset) -> str:

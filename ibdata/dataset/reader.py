@@ -131,8 +131,8 @@ class Dataset:
         Returns:
             `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
             mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
-            episodes of 1000 steps from the default start, under a published variant and at constant
-            setpoints; for others, score and scale are None.
+            episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
+            default, uniform and {burn_in: [15, 64]}; for others, the score is None.
         """
         return behaviour_returns(self.episode_table, self.info_model)
 

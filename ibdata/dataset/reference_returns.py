@@ -1,23 +1,27 @@
-"""Measured returns of reference policies, and the scale of scores: 0 for `random`, 100 for `optimized`.
+"""Measured returns of reference policies, and the scales of scores.
 
-scripts/reference-returns makes `reference_returns.json`. Reading it needs neither the simulator nor a policy.
+A score is 0 for `random` and 100 for `optimized`; an expert score is 0 for `random` and 100 for `expert`.
+
+scripts/reference-returns makes `reference_returns.json`, in which a list of values stands for a `Measured`.
+Reading it needs neither the simulator nor a policy.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ibdata.dataset.models import JsonObject
 
 FILE = Path(__file__).with_name("reference_returns.json")
-ZERO, HUNDRED = "random", "optimized"
+ZERO, HUNDRED, EXPERT = "random", "optimized", "expert"
 SIGMAS = 5.0
 
 
-class Measured(JsonObject):
+class Measured(NamedTuple):
     """The measured returns of a policy at a setpoint."""
 
     policy: str
@@ -33,7 +37,7 @@ class Scale(JsonObject):
     """The returns of the reference policies under one dynamics, start, number of steps and discount."""
 
     dynamics: str
-    start: str
+    start: str | dict[str, list[int]]  # as in an experiment
     steps: int
     discount: float
     episodes: int
@@ -42,25 +46,38 @@ class Scale(JsonObject):
     @property
     def text(self) -> str:
         """The meaning of a score."""
+        if isinstance(self.start, str):
+            start = f"{self.start} start"
+        else:
+            start = "start after {} to {} random steps".format(*self.start["burn_in"])
         return (
-            f"0 = {ZERO}, 100 = {HUNDRED} at the same setpoint: {self.dynamics} dynamics, default "
-            f"start, {self.steps} steps, discount {self.discount:g}"
+            f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, at the same setpoint: "
+            f"{self.dynamics} dynamics, {start}, {self.steps} steps, discount {self.discount:g}"
         )
 
-    def score(self, setpoint: float, mean_return: float) -> float | None:
-        """Convert a mean return to a score.
+    def ends(self, setpoints: Sequence[float], top: str = HUNDRED) -> tuple[float, float] | None:
+        """The returns that score 0 and 100, each the mean over some setpoints; `top` is the policy of 100.
 
-        None if the scale does not have the setpoint, or if its upper end is not above the lower one by more
-        than five standard errors of their difference.
+        None if the scale does not have one of the setpoints, or if the upper end is not above the lower one
+        by more than five standard errors of their difference.
         """
-        ends = {r.policy: r for r in self.results if r.setpoint == setpoint}
-        if not {ZERO, HUNDRED} <= ends.keys():
+        known = {(r.policy, r.setpoint): r for r in self.results}
+        pairs = [(known.get((ZERO, p)), known.get((top, p))) for p in setpoints]
+        found = [(low, high) for low, high in pairs if low is not None and high is not None]
+        if len(found) < len(pairs):
             return None
-        low, high = ends[ZERO], ends[HUNDRED]
-        width = high.mean_return - low.mean_return
-        if width <= SIGMAS * math.hypot(low.standard_error, high.standard_error):
+        n = len(found)
+        low, high = (math.fsum(r.mean_return for r in end) / n for end in zip(*found, strict=True))
+        error = math.hypot(*(r.standard_error for pair in found for r in pair)) / n
+        return (low, high) if high - low > SIGMAS * error else None
+
+    def score(self, setpoint: float, mean_return: float, top: str = HUNDRED) -> float | None:
+        """Convert a mean return to a score; None if `ends` has none at the setpoint."""
+        ends = self.ends([setpoint], top)
+        if ends is None:
             return None
-        return 100.0 * (mean_return - low.mean_return) / width
+        low, high = ends
+        return 100.0 * (mean_return - low) / (high - low)
 
 
 class Reference(JsonObject):

@@ -15,11 +15,11 @@ MOST_VALUES = 10  # that are shown of a list
 
 
 class Table(NamedTuple):
-    """Named columns, rows of values, and lines of text below. None is shown as a dash."""
+    """Named columns, rows of values, and lines of text below them. None is shown as a dash."""
 
     names: Sequence[str]
     rows: Sequence[Sequence[Any]]
-    note: str = ""
+    notes: Sequence[str] = ()
 
 
 class Tabular:
@@ -46,7 +46,7 @@ class Tabular:
 def as_text(table: Table) -> str:
     """A table as lines of text: texts on the left of their columns, numbers on the right.
 
-    >>> print(as_text(Table(("policy", "score"), [("safe", 12.5), ("random", None)], "score: 0 to 100")))
+    >>> print(as_text(Table(("policy", "score"), [("safe", 12.5), ("random", None)], ["score: 0 to 100"])))
     policy  score
     safe     12.5
     random      –
@@ -83,7 +83,7 @@ def _cells(table: Table) -> list[list[str]]:
 
 def _notes(table: Table) -> list[str]:
     more = len(table.rows) - MOST_ROWS
-    return [*([f"and {more:,} more"] if more > 0 else []), *map(printable, table.note.splitlines())]
+    return [*([f"and {more:,} more"] if more > 0 else []), *map(printable, table.notes)]
 
 
 def _shown(value: Any) -> str:

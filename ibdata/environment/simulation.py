@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics import initial_state
+from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.variables import VARIABLES, rows
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
@@ -48,7 +48,10 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
-        state, past = self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history)
+        self.place(which, *self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history))
+
+    def place(self, which: Indices, state: State, past: Past) -> None:
+        """Put these lanes into the states of k lanes that have this past."""
         put(self._state, which, state)
         self.seen[which] = past.observations
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dynamics import State
 from ibdata.environment.lane import Lane, checked_action
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices
@@ -73,9 +74,31 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode. Returns the first observation and the hidden state."""
         super().reset(seed=seed)
-        self._began = True
         self._lane.reset(self._lane.everyone, self._draw)
-        self._seen = []
+        return self._begin()
+
+    def set_state(self, state: State) -> tuple[Observation, dict[str, Any]]:
+        """Go on from a state instead of that of `reset`.
+
+        The wrappers of `gymnasium.make` want a `reset` before, from which they count the steps; so
+        `env.reset(seed=0); env.unwrapped.set_state(state)`. Random numbers still come from `np_random`.
+
+        Args:
+            state: A state of one lane, such as `ibdata.state_at` returns. Its setpoint replaces that of the
+                environment. The dynamics should be those under which it arose.
+
+        Returns:
+            The observation, repeated if the environment returns several, and the hidden state.
+
+        Raises:
+            UsageError: It is no such state, or its setpoint moves and that of the environment does not, or
+                the reverse.
+        """
+        self._lane.set_state(state)
+        return self._begin()
+
+    def _begin(self) -> tuple[Observation, dict[str, Any]]:
+        self._began, self._seen = True, []
         if self.render_mode is not None:
             self._remember()
         info = {name: values[0].item() for name, values in self._lane.latent().items()}

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
+from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.notes import notes
@@ -34,8 +35,9 @@ class Result(NamedTuple):
 
     `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
     are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
-    `score`; `score_error` is its standard error, without that of the scale. `clipped` is the share of the
-    actions that were clipped to [-1, 1]. Errors are None for one episode.
+    `score`, which is 100 for `optimized`, and `expert_score`, which is 100 for `expert`; `score_error` is the
+    standard error of `score`, without that of the scale. `clipped` is the share of the actions that were
+    clipped to [-1, 1]. Errors are None for one episode.
     """
 
     policy: str
@@ -48,6 +50,7 @@ class Result(NamedTuple):
     mean_reward: float
     score: float | None
     score_error: float | None
+    expert_score: float | None
     clipped: float
 
 
@@ -80,7 +83,7 @@ class Evaluation(Tabular):
     def tables(self) -> list[Table]:
         """The results and, if there are several policies, their differences."""
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
-        shown = [Table(Result._fields, [_with_all(row) for row in self.results], "\n".join(said))]
+        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
         if self.differences:
             shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
         return shown
@@ -178,7 +181,7 @@ def evaluate(
         played = episodes_of(experiment, float(discount), advance)
     scale = None
     if not experiment.drifting:
-        scale = reference_returns.scale(experiment.dynamics, experiment.start, steps, discount)
+        scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
     for i, label in enumerate(labels):
@@ -219,26 +222,44 @@ def _result(
 
 def _score(
     setpoint: float, found: Estimate, scale: reference_returns.Scale | None
-) -> tuple[float | None, float | None]:
-    """The score with its standard error."""
-    score = scale.score(setpoint, found.mean) if scale else None
-    if scale is None or score is None or found.standard_error is None:
-        return score, None
-    above = scale.score(setpoint, found.mean + found.standard_error)
-    return score, None if above is None else above - score
+) -> tuple[float | None, float | None, float | None]:
+    """The score, its standard error, and the expert score."""
+    if scale is None:
+        return None, None, None
+    score, expert = (scale.score(setpoint, found.mean, top) for top in (HUNDRED, EXPERT))
+    ends = scale.ends([setpoint])
+    if ends is None or found.standard_error is None:
+        return score, None, expert
+    return score, 100.0 * found.standard_error / (ends[1] - ends[0]), expert
 
 
 def _overall(label: str, rows: list[Result], values: Floats) -> Result:
-    """The result over all setpoints. Its score is the mean of their scores, if each has one."""
-    scores = [row.score for row in rows if row.score is not None]
-    score = sum(scores) / len(rows) if len(scores) == len(rows) else None
+    """The result over all setpoints. Its scores are the means of their scores, if each has one."""
+    scores, experts = [row.score for row in rows], [row.expert_score for row in rows]
     errors = [row.score_error for row in rows if row.score_error is not None]
     error = math.hypot(*errors) / len(rows) if len(errors) == len(rows) else None
     reward, clipped = (
         sum(getattr(row, name) for row in rows) / len(rows) for name in ("mean_reward", "clipped")
     )
     p10 = float(np.quantile(values, 0.1))
-    return Result(label, None, values.size, *estimate(list(values)), p10, reward, score, error, clipped)
+    return Result(
+        label,
+        None,
+        values.size,
+        *estimate(list(values)),
+        p10,
+        reward,
+        _mean(scores),
+        error,
+        _mean(experts),
+        clipped,
+    )
+
+
+def _mean(scores: list[float | None]) -> float | None:
+    """The mean of scores; None if one is missing."""
+    known = [score for score in scores if score is not None]
+    return sum(known) / len(scores) if len(known) == len(scores) else None
 
 
 def _difference(label: str, less: str, setpoint: float | None, values: Floats) -> Difference:

@@ -16,11 +16,13 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import check_support, log_ratios
 from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.states import Place
 from ibdata.experiment.custom_code import consented_spec
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.confidence import estimate
 from ibdata.policies import Policy
 from ibdata.simulation.rollout import PART_ROWS, parts
+from ibdata.validation.consistency import refuse_other_plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,7 +81,7 @@ class Importance(Tabular):
 
 
 def importance(
-    ds: Dataset,
+    ds: Place,
     target: Any,
     *,
     discount: float = 0.97,
@@ -105,7 +107,7 @@ def importance(
     actions and what it remembers of them.
 
     Args:
-        ds: the dataset.
+        ds: the dataset, or its folder or URL.
         target: the policy to be evaluated: a kind, a block, a file, a `Policy`, or an object with `act` and
             `log_prob`, as in `evaluate`. An object or a policy of your own may say its `support`.
         discount: the discount factor γ, in [0, 1].
@@ -127,7 +129,9 @@ def importance(
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     wanted = policy_of(target, history, allow_code)
+    ds = ds if isinstance(ds, Dataset) else Dataset(ds)
     spec = consented_spec(ds.path, ds.manifest_model, allow_code)
+    refuse_other_plan(spec, ds.manifest_model)
     chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]
     if not len(episodes):

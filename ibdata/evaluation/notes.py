@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from ibdata.dataset import reference_returns
 from ibdata.experiment import Experiment
@@ -25,11 +26,13 @@ def notes(
         yield "no score: drifting setpoints have none"
         return
     if scale is None:
-        known = [
-            f"{s.dynamics}: {s.steps} steps, discount {s.discount:g}"
-            for s in reference_returns.reference().scales
-        ]
-        yield f"no score: there are reference returns only for the default start and {'; '.join(known)}"
+        scales = reference_returns.reference().scales
+        known = (
+            f"the dynamics {', '.join(dict.fromkeys(s.dynamics for s in scales))}",
+            f"the starts {', '.join(dict.fromkeys(_as_yaml(s.start) for s in scales))}",
+            ", ".join(dict.fromkeys(f"{s.steps} steps with discount {s.discount:g}" for s in scales)),
+        )
+        yield f"no score: there are reference returns only for {'; '.join(known)}"
         return
     scored = [r.setpoint for r in scale.results if scale.score(r.setpoint, 0.0) is not None]
     missing = [p for p in setpoints if p not in scored]
@@ -40,3 +43,8 @@ def notes(
             f"no score at setpoint {', '.join(map(exact, missing))}{everywhere}: there are "
             f"reference returns at {at}"
         )
+
+
+def _as_yaml(start: Any) -> str:
+    """A start as an experiment has it."""
+    return start if isinstance(start, str) else "{{burn_in: {burn_in}}}".format(**start)

@@ -87,13 +87,16 @@ def log_ratios(
         UsageError: a density is not known.
         PolicyError: the target failed, or returned no valid density.
     """
+    _refuse_unknown(experiment.cells[first // experiment.episodes].label, log_prob)
     wanted, had = (
         measured(experiment, first, stop, observations, actions, policy, burn_in_seen)
         for policy in (target, None)
     )
-    behaviour = experiment.cells[first // experiment.episodes].label
-    for label, density in ((behaviour, log_prob), (target.label, wanted.log_density)):
-        if np.isnan(density).any():
-            raise UsageError(f"policy {label}: found no log density, expected a policy with a known density")
+    _refuse_unknown(target.label, wanted.log_density)
     same = (wanted.atoms == had.atoms).all(axis=2)
     return np.where(same, wanted.log_density - log_prob, -np.inf)
+
+
+def _refuse_unknown(label: str, log_density: Floats) -> None:
+    if np.isnan(log_density).any():
+        raise UsageError(f"policy {label}: found no log density, expected a policy with a known density")

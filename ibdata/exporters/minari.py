@@ -2,7 +2,9 @@
 NAMESPACE/NAME-vN is `--id`, by default ibdata/<name>-v0. It is stored as HDF5, because Minari's Arrow and
 Parquet corrupt episodes of 32,768 steps or more. An episode of T steps has T + 1 observations, in float32.
 Its `infos` hold latent state and action_log_prob, T + 1 values each; the last value is NaN unless the dataset
-has it (`latent: next`). The metadata of each episode have the dataset's seed. HDF5 needs about 30 kB of
+has it (`latent: next`). The metadata of each episode have the dataset's seed. `ref_min_score` and
+`ref_max_score` are the mean returns of `random` and `optimized` over the dataset's setpoints, for
+`minari.get_normalized_score`; there are none where `ibdata info` gives no score. HDF5 needs about 30 kB of
 memory per episode. Needs ibdata[minari].
 """
 
@@ -15,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest, reference_returns
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.yaml import Document
 from ibdata.exporters._arrays import same
@@ -74,7 +76,7 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     common, episodes = _common(view), view.described()
     environment = _environment(view, episodes, common)
     storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
-    storage.update_metadata(_metadata(view, episodes, name))
+    storage.update_metadata({**_metadata(view, episodes, name), **_references(view, episodes)})
     seed = common("seed")
     storage.update_episodes(EpisodeBuffer(seed=seed, **one) for one in _episodes(view, "write"))
     root = target.parents[len(Path(name).parts) - 1]
@@ -169,6 +171,23 @@ def _metadata(view: View, episodes: pd.DataFrame, name: str) -> Mapping[str, Any
         "description": f"Industrial Benchmark, {source}, content root {root}",
         "requirements": [f"ibdata>={__version__}"],
     }
+
+
+def _references(view: View, episodes: pd.DataFrame) -> dict[str, float]:
+    """The returns that `minari.get_normalized_score` takes for 0 and 1, scaled as the rewards are.
+
+    They are means over the setpoints. There are none for moving setpoints, for episodes of different lengths,
+    and where the scale has no such episodes.
+    """
+    info, lengths = view.dataset.info_model, episodes["length"].unique().tolist()
+    if info.drifting or len(lengths) > 1:
+        return {}
+    scale = reference_returns.scale(info.dynamics, info.start, lengths[0], 1.0)
+    ends = scale.ends(episodes["setpoint"].unique().tolist()) if scale else None
+    if ends is None:
+        return {}
+    low, high = ends
+    return {"ref_min_score": low * view.reward_scale, "ref_max_score": high * view.reward_scale}
 
 
 def verify(view: View, path: Path) -> None:

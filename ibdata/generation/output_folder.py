@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt, staging
 from ibdata.generation.staging import discard, empty_run
@@ -76,7 +77,7 @@ def outlook(folder: Path, experiment: Experiment, resume: bool, overwrite: bool)
     try:
         root = check(folder, experiment, resume, overwrite)
     except TakenError as error:
-        return f"generate would stop with: {error}"
+        return f"generate would stop with: {error.with_options}"
     if root != folder:
         return "exists; generate would replace the dataset in it"
     if (folder / manifest.PATH).is_file():
@@ -175,6 +176,13 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     remove_temporaries(root)
     if not mine.is_file():
         write(root, EXPERIMENT, as_yaml(experiment))
+    for path, data in _weights(experiment).items():
+        create_or_compare(root, path, data)
+
+
+def _weights(experiment: Experiment) -> dict[str, bytes]:
+    """The weights of an experiment by the paths at which they lie beside its YAML file, for `finalize`."""
+    return {f"{receipt.FOLDER}/{name}": data for name, data in DatasetSpec.of(experiment).weights.items()}
 
 
 def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
@@ -185,6 +193,8 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
     sweep_shards(root, shards)
     if not create_or_compare(root, EXPERIMENT, as_yaml(experiment)):
         raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
+    for path, data in _weights(experiment).items():
+        create_or_compare(root, path, data)
 
 
 def refuse_moved(root: Path, run: str) -> None:

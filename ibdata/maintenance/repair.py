@@ -82,6 +82,11 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     for problem in problems:  # before any file is written
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
+        if manifest.WEIGHTS.fullmatch(problem.path):
+            raise DatasetError(
+                f"{folder / problem.path}: {problem.message}, but weights cannot be made again; copy the "
+                f"file with the SHA-256 {entries[problem.path].sha256} there, then repair"
+            )
     spec = spec_in(folder, listed)
     with in_one_folder(spec):
         _make_again(_placed(folder, spec), spec, listed, damaged, workers, allow_code)

@@ -83,7 +83,7 @@ class Schedule(Choice):
         density = super().log_density(given, action)
         if not self.explores:
             return density
-        mass: npt.NDArray[np.bool_] = self.atoms(given, action).all(axis=1)
+        mass = np.asarray(self.atoms(given, action).all(axis=1))
         return log_replaced(density, mass, action, self.epsilon(given))
 
     def supports(self, step: int) -> tuple[Support, ...] | None:

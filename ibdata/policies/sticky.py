@@ -56,7 +56,7 @@ class Sticky(Wrapper):
             return np.full(len(action), np.nan)  # nobody says where its measure has unit masses
         base, out = self.for_base(given), np.empty(len(action))
         density = self.base.log_density(base, action)
-        mass: npt.NDArray[np.bool_] = self.base.atoms(base, action).all(axis=1)
+        mass = np.asarray(self.base.atoms(base, action).all(axis=1))
         _log_density(self._is_last(given, action), density, mass, self._kappa(given), out)
         return out
 

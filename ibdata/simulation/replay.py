@@ -14,7 +14,7 @@ from ibdata.numerics.random import Purpose
 from ibdata.policies import Policy
 from ibdata.policies.given import Given
 from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
-from ibdata.simulation.rollout import CHUNK, Block
+from ibdata.simulation.rollout import CHUNK, Block, blocks
 
 
 def log_densities(
@@ -41,8 +41,12 @@ def log_densities(
     Returns:
         Log densities (episodes, steps).
     """
-    replay = _Replay(experiment, first, stop)
-    return replay.ask(replay.policy.log_density, observations, actions, burn_in_seen)
+    out = np.empty(actions.shape[:2])
+    for start, end in blocks(experiment, first, stop):  # so that memory is bounded
+        own = slice(start - first, end - first)
+        replay = _Replay(experiment, start, end)
+        out[own] = replay.ask(replay.policy.log_density, observations[own], actions[own], burn_in_seen)
+    return out
 
 
 class Measured(NamedTuple):

@@ -90,20 +90,29 @@ class Block:
     """
 
     def __init__(self, experiment: Experiment, first: int, stop: int, policy: Policy | None = None) -> None:
-        self.experiment, self.first, self.n = experiment, first, stop - first
-        cell_numbers, self.indices = np.divmod(np.arange(first, stop), experiment.episodes)
+        cell_numbers, indices = np.divmod(np.arange(first, stop), experiment.episodes)
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
-        self.policy = policy or cells[0].policy
-        label = policy.label if policy else cells[0].label
-        self.checked = CheckedPolicy(self.policy, label, first, self.n)
-        self.keys, self.policy_keys = (
+        acting, label = (policy, policy.label) if policy else (cells[0].policy, cells[0].label)
+        checked = CheckedPolicy(acting, label, first, stop - first)
+        keys, policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)
         )
-        self.lanes = np.arange(self.n)
+        self._address(experiment, checked, indices, keys, policy_keys)
+        self._begin(np.array([cell.setpoint for cell in cells])[lane_cells])
+
+    def _address(
+        self, experiment: Experiment, checked: CheckedPolicy, indices: Lanes, keys: Raw, policy_keys: Raw
+    ) -> None:
+        """Set what the episodes depend on: indices (n,), and keys (n, 2) of environment and policy."""
+        self.experiment, self.checked, self.policy = experiment, checked, checked.policy
+        self.n, self.lanes, self.indices = len(indices), np.arange(len(indices)), indices
+        self.keys, self.policy_keys = keys, policy_keys
         self.episodes = Episodes.of(experiment.start, experiment.drifting, experiment.variant)
-        setpoints = np.array([cell.setpoint for cell in cells])[lane_cells]
+
+    def _begin(self, setpoints: npt.NDArray[np.float64]) -> None:
+        """Begin the episodes at setpoints (n,)."""
         length = self.policy.history_length
         self.state, self.past = self.episodes.begin(self.draw, self.lanes, setpoints, length)
         self.memory = np.zeros((self.n, self.policy.memory_size))
@@ -181,10 +190,12 @@ class Block:
         for i, given in enumerate(self.questions(t, count, span)):
             part = slice(i * span, (i + 1) * span)
             chosen = actions[part].reshape(-1, 3)
-            beyond, self.memory = self.checked.decide(given, chosen)
+            if log_prob is None:
+                beyond, self.memory = self.checked.decide(given, chosen)
+            else:
+                density = log_prob[part].reshape(-1)
+                beyond, self.memory = self.checked.decide_with_density(given, chosen, density)
             clipped += beyond
-            if log_prob is not None:
-                log_prob[part].reshape(-1)[:] = self.checked.log_density(given, chosen)
             self.episodes.advance(
                 self.state, actions[part], raw[part], drift[part], self.past, record, rows, 1 + i * span
             )

@@ -48,7 +48,7 @@ class Findings(Tabular, list[Problem]):
 
     def tables(self) -> list[Table]:
         """The problems, a row each."""
-        return [Table(Problem._fields, self, "" if self else "no problems")]
+        return [Table(Problem._fields, self, () if self else ["no problems"])]
 
 
 class Broken(NamedTuple):

@@ -4,48 +4,61 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from ibdata import evaluate
 from ibdata.dataset.reference_returns import Measured, Scale, reference, scale
 
 POLICIES = ["zero", "random", "safe", "mediocre", "optimized"]
-SETTINGS = [("siemens", 100, 0.97), ("siemens", 1000, 1.0), ("paper", 100, 0.97), ("paper", 1000, 1.0)]
+ENDS = ["random", "optimized"]
+SETPOINTS = [5.0 * i for i in range(21)]
+BURN_IN = {"burn_in": [15, 64]}
+SETTINGS = [
+    (dynamics, start, *length)
+    for start in ("default", "uniform", BURN_IN)
+    for dynamics in ("siemens", "paper")
+    for length in ((100, 0.97), (1000, 1.0))
+]
 BLOCKS = {"zero": {"kind": "constant", "name": "zero"}}
 
 
-def row(dynamics, steps, discount, policy, setpoint):
-    results = scale(dynamics, "default", steps, discount).results
+def row(dynamics, start, steps, discount, policy, setpoint):
+    results = scale(dynamics, start, steps, discount).results
     return next(r for r in results if (r.policy, r.setpoint) == (policy, setpoint))
 
 
-@pytest.mark.parametrize(("dynamics", "steps", "discount"), SETTINGS)
-def test_every_policy_has_a_return_at_every_setpoint(dynamics, steps, discount):
-    results = scale(dynamics, "default", steps, discount).results
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_every_policy_has_a_return_at_every_setpoint(settings):
+    """All five from the default start, and those that define the scores from the others."""
+    results, default = scale(*settings).results, settings[1] == "default"
     found = [(r.policy, r.setpoint) for r in results]
-    assert found == [(policy, 10.0 * i) for policy in POLICIES for i in range(11)]
+    assert found == [(policy, p) for policy in (POLICIES if default else ENDS) for p in SETPOINTS]
     for r in results:
         low, high = r.interval
         assert low < r.mean_return < high
-        assert 0.0 < r.standard_error < 0.01 * abs(r.mean_return)
+        assert 0.0 < r.standard_error < (0.01 if default else 0.02) * abs(r.mean_return)
         assert r.mean_return < r.mean_reward < 0.0
 
 
 @pytest.mark.parametrize(
-    ("dynamics", "steps", "discount", "policy", "setpoint"),
+    ("dynamics", "start", "steps", "discount", "policy", "setpoint"),
     [
-        ("siemens", 100, 0.97, "optimized", 70.0),
-        ("siemens", 1000, 1.0, "random", 70.0),
-        ("paper", 100, 0.97, "safe", 30.0),
-        ("paper", 1000, 1.0, "zero", 100.0),
+        ("siemens", "default", 100, 0.97, "optimized", 70.0),
+        ("siemens", "default", 1000, 1.0, "random", 75.0),
+        ("paper", "default", 100, 0.97, "safe", 30.0),
+        ("paper", "default", 1000, 1.0, "zero", 100.0),
+        ("siemens", "uniform", 1000, 1.0, "optimized", 5.0),
+        ("paper", BURN_IN, 100, 0.97, "optimized", 75.0),
     ],
 )
-def test_the_file_is_as_measured(dynamics, steps, discount, policy, setpoint):
-    stored = row(dynamics, steps, discount, policy, setpoint)
-    episodes = scale(dynamics, "default", steps, discount).episodes
+def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpoint):
+    stored = row(dynamics, start, steps, discount, policy, setpoint)
+    episodes = scale(dynamics, start, steps, discount).episodes
     [found] = evaluate(
         BLOCKS.get(policy, policy),
         setpoint,
+        start=start,
         dynamics=dynamics,
         steps=steps,
         discount=discount,
@@ -60,28 +73,36 @@ def test_the_file_is_as_measured(dynamics, steps, discount, policy, setpoint):
 def test_other_random_numbers_give_the_same_returns(policy):
     """Within 5 standard errors of both; a return that is wrong by 10 of them (below 2 %) would show."""
     for setpoint in (0.0, 40.0, 100.0):
-        stored = row("siemens", 100, 0.97, policy, setpoint)
+        stored = row("siemens", "default", 100, 0.97, policy, setpoint)
         [found] = evaluate(BLOCKS.get(policy, policy), setpoint, episodes=400, seed=1).results
         error = math.hypot(stored.standard_error, found.standard_error)
         assert found.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
 
 
-def test_the_ends_of_the_scale_are_0_and_100():
-    for settings in SETTINGS:
-        dynamics, steps, discount = settings
-        made = scale(dynamics, "default", steps, discount)
-        for setpoint in (10.0 * i for i in range(11)):
-            ends = [row(*settings, policy, setpoint).mean_return for policy in ("random", "optimized")]
-            found = [made.score(setpoint, x) for x in ends]
-            assert found == [None, None] or found == pytest.approx([0.0, 100.0])
-    assert scale("siemens", "default", 100, 0.97).score(
-        70.0, row(*SETTINGS[0], "optimized", 70.0).mean_return
-    )
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_the_ends_of_every_scale_are_0_and_100(settings):
+    made = scale(*settings)
+    for setpoint in SETPOINTS:
+        ends = [row(*settings, policy, setpoint).mean_return for policy in ENDS]
+        assert [made.score(setpoint, x) for x in ends] == pytest.approx([0.0, 100.0])
+    means = [np.mean([row(*settings, policy, p).mean_return for p in SETPOINTS]) for policy in ENDS]
+    assert made.ends(SETPOINTS) == pytest.approx(tuple(means))
+    assert made.ends([70.0, 71.0]) is None
+
+
+def test_a_scale_says_where_its_episodes_start():
+    texts = [scale("siemens", start, 100, 0.97).text for start in ("default", "uniform", BURN_IN)]
+    assert [text.partition("dynamics, ")[2] for text in texts] == [
+        "default start, 100 steps, discount 0.97",
+        "uniform start, 100 steps, discount 0.97",
+        "start after 15 to 64 random steps, 100 steps, discount 0.97",
+    ]
 
 
 def made_up(low, high, error):
     rows = [
-        Measured.model_construct(policy=policy, setpoint=70.0, mean_return=x, standard_error=error)
+        Measured(policy, p, x, error, [x - error, x + error], x, x)
+        for p in (60.0, 70.0)
         for policy, x in (("random", low), ("optimized", high))
     ]
     return Scale.model_construct(results=rows)
@@ -93,12 +114,14 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
     assert made_up(-120.0, -99.0, 3.0).score(70.0, -109.0) is None
     assert made_up(-98.0, -120.0, 0.1).score(70.0, -109.0) is None
     assert made_up(-120.0, -98.0, 3.0).score(71.0, -109.0) is None
+    # the mean of two has 1/√2 of the error: 15
+    assert made_up(-120.0, -104.5, 3.0).ends([60.0, 70.0]) == (-120.0, -104.5)
+    assert made_up(-120.0, -105.5, 3.0).ends([60.0, 70.0]) is None
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        ("siemens", "uniform", 100, 0.97),
         ("siemens", {"burn_in": [1, 2]}, 100, 0.97),
         ("siemens", "default", 100, 1.0),
         ("siemens", "default", 1000, 0.97),

@@ -47,7 +47,7 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"start": "uniform"}, {"setpoints": {"drifting": 70}}, {"dynamics": {"base": "siemens"}}],
+    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}, {"dynamics": {"base": "siemens"}}],
     ids=str,
 )
 def test_other_episodes_have_none(describe, tmp_path, changes):
@@ -95,7 +95,7 @@ def test_a_cell_with_episodes_of_two_lengths_has_a_result_for_each(describe, tmp
 def test_info_of_a_merged_dataset_names_all_lengths(mixed, ibdata):
     done = ibdata("info", str(mixed.path))
     assert (done.returncode, done.stderr) == (0, "")
-    assert "in 12 episodes of 1000 or 40 steps\n" in done.stdout
+    assert "in 12 episodes of 1,000 or 40 steps\n" in done.stdout
     said = json.loads(ibdata("info", str(mixed.path), "--json").stdout)
     assert said["returns"] == json.loads(json.dumps(mixed.returns()))
 

@@ -7,11 +7,15 @@ import pickle
 
 import numpy as np
 import pytest
+from helpers import by_hand
 
+from ibdata import state_at
+from ibdata.dynamics import initial_state
 from ibdata.environment.lane import Lane, checked_action
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation, checked_actions
 from ibdata.errors import UsageError
+from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.variables import hidden as hidden_variables
 
@@ -184,6 +188,63 @@ def test_other_actions_are_refused_naming_what_was_found(given):
     with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers") as caught:
         checked_actions(given, np.ones(1, dtype=bool))
     assert "\n" not in str(caught.value)
+
+
+def test_a_lane_goes_on_from_the_state_of_a_row(either):
+    """Fed the dataset's own integers from there on, it gives the rows that follow."""
+    experiment, frame = by_hand.experiment_of(either), either.to_pandas()
+    episode, first = 5, 20
+    rows = frame[(frame["episode"] == episode) & (frame["step"] >= first)].reset_index(drop=True)
+    cell, index = divmod(episode, experiment.episodes)
+    start = 50.0 if not experiment.drifting else {"drifting": 50.0}
+    lane = Lane(settings(setpoint=start, dynamics=experiment.dynamics, history=2))
+    key = stream_key(experiment.seed, experiment.cells[cell].digest)[None]
+
+    def at(purpose, step, slots):
+        return integers(key, np.array([index]), purpose, step, 1, slots)[0, :, 0]
+
+    lane.set_state(state_at(either, episode, first))
+    lane.set_state(state_at(either, episode, first))  # which took nothing from the first
+    observations = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy(dtype=np.float32)
+    assert lane.observations()[0].tolist() == [*observations[0], *observations[0]]
+    for t, action in enumerate(rows[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)):
+        raw = at(Purpose.DYNAMICS, first + t + 1, 8)
+        if experiment.drifting:
+            raw = np.concatenate([raw, at(Purpose.DRIFT, first + t + 1, 4)])
+        for name, value in lane.latent().items():
+            assert value[0].astype(rows[name].dtype) == rows[name][t]
+        seen, reward, _ = lane.move(checked_action(action), raw)
+        assert np.float32(reward) == np.float32(rows["reward"][t])
+        assert (seen[6:] == observations[t]).all()
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (lambda state: None, "set_state: found NoneType, expected a State as of ibdata.state_at"),
+        (
+            lambda state: by_hand.side_by_side(state, state),
+            "set_state: found a state of 2 lanes, expected one",
+        ),
+        (
+            lambda state: state.replace(mu_v=[9.0]),
+            "set_state: state.mu_v: found [9.], expected numbers in [0, 5]",
+        ),
+        (
+            lambda state: state.replace(drift_left=[3]),
+            'set_state: found a state of a moving setpoint; make the environment with setpoint="drifting"',
+        ),
+    ],
+)
+def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
+    lane = Lane(settings(setpoint=70))
+    with pytest.raises(UsageError) as caught:
+        lane.set_state(fault(initial_state([70.0])))
+    assert str(caught.value) == message
+    with pytest.raises(
+        UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
+    ):
+        Lane(settings(setpoint="drifting")).set_state(initial_state([70.0]))
 
 
 @pytest.mark.parametrize("kind", [Simulation, Lane])

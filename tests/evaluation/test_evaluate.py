@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ibdata import evaluate, generate
+from ibdata.dataset.reference_returns import scale
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.play import EvaluationBlock
@@ -17,6 +18,7 @@ from ibdata.numerics.exact import exponential, normal
 from ibdata.numerics.random import Purpose, integers, stream_key, uniform
 from ibdata.policies.checked import PolicyError
 
+FEW_STEPS = {"burn_in": [1, 2]}
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
 ENVIRONMENT = (
@@ -219,11 +221,18 @@ def test_the_score_is_that_of_the_scale_where_there_is_one():
     assert [r.score for r in found.results[:3]] == pytest.approx([100.0] * 3, abs=2.0)
     assert all(r.score < 0.0 for r in found.results[3:])
     assert found.results[2].score == (found.results[0].score + found.results[1].score) / 2.0
-    assert found.scale.startswith("0 = random, 100 = optimized at the same setpoint: siemens dynamics")
-    for other in ({"steps": 99}, {"discount": 1.0}, {"start": "uniform"}, {"dynamics": {"base": "paper"}}):
+    assert found.scale.startswith("0 = random, 100 = optimized, or expert for the expert score, at the same")
+    for other in ({"steps": 99}, {"discount": 1.0}, {"start": FEW_STEPS}, {"dynamics": {"base": "paper"}}):
         unscaled = evaluate("optimized", **{"episodes": 2, **other})
         assert (unscaled.scale, unscaled.results[0].score) == (None, None)
     assert [r.score for r in evaluate("optimized", [70.0, 71.0], episodes=2).results][1:] == [None, None]
+
+
+@pytest.mark.parametrize("start", ["uniform", {"burn_in": [15, 64]}], ids=str)
+def test_the_score_is_that_of_the_start(start):
+    found, known = evaluate("optimized", 75.0, start=start), scale("siemens", start, 100, 0.97)
+    assert found.results[0].score == known.score(75.0, found.results[0].mean_return)
+    assert found.scale == known.text
 
 
 def test_the_error_of_a_score_is_that_of_its_return_on_the_scale():
@@ -244,16 +253,16 @@ def test_the_error_of_a_score_is_that_of_its_return_on_the_scale():
         (
             {"steps": 7},
             [
-                "no score: there are reference returns only for the default start and siemens: 100 steps, "
-                "discount 0.97; siemens: 1000 steps, discount 1; paper: 100 steps, discount 0.97; "
-                "paper: 1000 steps, discount 1"
+                "no score: there are reference returns only for the dynamics siemens, paper; the starts "
+                "default, uniform, {burn_in: [15, 64]}; 100 steps with discount 0.97, 1000 steps with "
+                "discount 1"
             ],
         ),
         (
             {"setpoint": [71, 70]},
             [
                 "no score at setpoint 71, and so none over all setpoints: there are reference returns at "
-                "0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100"
+                "0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 65, 70, 75, 80, 85, 90, 95, 100"
             ],
         ),
     ],

@@ -96,7 +96,9 @@ def test_an_old_dataset_is_not_made_again_and_the_reason_is_one_line(old):
         f"{old.path}: found data version 1, in which policies did not see the burn-in; this ibdata makes "
         f"version 2 of it and cannot make it again; use ibdata {ibdata.__version__}, which made it"
     )
-    with pytest.raises(UsageError, match="data version 1, and this ibdata makes 2; --overwrite to replace"):
+    with pytest.raises(
+        UsageError, match="data version 1, and this ibdata makes 2; overwrite=True to replace"
+    ):
         ibdata.generate(experiment(), old.path, workers=1, resume=True)
 
 

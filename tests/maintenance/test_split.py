@@ -230,17 +230,17 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
         (
             {"by": "policy", "scheme": "transfer"},
-            "found --scheme, but a split by policy uses no other option",
+            "found scheme=…, but a split by policy uses no other option",
         ),
-        ({"by": "episode", "shots": 1}, "found --shots, but a split by episode uses only --fractions"),
+        ({"by": "episode", "shots": 1}, "found shots=…, but a split by episode uses only fractions=…"),
         (
             {"source": [50], "fractions": (0.5, 0.5)},
-            "found --fractions, but the scheme transfer uses only --source",
+            "found fractions=…, but the scheme transfer uses only source=…",
         ),
         ({"scheme": "leave-one-out", "target": [50]}, "but the scheme leave-one-out uses no other option"),
         (
             {"scheme": "distance", "source": [50], "within": 25, "shots": 1},
-            "found --shots, but the scheme distance uses only --source, --within",
+            "found shots=…, but the scheme distance uses only source=…, within=…",
         ),
         ({"by": "policy", "prefix": "No"}, "found the name 'No-random', expected at most 64 of a-z"),
         (
@@ -296,7 +296,7 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
 def test_a_declared_split_and_a_later_one_live_together_in_labels_and_in_files(experiment, tmp_path):
     plain = {**experiment.plain(), "splits": {"source": {"setpoint": 50}, "target": {"setpoint": 75}}}
     made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "x", workers=1)
-    with pytest.raises(UsageError, match=r"source is a declared split, .* with --prefix or --name"):
+    with pytest.raises(UsageError, match=r"source is a declared split, .* with prefix=… or names=…"):
         ibdata.split(made.path, source=[50], target=[90])
     split = ibdata.split(made.path, source=[50], target=[90], prefix="far")
     assert list(split.info["splits"]) == ["source", "target", "far-source", "far-target"]

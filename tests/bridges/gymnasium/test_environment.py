@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env
 import ibdata.environment
 from ibdata.dynamics import PAPER
 from ibdata.errors import ConfigError, UsageError
-from ibdata.policies import OBSERVATION
+from ibdata.policies import OBSERVATION, POLICIES
 from ibdata.simulation.variables import hidden
 
 ID = "ibdata/IndustrialBenchmark-v0"
@@ -198,3 +198,43 @@ def test_rendering_draws_the_episode_so_far_and_needs_no_window():
 
 def test_gymnasium_s_checker_passes_with_rendering():
     check_env(gymnasium.make(ID, setpoint=70, render_mode="rgb_array").unwrapped)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    experiment = ibdata.Experiment(
+        name="made", setpoints=70, policies=[{"kind": "random"}], start="uniform", episodes=3, steps=40
+    )
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("made") / "data", workers=1)
+
+
+def test_it_goes_on_from_the_state_of_a_row(made):
+    rows = made.to_pandas().query("episode == 2 and step >= 25").reset_index(drop=True)
+    env = gymnasium.make(ID, setpoint=10, history=2)
+    env.reset(seed=0)
+    seen, info = env.unwrapped.set_state(ibdata.state_at(made, 2, 25))
+    stored = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy()
+    np.testing.assert_array_equal(seen, np.tile(stored[0], 2))
+    assert set(info) == {f"latent_{name}" for name in hidden(False)}
+    assert all(np.float32(value) == rows[name][0] for name, value in info.items())
+    for t, action in enumerate(rows[["act_velocity", "act_gain", "act_shift"]].to_numpy()[:-1]):
+        seen, *_ = env.step(action)  # setpoint, velocity, gain and shift have no noise
+        np.testing.assert_array_equal(seen[:4], stored[t + 1, :4])
+        np.testing.assert_array_equal(seen[6:10], stored[t, :4])
+
+
+def test_the_returns_of_its_episodes_are_the_true_values(made):
+    """From three states, 300 returns each: within 4 standard errors of both."""
+    policy = POLICIES["mediocre"]()
+    truth = ibdata.true_values(made, [5, 55, 110], policy, steps=30, episodes=300)
+    env = gymnasium.make(ID, setpoint=70)
+    env.reset(seed=0)
+    for row, result in zip([5, 55, 110], truth.results, strict=True):
+        state, returns = ibdata.state_at(made, *divmod(row, 40)), np.zeros(300)
+        for i in range(300):
+            seen, _ = env.unwrapped.set_state(state)
+            for t in range(30):
+                seen, reward, *_ = env.unwrapped.step(policy.act(seen[None, None], np.empty((1, 0)))[0])
+                returns[i] += 0.97**t * reward
+        error = np.hypot(returns.std(ddof=1) / np.sqrt(300), result.standard_error)
+        assert abs(returns.mean() - result.value) < 4.0 * error

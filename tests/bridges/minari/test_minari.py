@@ -12,6 +12,7 @@ import pytest
 from minari.data_collector import EpisodeBuffer
 
 import ibdata
+from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
 
 
@@ -57,6 +58,62 @@ def test_metadata_say_where_it_comes_from(dataset, root):
     assert metadata["requirements"] == [f"ibdata>={ibdata.__version__}"]
     assert [m["seed"] for m in found.storage.get_episode_metadata(range(12))] == [11] * 12
     assert set(next(iter(found.storage.get_episode_metadata([0])))) == {"id", "seed", "total_steps"}
+
+
+def normalized(experiment, folder, **options):
+    """Minari's normalized scores of the episodes of an experiment, and the dataset itself."""
+    dataset = ibdata.generate(experiment, folder / "data", workers=1)
+    ibdata.export(dataset, "minari", folder / "root", **options)
+    found = minari.load_dataset(f"ibdata/{experiment.name}-v0")
+    returns = np.array([episode.rewards.sum(dtype=float) for episode in found])
+    return minari.get_normalized_score(found, returns), dataset
+
+
+@pytest.mark.parametrize("start", ["default", {"burn_in": [15, 64]}], ids=str)
+def test_a_normalized_score_is_that_of_ibdata(root, tmp_path, start):
+    policies = [{"kind": kind} for kind in ("random", "safe", "optimized")]
+    experiment = ibdata.Experiment(
+        name="one", setpoints=75, policies=policies, episodes=5, steps=1000, start=start
+    )
+    scores, dataset = normalized(experiment, tmp_path, reward_scale=0.01)
+    expected = [result["score"] / 100 for result in dataset.returns()["results"]]
+    assert scores.reshape(3, 5).mean(axis=1) == pytest.approx(expected, rel=1e-5, abs=1e-5)
+    assert scores.reshape(3, 5).mean(axis=1)[[0, 2]] == pytest.approx([0.0, 1.0], abs=0.25)
+
+
+def test_its_ends_are_means_over_the_setpoints_of_the_export(root, tmp_path):
+    splits = {"target": {"setpoint": 75}}
+    experiment = ibdata.Experiment(
+        name="two", setpoints=[50, 75], policies=[{"kind": "random"}], steps=1000, splits=splits
+    )
+    _, dataset = normalized(experiment, tmp_path)
+    storage = minari.load_dataset("ibdata/two-v0").storage.metadata
+    known = reference_returns.scale("siemens", "default", 1000, 1.0)
+    ends = {(r.policy, r.setpoint): r.mean_return for r in known.results}
+    for key, policy in (("ref_min_score", "random"), ("ref_max_score", "optimized")):
+        assert storage[key] == pytest.approx((ends[policy, 50.0] + ends[policy, 75.0]) / 2)
+    ibdata.export(dataset, "minari", root, split="target", id="ibdata/target-v0")
+    target = minari.load_dataset("ibdata/target-v0").storage.metadata
+    assert target["ref_min_score"] == ends["random", 75.0]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"setpoints": {"drifting": 75}},
+        {"setpoints": [75, 71]},
+        {"steps": 999},
+        {"start": {"burn_in": [1, 2]}},
+    ],
+    ids=str,
+)
+def test_there_is_no_normalized_score_without_reference_returns(root, tmp_path, changes):
+    options = {"setpoints": 75, "steps": 1000, "start": "default", **changes}
+    experiment = ibdata.Experiment(name="none", policies=[{"kind": "random"}], **options)
+    with pytest.raises(ValueError, match="Reference score not provided"):
+        normalized(experiment, tmp_path)
+    metadata = minari.load_dataset("ibdata/none-v0").storage.metadata
+    assert not {"ref_min_score", "ref_max_score"} & metadata.keys()
 
 
 def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):

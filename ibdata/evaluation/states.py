@@ -1,0 +1,172 @@
+"""The exact states behind the rows of a dataset, which are simulated again and compared with the rows."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.reader import Dataset
+from ibdata.dynamics import State
+from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment import Experiment
+from ibdata.experiment.dataset_spec import spec_in
+from ibdata.policies import Policy
+from ibdata.policies.constant import Constant
+from ibdata.simulation.revisit import Ints, Revisit, Visited, Watching
+from ibdata.simulation.rollout import PART_ROWS
+from ibdata.simulation.variables import Table, layout
+from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+
+Place = Dataset | str | os.PathLike[str]
+BATCH_ROWS = 65_536
+
+
+def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
+    """The exact states from which rows of a dataset began.
+
+    The episodes are simulated again from the addresses of their random numbers, with the actions in the rows.
+    So no policy runs, and the numbers are float64 whatever the dataset stores. All rows up to and including
+    the given ones are compared with what is simulated.
+
+    Args:
+        ds: The dataset, or its folder or URL.
+        episode: The episode, or several (n,), as in the column `episode`.
+        step: The step in that episode, or several (n,), as in the column `step`.
+
+    Returns:
+        The state of n lanes (1 for two numbers) before the rows' actions; `state.fatigue`, for example, is an
+        array (n,). `ibdata.dynamics.step` and `set_state` of the Gymnasium environment take it.
+
+    Raises:
+        UsageError: There is no such episode or step.
+        DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
+    """
+    source = Source(ds)
+    return source.visited(*source.places(episode, step), Constant()).state  # any policy that sees nothing
+
+
+class Source:
+    """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
+
+    def __init__(self, ds: Place) -> None:
+        ds = ds if isinstance(ds, Dataset) else Dataset(ds)
+        self._ds, self._spec = ds, spec_in(ds.path, ds.manifest_model)
+        refuse_other_data_version(ds.path, self._spec, ds.manifest_model)
+        refuse_other_plan(self._spec, ds.manifest_model)
+        names = ("length", "shard", "row_start")
+        self.lengths, self._shards, self._starts = (ds.episode_table[name].to_numpy() for name in names)
+
+    def places(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
+        """Episodes and steps as arrays (n,). Raises UsageError if the dataset has no such row."""
+        episodes, steps = _within("episode", episode, len(self.lengths)), _whole("step", step)
+        if len(episodes) != len(steps) and min(len(episodes), len(steps)) != 1:
+            raise UsageError(
+                f"episode and step: found {len(episodes)} and {len(steps)} numbers, expected equally many"
+            )
+        episodes, steps = np.broadcast_arrays(episodes, steps)
+        wrong = (steps < 0) | (steps >= self.lengths[episodes])
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            last = self.lengths[episodes[i]] - 1
+            raise UsageError(
+                f"step: found {steps[i]}, expected one of 0 to {last}, the steps of episode {episodes[i]}"
+            )
+        return episodes, steps
+
+    def rows(self, rows: Any) -> tuple[Ints, Ints]:
+        """Episodes and steps (n,) of rows that are counted from 0. Raises UsageError as `places`."""
+        ends = np.cumsum(self.lengths)
+        found = _within("row", rows, int(ends[-1]))
+        episodes = np.searchsorted(ends, found, side="right")
+        return episodes, found - (ends - self.lengths)[episodes]
+
+    def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
+        """Group episodes (n,): yield an experiment, the places of its episodes, and their numbers in it."""
+        shards = [self._spec.shards[i] for i in self._shards[episodes].tolist()]
+        experiments = np.array([shard.experiment for shard in shards])
+        offsets = np.array([shard.offset for shard in shards])
+        for i in np.unique(experiments).tolist():
+            own = np.flatnonzero(experiments == i)
+            yield self._spec.experiments[i], own, episodes[own] - offsets[own]
+
+    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Visited:
+        """Simulate rows again. Raises DatasetError if they differ from the stored ones.
+
+        Args:
+            episodes: the episodes (n,) of the rows.
+            steps: their steps (n,).
+            policy: the policy that watches.
+        """
+        out = Visited.room(len(episodes), policy)
+        different = np.unique(episodes)
+        for experiment, own, numbers in self.by_experiment(different):
+            most = max(1, PART_ROWS // (int(steps.max()) + 1))
+            for i in range(0, len(own), most):
+                some = different[own[i : i + most]]
+                rows = np.flatnonzero(np.isin(episodes, some))
+                lanes = np.searchsorted(some, episodes[rows])
+                again = Revisit(experiment, numbers[i : i + most], Watching.of(policy, some))
+                out.put(rows, self._simulated(again, some, lanes, steps[rows]))
+        return out
+
+    def _simulated(self, again: Revisit, episodes: Ints, lanes: Ints, steps: Ints) -> Visited:
+        """Some rows of these episodes, by the places of their episodes, and compare them."""
+        counts = np.zeros(len(episodes), dtype=np.int64)
+        np.maximum.at(counts, lanes, steps + 1)
+        places = layout(again.experiment)
+        names = [name for i, name in enumerate(places.names) if i != places.log_prob]
+        stored = self._stored(names, episodes, counts, np.dtype(again.experiment.output.dtype))
+        actions = stored[places.first_action : places.first_action + 3].transpose(2, 1, 0)
+        for row, lane, _ in np.argwhere(~(np.abs(actions) <= 1.0))[:1].tolist():
+            raise DatasetError(
+                f"{self._ds.place}: episode {episodes[lane]}: step {row}: found the action "
+                f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
+            )
+        found, table = again.rows(np.ascontiguousarray(actions, dtype=np.float32), lanes, steps)
+        made = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
+        differing = (stored != made) & (np.arange(len(actions)) < counts[:, None])
+        for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():
+            was, expected = (float(x[column, lane, row]) for x in (stored, made))
+            raise DatasetError(
+                f"{self._ds.place}: episode {episodes[lane]}: step {row}: {names[column]}: found {was!r}, "
+                f"expected {expected!r}, which the simulation gives; see ibdata validate"
+            )
+        return found
+
+    def _stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
+        """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
+        out = np.zeros((len(names), len(episodes), int(counts.max())), dtype=dtype)
+        shards, starts = self._shards[episodes], self._starts[episodes]
+        for shard in np.unique(shards).tolist():
+            own = np.flatnonzero(shards == shard)
+            row, stop = int(starts[own].min()), int((starts[own] + counts[own]).max())
+            for batch in self._ds.shard_batches(shard, names, BATCH_ROWS, row, stop):
+                columns = [column.to_numpy(zero_copy_only=False) for column in batch.columns]
+                for i in own.tolist():
+                    low, high = max(row, starts[i]), min(row + batch.num_rows, starts[i] + counts[i])
+                    if low < high:
+                        for into, column in zip(out[:, i], columns, strict=True):
+                            into[low - starts[i] : high - starts[i]] = column[low - row : high - row]
+                row += batch.num_rows
+        return out
+
+
+def _whole(what: str, given: Any) -> Ints:
+    """Whole numbers (n,) from a number or an array."""
+    found = np.asarray(given)
+    if found.dtype.kind not in "iu" or found.ndim > 1:
+        raise UsageError(f"{what}: found {' '.join(repr(given).split())[:60]}, expected whole numbers")
+    return np.atleast_1d(found).astype(np.int64)
+
+
+def _within(what: str, given: Any, count: int) -> Ints:
+    """Whole numbers (n,) from 0 to count - 1."""
+    found = _whole(what, given)
+    wrong = (found < 0) | (found >= count)
+    if wrong.any():
+        raise UsageError(f"{what}: found {found[np.argmax(wrong)]}, expected one of 0 to {count - 1}")
+    return found

@@ -1,0 +1,163 @@
+"""The true values of states and actions: means of the returns of many episodes that branch off there."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError
+from ibdata.evaluation.branching import Points, keys, returns
+from ibdata.evaluation.play import Floats
+from ibdata.evaluation.policies import policies_of
+from ibdata.evaluation.states import Place, Source
+from ibdata.experiment import validated
+from ibdata.numerics.confidence import estimate
+from ibdata.policies.actions import clip_and_round
+from ibdata.simulation.episodes import Float32s
+from ibdata.simulation.revisit import Ints
+from ibdata.system.memory import refuse_too_much
+
+RETURN_BYTES = 16  # least memory per branch, for two sums
+
+
+class Value(NamedTuple):
+    """The value of a row's state, or of an action in it.
+
+    `value` is the mean return of the branches, with its standard error and 95 % interval.
+    """
+
+    episode: int
+    step: int
+    action: list[float] | None  # the given first action; None if the policy chose it
+    value: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class TrueValues:
+    """The values of n rows, and the returns behind them."""
+
+    results: list[Value]
+    returns: Floats  # (n, episodes)
+
+    @property
+    def values(self) -> Floats:
+        """The values (n,)."""
+        return np.array([result.value for result in self.results])
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Their standard errors (n,); NaN if each row has only one branch."""
+        return np.array([result.standard_error for result in self.results], dtype=np.float64)
+
+    def plain(self) -> dict[str, Any]:
+        """The results as plain data."""
+        return {"results": [result._asdict() for result in self.results]}
+
+
+def true_values(
+    ds: Place,
+    rows: Any,
+    policy: Any,
+    actions: npt.ArrayLike | None = None,
+    *,
+    steps: int = 100,
+    discount: float = 0.97,
+    episodes: int = 100,
+    seed: int = 0,
+    history: int = 1,
+    allow_code: bool = False,
+) -> TrueValues:
+    """The true values of a policy in the states behind rows of a dataset.
+
+    From the exact state before a row's action, `episodes` branches are simulated: episodes that begin in that
+    state, in which the policy acts. Their random numbers are independent of those of the dataset, of
+    `evaluate` and of other rows. They are the same for all policies and actions, so that differences are
+    paired, branch by branch. The same call gives the same bits.
+
+        V(s) = E[Σ discountᵗ r] for t = 0 … steps - 1;    Q(s, a) is the same if the first action is a
+
+    Args:
+        ds: The dataset, or its folder or URL.
+        rows: The numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the
+            columns `episode` and `step`, such as some rows of `ds.to_pandas()`.
+        policy: A policy as in `evaluate`. At the row it knows what it would know if it had watched the
+            episode up to there: the observations, the actions and the step. If it has a memory or random
+            numbers of the episode, they are those that it has with the dataset's own random numbers.
+        actions: For Q, the first action of each row, (n, 3), clipped to [-1, 1] and rounded to float32; for
+            V, None.
+        steps: The number of rewards in a return.
+        discount: The discount factor, in [0, 1].
+        episodes: The number of branches of each row.
+        seed: The seed of the branches' random numbers.
+        history: As in `evaluate`.
+        allow_code: Whether a custom policy that a file names may run.
+
+    Returns:
+        The value of each row with its standard error, and the returns (n, episodes) behind them.
+
+    Raises:
+        UsageError, ConfigError: An argument is invalid, or the dataset has no such row.
+        DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
+        PolicyError: The policy failed, or returned no valid action.
+    """
+    if not 0.0 <= discount <= 1.0:
+        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    policies, source = list(policies_of(policy, history, allow_code).values()), Source(ds)
+    if len(policies) != 1:
+        raise UsageError(f"policy: found {len(policies)}, expected one")
+    [acting] = policies
+    numbers, times = _places(source, rows)
+    first = None if actions is None else _applied(actions, len(numbers))
+    if isinstance(episodes, int):
+        refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
+    plain = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
+    settings = validated({**plain, "steps": steps, "episodes": episodes, "seed": seed})
+    begun = source.visited(numbers, times, acting)
+    found = np.empty((len(numbers), settings.episodes))
+    for experiment, own, inner in source.by_experiment(numbers):
+        points = Points(
+            experiment.part(settings.steps, 1),
+            acting,
+            numbers[own],
+            times[own],
+            begun.take(own),
+            keys(settings.seed, experiment, acting, inner, times[own]),
+            None if first is None else first[own],
+        )
+        found[own] = returns(points, settings.episodes, float(discount))
+    results = [
+        Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
+        for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))
+    ]
+    return TrueValues(results, found)
+
+
+def _places(source: Source, rows: Any) -> tuple[Ints, Ints]:
+    """The episodes and steps (n,) of rows. Raises UsageError if the dataset has none of these."""
+    if not (isinstance(rows, Mapping) or hasattr(rows, "columns")):
+        return source.rows(rows)
+    try:
+        return source.places(rows["episode"], rows["step"])
+    except KeyError as error:
+        raise UsageError(f"rows: found a table without {error}, expected columns episode, step") from None
+
+
+def _applied(given: npt.ArrayLike, n: int) -> Float32s:
+    """Actions (n, 3), clipped and rounded. Raises UsageError if they are none."""
+    try:
+        proposed = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        proposed = np.empty(0)
+    out = np.empty((n, 3), dtype=np.float32)
+    if proposed.shape != out.shape or clip_and_round(proposed, out) < 0:
+        raise UsageError(
+            f"actions: found {' '.join(repr(given).split())[:80]}, expected ({n}, 3) finite numbers: "
+            "for each row the changes of velocity, gain and shift in [-1, 1]"
+        )
+    return out

@@ -1,0 +1,177 @@
+"""The exact states behind the rows of datasets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from helpers import by_hand
+
+import ibdata
+from ibdata import state_at
+from ibdata.dynamics.variables import FLOATS, INTEGERS, VARIABLES
+from ibdata.errors import DatasetError, UsageError
+
+
+def equal(found, expected):
+    """Equal states, bit for bit."""
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def variable(state, name):
+    return state[VARIABLES[name].whole][(INTEGERS if VARIABLES[name].whole else FLOATS).index(name)]
+
+
+def test_every_row_shows_its_state(either):
+    """Also where setpoints move, after a burn-in; the float64 dataset with derived values shows every bit."""
+    frame = either.to_pandas()
+    found = state_at(either, frame["episode"], frame["step"])
+    shown = {column.split("_", 1)[1]: column for column in frame if column.startswith(("obs_", "latent_"))}
+    assert len(shown) >= 20
+    for name, column in shown.items():
+        stored = frame[column].to_numpy()
+        np.testing.assert_array_equal(variable(found, name).astype(stored.dtype), stored, err_msg=name)
+
+
+def test_a_step_leads_from_each_state_to_the_next(either):
+    """With the action in the row and the noise at its address; so what the rows do not show is right too."""
+    frame = either.to_pandas()
+    frame = frame[frame["step"] < 39]
+    episodes, steps = frame["episode"].to_numpy(), frame["step"].to_numpy()
+    before, after = state_at(either, episodes, steps), state_at(either, episodes, steps + 1)
+    experiment = by_hand.experiment_of(either)
+    for i in range(0, len(frame), 17):
+        row = frame.iloc[i]
+        cell, index = divmod(int(row["episode"]), experiment.episodes)
+        noise = by_hand.noise(
+            experiment.seed, experiment.cells[cell].digest, index, int(row["step"]) + 1, experiment.drifting
+        )
+        action = row[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)
+        made = by_hand.moved(by_hand.lane(before, i), action, noise, experiment.variant)
+        equal(made, by_hand.lane(after, i))
+
+
+def test_one_row_is_one_lane_and_rows_may_come_in_any_order(dataset):
+    one = state_at(dataset, 7, 31)
+    assert one.fatigue.shape == (1,)
+    several = state_at(dataset, np.array([7, 2, 7, 11]), [31, 0, 5, 31])
+    equal(by_hand.lane(several, 0), one)
+    equal(by_hand.lane(several, 1), state_at(dataset, 2, 0))
+    equal(by_hand.lane(several, 3), state_at(dataset, 11, 31))
+    equal(state_at(str(dataset.path), 7, 31), one)
+    equal(state_at(dataset, [7, 7], 31), [np.repeat(part, 2, axis=1) for part in one])
+
+
+def test_episodes_are_simulated_in_parts(dataset, monkeypatch):
+    frame = dataset.to_pandas(columns=["episode", "step"])
+    whole = state_at(dataset, frame["episode"], frame["step"])
+    monkeypatch.setattr("ibdata.evaluation.states.PART_ROWS", 100)  # two episodes
+    monkeypatch.setattr("ibdata.evaluation.states.BATCH_ROWS", 7)
+    equal(state_at(dataset, frame["episode"], frame["step"]), whole)
+
+
+@pytest.fixture(scope="module")
+def merged(dataset, describe, tmp_path_factory):
+    """Another seed and shorter episodes come after those of `dataset`."""
+    folder = tmp_path_factory.mktemp("merged")
+    changes = {"seed": 5, "steps": 20, "output": {"latent": "next", "shard_rows": 50}}
+    other = ibdata.generate(describe(**changes), folder / "other", workers=1)
+    return other, ibdata.merge([dataset.path, other.path], folder / "merged")
+
+
+def test_a_merged_dataset_has_the_states_of_its_parts(merged, dataset):
+    other, both = merged
+    frame = both.to_pandas(columns=["obs_fatigue", "obs_consumption", "episode", "step"])
+    states = state_at(both, frame["episode"], frame["step"])
+    np.testing.assert_array_equal(states.fatigue.astype(np.float32), frame["obs_fatigue"])
+    pair = by_hand.side_by_side(state_at(dataset, 3, 39), state_at(other, 4, 19))
+    equal(state_at(both, [3, 12 + 4], [39, 19]), pair)
+
+
+POLICY = """
+import numpy as np
+class Drawing:
+    def act(self, history, u):
+        return 2.0 * u - 1.0
+"""
+
+
+def test_no_policy_runs(tmp_path, monkeypatch):
+    """The actions are in the rows, so the code of a custom policy may be gone."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lost_policy.py").write_text(POLICY)
+    block = {"kind": "custom", "target": "lost_policy:Drawing", "uniforms": 3}
+    experiment = ibdata.Experiment(name="lost", setpoints=70, policies=[block], steps=30)
+    ds = ibdata.generate(experiment, tmp_path / "data", workers=1, allow_code=True)
+    (tmp_path / "lost_policy.py").unlink()
+    frame = ds.to_pandas()
+    states = state_at(ds, 0, frame["step"])
+    np.testing.assert_array_equal(states.mu_v.astype(np.float32), frame["latent_mu_v"])
+
+
+@pytest.mark.parametrize(
+    ("episode", "step", "message"),
+    [
+        (12, 0, "episode: found 12, expected one of 0 to 11"),
+        (-1, 0, "episode: found -1, expected one of 0 to 11"),
+        ([3, 4], [5, 40], "step: found 40, expected one of 0 to 39, the steps of episode 4"),
+        (0, -1, "step: found -1, expected one of 0 to 39, the steps of episode 0"),
+        (1.5, 0, "episode: found 1.5, expected whole numbers"),
+        (0, "last", "step: found 'last', expected whole numbers"),
+        (
+            [1, 2, 3],
+            [1, 2],
+            "episode and step: found 3 and 2 numbers, expected equally many",
+        ),
+    ],
+    ids=str,
+)
+def test_rows_that_are_not_there_are_one_line(dataset, episode, step, message):
+    with pytest.raises(UsageError) as caught:
+        state_at(dataset, episode, step)
+    assert str(caught.value) == message
+
+
+def damage(folder, column, row, value):
+    """Change a value of the first shard."""
+    path = next((folder / "data").glob("part-00000-*"))
+    table = pq.read_table(path)
+    values = table[column].to_numpy().copy()
+    values[row] = value
+    field = table.schema.field(column)
+    pq.write_table(table.set_column(table.schema.get_field_index(column), field, [values]), path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("obs_fatigue", 12.5, "episode 1: step 10: obs_fatigue: found 12.5, expected "),
+        ("latent_mu_g", 0.5, "episode 1: step 10: latent_mu_g: found 0.5, expected "),
+        ("act_gain", 0.25, "episode 1: step 10: reward: found -"),
+        ("act_gain", np.nan, "episode 1: step 10: found the action [0.09"),
+        ("reward", np.nan, "episode 1: step 10: reward: found nan, expected -"),
+    ],
+    ids=str,
+)
+def test_rows_that_the_simulation_does_not_give_are_one_line(copied, column, value, message):
+    damage(copied, column, 40 + 10, value)
+    ds = ibdata.open(copied)
+    with pytest.raises(DatasetError) as caught:
+        state_at(ds, 1, 10)
+    assert str(caught.value).startswith(f"{copied}: {message}")
+    assert str(caught.value).endswith("see ibdata validate")
+    equal(state_at(ds, 1, 9), state_at(ds, [1], [9]))  # rows after the given one do not matter
+
+
+@pytest.mark.parametrize(
+    ("version", "message"),
+    [(1, ": found data version 1, in which policies did not see the burn-in"), (3, "expected at most 2")],
+)
+def test_data_of_another_version_are_refused(describe, tmp_path, version, message):
+    changes = {"policies": [{"kind": "optimized"}], "start": {"burn_in": [3, 9]}}
+    ds = ibdata.generate(describe(**changes), tmp_path / "data", workers=1)
+    assert state_at(ds, 0, 7).gain.shape == (1,)
+    ds.manifest_model = ds.manifest_model.model_copy(update={"data_version": version})
+    with pytest.raises(DatasetError, match=message):
+        state_at(ds, 0, 0)

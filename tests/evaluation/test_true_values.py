@@ -1,0 +1,261 @@
+"""True values: branches from exact states, their random numbers, means and errors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import ClassVar, Literal
+
+import numpy as np
+import pytest
+from helpers import by_hand
+
+import ibdata
+from ibdata import state_at, true_values
+from ibdata.errors import ConfigError, UsageError
+from ibdata.numerics.random import Purpose
+from ibdata.policies import POLICIES, Policy
+from ibdata.policies.checked import PolicyError
+from ibdata.policies.given import Decision
+
+NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
+
+
+class Recalling(Policy):
+    """Does nothing, records what it is given, and counts its steps and sums past actions in its memory."""
+
+    history_length: ClassVar[int] = 2
+    memory_size: ClassVar[int] = 2
+    uniforms_per_step: ClassVar[int] = 1
+    uniforms_per_episode: ClassVar[int] = 1
+    given: ClassVar[list] = []
+
+    kind: Literal["recalling"] = "recalling"
+
+    def decide(self, given):
+        self.given.append(given.apply(np.copy))
+        added = np.stack([np.ones(len(given.step)), given.actions[:, 0, 0]], axis=1)
+        return Decision(np.zeros((len(given.step), 3)), given.memory + added)
+
+
+class Watching:
+    """Does nothing, and keeps what it sees."""
+
+    def __init__(self, frames=1):
+        self.history_length, self.seen = frames, []
+
+    def act(self, history, u):
+        self.seen.append(history.copy())
+        return np.zeros((len(history), 3))
+
+
+def branches(ds, rows, policy, actions=None, **settings):
+    return true_values(ds, rows, policy, actions, **{"steps": 12, "episodes": 5, **settings}).returns
+
+
+def form(ds, episode, step, policy=None):
+    """The form of which the key of a row's branches is made, as JSON; it must never change."""
+    experiment = by_hand.experiment_of(ds)
+    cell, index = divmod(episode, experiment.episodes)
+    digest = experiment.cells[cell].digest.hex()
+    plain = {"label": "branch", "cell": digest, "index": index, "seed": experiment.seed, "step": step}
+    return json.dumps(plain if policy is None else {**plain, "policy": policy}, sort_keys=True)
+
+
+def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
+    """The return of a branch, by single steps with the noise of the documented addresses."""
+    experiment = by_hand.experiment_of(ds)
+    digest = hashlib.sha256(form(ds, episode, step).encode()).digest()
+    state, total = state_at(ds, episode, step), 0.0
+    for t, action in enumerate(actions):
+        noise = by_hand.noise(seed, digest, branch, t + 1, experiment.drifting)
+        state = by_hand.moved(state, action, noise, experiment.variant)
+        total += discount**t * float(state.reward[0])
+    return total
+
+
+@pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
+def test_a_branch_goes_on_from_the_state_with_noise_of_its_own_address(either, discount):
+    """Also where setpoints move."""
+    found = branches(either, {"episode": [4, 9], "step": [17, 0]}, NUDGE, discount=discount, seed=3)
+    for i, (episode, step) in enumerate([(4, 17), (9, 0)]):
+        expected = [replayed(either, episode, step, j, [NUDGE["action"]] * 12, discount, 3) for j in range(5)]
+        assert found[i] == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_policys_own_draws_come_from_the_address_with_its_form(dataset):
+    digest = hashlib.sha256(form(dataset, 4, 17, {"kind": "random"}).encode()).digest()
+
+    def actions(branch):
+        u = [by_hand.uniforms_at(0, digest, branch, Purpose.POLICY, t, 4)[:3] for t in range(12)]
+        return 2.0 * np.array(u) - 1.0
+
+    [found] = branches(dataset, [4 * 40 + 17], "random")
+    assert found == pytest.approx([replayed(dataset, 4, 17, j, actions(j)) for j in range(5)], rel=1e-13)
+
+
+def test_the_first_action_may_be_given(dataset):
+    given = [[1.0, 0.0, -0.5], [0.0, 0.25, 3.0]]  # clipped to 1
+    found = branches(dataset, [0, 100], NUDGE, given)
+    for i, (episode, step, first) in enumerate([(0, 0, given[0]), (2, 20, [0.0, 0.25, 1.0])]):
+        actions = [first, *[NUDGE["action"]] * 11]
+        expected = [replayed(dataset, episode, step, j, actions) for j in range(5)]
+        assert found[i] == pytest.approx(expected, rel=1e-13)
+    np.testing.assert_array_equal(
+        branches(dataset, [0, 100], "bad", given, steps=1),
+        branches(dataset, [0, 100], "safe", given, steps=1),
+    )
+
+
+@pytest.mark.parametrize("kind", ["bad", "optimized"])
+def test_the_value_of_a_policys_own_action_is_the_value_of_the_state(dataset, kind):
+    rows, policy = [0, 3, 77, 410], POLICIES[kind]()
+    histories = dataset.arrays(history=policy.history_length)["observations"][rows].reshape(4, -1, 6)
+    actions = policy.act(histories, np.empty((4, 0)))
+    np.testing.assert_array_equal(branches(dataset, rows, kind, actions), branches(dataset, rows, kind))
+
+
+def test_a_policy_sees_the_rows_own_history(dataset):
+    """Newest first; before the start of an episode, the first observation is repeated."""
+    watching = Watching(frames=3)
+    branches(dataset, [40 * 5 + 20, 40 * 5 + 1], watching, episodes=2)
+    stored = dataset.arrays(history=3)["observations"].reshape(-1, 3, 6)
+    first, second = watching.seen[:2]
+    np.testing.assert_array_equal(first, stored[[220, 220, 201, 201]])
+    np.testing.assert_array_equal(second[:, 1:], first[:, :2])
+
+
+def test_a_policy_knows_what_it_would_know_if_it_had_watched_the_episode(dataset, monkeypatch):
+    monkeypatch.setattr(Recalling, "given", [])
+    branches(dataset, [40 * 5 + 20, 40 * 5 + 3], Recalling(), [[1, 0, 0], [1, 0, 0]], episodes=2)
+    moved = dataset.to_pandas()["act_velocity"].to_numpy()[200:]
+    digest = by_hand.experiment_of(dataset).cells[1].digest
+    [drawn] = by_hand.uniforms_at(0, digest, 2, Purpose.EPISODE_POLICY, 0, 4)[:1]
+    first, second = Recalling.given[-12:-10]
+    assert first.step.tolist() == [20, 20, 3, 3]
+    assert second.step.tolist() == [21, 21, 4, 4]
+    np.testing.assert_array_equal(first.actions[[0, 2], :, 0], [[moved[19], moved[18]], [moved[2], moved[1]]])
+    np.testing.assert_array_equal(second.actions[[0, 2], :, 0], [[1, moved[19]], [1, moved[2]]])
+    sums = [moved[:19].sum(dtype=float), moved[:2].sum(dtype=float)]
+    np.testing.assert_allclose(first.memory[[0, 2]], [[20, sums[0]], [3, sums[1]]], rtol=1e-6)
+    np.testing.assert_array_equal(second.memory[:, 0], first.memory[:, 0] + 1)
+    assert (first.episode_uniforms == drawn).all()
+    assert len(np.unique([first.uniforms, second.uniforms])) == 8
+
+
+def test_nothing_but_the_address_matters(dataset):
+    """Other rows, their order, more branches, and more than a block holds."""
+    few = branches(dataset, [7, 300], "random")
+    np.testing.assert_array_equal(branches(dataset, [7, 300], "random"), few)
+    np.testing.assert_array_equal(branches(dataset, [300, 5, 7, 7], "random")[[2, 0]], few)
+    many = branches(dataset, [300, 7], "random", episodes=400)
+    np.testing.assert_array_equal(many[::-1, :5], few)
+    assert len(np.unique(many)) == 800
+    assert (branches(dataset, [7, 300], "random", seed=1) != few).all()
+
+
+def test_all_policies_and_actions_meet_the_same_environment(dataset):
+    always = {"kind": "epsilon_greedy", "base": NUDGE, "epsilon": 0.0}
+    np.testing.assert_array_equal(branches(dataset, [7], NUDGE), branches(dataset, [7], always))
+
+
+def test_branches_share_no_random_number_with_their_dataset(tmp_path):
+    experiment = ibdata.Experiment(name="still", setpoints=70, policies=[NUDGE], episodes=4, steps=40)
+    ds = ibdata.generate(experiment, tmp_path / "data", workers=1)
+    frame = ds.to_pandas()
+    rewards = frame["reward"].to_numpy(dtype=float).reshape(4, 40)
+    for step in (0, 20):
+        rows = np.arange(4) * 40 + step
+        found = branches(ds, rows, NUDGE, discount=1.0)
+        own = rewards[:, step : step + 12].sum(axis=1)
+        assert not np.isclose(found, own[:, None], rtol=1e-6).any()
+        assert not np.isclose(found[:, 0], branches(ds, rows, NUDGE, discount=1.0, seed=1)[:, 0]).any()
+
+
+def test_rows_may_be_numbers_or_a_table(dataset):
+    expected = branches(dataset, [85, 410], "safe")
+    frame = dataset.to_pandas()
+    for rows in (
+        np.array([85, 410]),
+        frame.index[[85, 410]],
+        frame.iloc[[85, 410]],
+        dataset.table().take([85, 410]),
+        {"episode": [2, 10], "step": [5, 10]},
+    ):
+        np.testing.assert_array_equal(branches(dataset, rows, "safe"), expected)
+
+
+def test_values_are_means_with_their_errors(dataset):
+    found = true_values(dataset, [85, 410], "random", steps=12, episodes=50)
+    assert [(r.episode, r.step, r.action) for r in found.results] == [(2, 5, None), (10, 10, None)]
+    np.testing.assert_allclose(found.values, found.returns.mean(axis=1), rtol=1e-14)
+    np.testing.assert_allclose(
+        found.standard_errors, found.returns.std(axis=1, ddof=1) / np.sqrt(50), rtol=1e-12
+    )
+    # Student's t with 49 degrees of freedom: 2.009575
+    half = 2.009575 * found.standard_errors[0]
+    value = found.values[0]
+    assert found.results[0].interval == pytest.approx((value - half, value + half), rel=1e-6)
+    plain = json.loads(json.dumps(found.plain()))["results"][1]
+    assert set(plain) == {"episode", "step", "action", "value", "standard_error", "interval"}
+    with_action = true_values(dataset, [85], "random", [[0, 2, 0]], steps=2, episodes=1)
+    assert with_action.results[0].action == [0.0, 1.0, 0.0]
+    assert with_action.results[0].standard_error is None
+    assert np.isnan(with_action.standard_errors).all()
+
+
+def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_path):
+    other = ibdata.generate(
+        describe(seed=5, steps=20, dynamics="paper", output={"latent": "next"}), tmp_path / "other", workers=1
+    )
+    both = ibdata.merge([other.path, dataset.path], tmp_path / "both")
+    found = branches(both, {"episode": [12 + 7, 3], "step": [30, 10]}, "optimized")
+    np.testing.assert_array_equal(found[:1], branches(dataset, [7 * 40 + 30], "optimized"))
+    np.testing.assert_array_equal(found[1:], branches(other, [3 * 20 + 10], "optimized"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"rows": [480]}, "row: found 480, expected one of 0 to 479"),
+        ({"rows": [0.5]}, "row: found [0.5], expected whole numbers"),
+        ({"rows": {"episode": [0], "step": [40]}}, "step: found 40, expected one of 0 to 39, the steps of"),
+        (
+            {"rows": {"episode": [0]}},
+            "rows: found a table without 'step', expected columns episode, step",
+        ),
+        ({"actions": [0, 0, 0]}, "actions: found [0, 0, 0], expected (2, 3) finite numbers"),
+        (
+            {"actions": [[0, 0, np.nan]] * 2},
+            "actions: found [[0, 0, nan], [0, 0, nan]], expected (2, 3) finite",
+        ),
+        ({"actions": "up"}, "actions: found 'up', expected (2, 3) finite numbers"),
+        ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
+        ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
+        ({"episodes": 0}, "episodes: found 0, expected a whole number of at least 1"),
+        ({"episodes": 2**47}, "episodes: this number takes "),
+        ({"policy": "optimised"}, "did you mean 'optimized'?"),
+        ({"policy": ["safe", "bad"]}, "policy: found 2, expected one"),
+        ({"policy": Watching(), "history": 0}, "history: found 0, expected a whole number of at least 1"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
+)
+def test_what_cannot_be_meant_is_one_line(dataset, arguments, message):
+    with pytest.raises((UsageError, ConfigError)) as caught:
+        true_values(dataset, **{"rows": [0, 1], "policy": "random", **arguments})
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_function_is_a_policy_as_in_an_evaluation(dataset):
+    still = branches(dataset, [7, 300], "constant")
+    np.testing.assert_array_equal(branches(dataset, [7, 300], lambda seen: np.zeros((len(seen), 3))), still)
+
+
+def test_a_policy_that_fails_is_named(dataset):
+    class Failing(Watching):
+        def act(self, history, u):
+            return np.full((len(history), 3), np.nan)
+
+    with pytest.raises(PolicyError, match=r"^policy failing: from episode 3: step 5: found action \[nan"):
+        true_values(dataset, [125], Failing())

@@ -1,0 +1,46 @@
+"""Single steps of the dynamics, with noise read from its documented address."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ibdata.dynamics import Noise, State, step
+from ibdata.experiment.dataset_spec import spec_in
+from ibdata.numerics.exact import exponential, normal
+from ibdata.numerics.random import Purpose, integers, stream_key, uniform
+
+
+def experiment_of(dataset):
+    """The only experiment of a dataset."""
+    [experiment] = spec_in(dataset.path, dataset.manifest_model).experiments
+    return experiment
+
+
+def uniforms_at(seed, digest, index, purpose, step, slots):
+    """The numbers of one step from U(0, 1)."""
+    key = stream_key(seed, digest)
+    raw = integers(key[None], np.array([index]), purpose, step, 1, slots)[0, :, 0]
+    return [uniform(x) for x in raw]
+
+
+def noise(seed, digest, index, step, drifting=False):
+    """The noise of one lane at one step."""
+    u = uniforms_at(seed, digest, index, Purpose.DYNAMICS, step, 8)
+    drift = uniforms_at(seed, digest, index, Purpose.DRIFT, step, 4) if drifting else [0.0] * 4
+    values = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7]), *drift]
+    return Noise(*(np.array([x]) for x in values))
+
+
+def moved(state, action, noise, variant):
+    """The state of one lane after an action (3,)."""
+    return step(state, np.asarray(action, dtype=np.float32)[None], noise, variant)
+
+
+def lane(state, i):
+    """One lane of a state."""
+    return State(*(np.ascontiguousarray(part[:, i : i + 1]) for part in state))
+
+
+def side_by_side(*states):
+    """One state of all lanes of several."""
+    return State(*(np.concatenate(parts, axis=1) for parts in zip(*states, strict=True)))
