@@ -71,7 +71,7 @@ class Importance(Tabular):
             f"mean of the last weights: {mean:.4g}{spread}, expected 1",
             f"effective sample size: {self.effective[-1]:,.1f} of {len(self.weights):,} episodes",
         ]
-        return [Table(Estimated._fields, self.results, "\n".join([*said, *self.notes]))]
+        return [Table(Estimated._fields, self.results, [*said, *self.notes])]
 
     def to_pandas(self) -> pd.DataFrame:
         """The estimates, a row each, as a pandas DataFrame."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from helpers import ROOT
+from helpers import ROOT, networks
 
 import ibdata
 from ibdata.errors import UsageError
@@ -107,6 +109,29 @@ def test_the_mean_weight_is_1_or_a_message_says_why_not(name):
             error = last.std(ddof=1) / np.sqrt(N)
             assert last.mean() == pytest.approx(1.0, abs=4.0 * error), target.label
             assert found.notes == []
+
+
+def test_every_policy_takes_part():
+    """Of custom policies nobody knows the support; networks have a test of their own."""
+    kinds = {policy.kind for outer in POLICY.values() for policy in outer.everywhere()}
+    assert set(POLICIES) - kinds == {"custom", "network", "sampled"}
+
+
+@pytest.mark.slow
+def test_draws_of_a_network_evaluate_its_mean_action_and_more_draws(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("actor.safetensors").write_bytes(networks.weights(frames=1))
+    network = policy_of({"kind": "network", "file": "actor.safetensors"})
+    few, more = (
+        policy_of({"kind": "sampled", "base": network.options() | {"name": None}, "share": share})
+        for share in (0.3, 0.6)
+    )
+    data = Data(few, 20_000)
+    for target in (network, more):
+        last = data.importance(target).weights[:, -1]
+        assert last.mean() == pytest.approx(1.0, abs=4.0 * last.std(ddof=1) / np.sqrt(len(last)))
+    with pytest.raises(UsageError, match="the action of network in the whole action"):
+        check_support(policy_of({**few.options(), "share": 1.0}), network, STEPS)
 
 
 # What the page says of pairs, by data and target; a base is always the same one.
