@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
-from ibdata.evaluation.overlap import check_support, log_ratios
+from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.recorded import parts_of, read
 from ibdata.evaluation.states import Place
 from ibdata.experiment.custom_code import consented_spec
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.confidence import estimate
-from ibdata.policies import Policy
-from ibdata.simulation.rollout import PART_ROWS, parts
 from ibdata.validation.consistency import refuse_other_plan
 
 if TYPE_CHECKING:
@@ -136,7 +132,7 @@ def importance(
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]
     if not len(episodes):
         raise UsageError("split, setpoint, policy: found no episode of all of them, expected at least one")
-    found = list(_parts(spec, episodes))
+    found = list(parts_of(spec, episodes))
     lengths = sorted({part.steps for part in found})
     if len(lengths) > 1:
         raise UsageError(f"steps: found episodes of {lengths[0]} and of {lengths[-1]}, expected one length")
@@ -144,7 +140,7 @@ def importance(
     notes = [note for behaviour in behaviours for note in check_support(behaviour, wanted, lengths[0])]
     ratios, rewards = (
         np.concatenate(arrays)
-        for arrays in zip(*(_read(ds, spec, part, wanted) for part in found), strict=True)
+        for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
     )
     return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
 
@@ -153,14 +149,17 @@ def of_ratios(
     label: str, log_ratios: Floats, rewards: Floats, discount: float, notes: Sequence[str] = ()
 ) -> Importance:
     """The estimates from the logarithms of the ratios and the rewards, both (episodes, steps)."""
-    weights = np.exp(np.cumsum(log_ratios, axis=1))
+    logs = np.cumsum(log_ratios, axis=1)
+    greatest = logs.max(axis=0)
+    weights = np.exp(logs)
+    relative = np.exp(logs - np.where(np.isfinite(greatest), greatest, 0.0))  # of long episodes, not all 0
     paid = rewards * discount ** np.arange(rewards.shape[1])
-    squares = (weights**2).sum(axis=0)
-    effective = np.divide(weights.sum(axis=0) ** 2, squares, out=np.zeros(len(squares)), where=squares > 0.0)
+    squares = (relative**2).sum(axis=0)
+    effective = np.divide(relative.sum(axis=0) ** 2, squares, out=np.zeros(len(squares)), where=squares > 0.0)
     found = [
         Estimated(METHODS[0], *estimate([weights[:, -1] * paid.sum(axis=1)])),
         Estimated(METHODS[1], *estimate([(weights * paid).sum(axis=1)])),
-        _weighted(weights, paid),
+        _weighted(relative, paid),
     ]
     warned = list(notes)
     if effective[-1] < LEAST_EFFECTIVE:
@@ -172,62 +171,10 @@ def of_ratios(
 
 
 def _weighted(weights: Floats, paid: Floats) -> Estimated:
-    """The weighted estimate. The error is that of the delta method."""
+    """The weighted estimate, from weights up to a factor. The error is that of the delta method."""
     means = weights.mean(axis=0)
     if not means.all():
         return Estimated(METHODS[2], None, None, None)
     shares = weights / means
     expected = (shares * paid).mean(axis=0)
     return Estimated(METHODS[2], *estimate([expected.sum() + (shares * (paid - expected)).sum(axis=1)]))
-
-
-class _Part(NamedTuple):
-    """Consecutive episodes of a shard with the same policy, of which some are selected."""
-
-    shard: int
-    first: int  # episode of the experiment
-    stop: int
-    row: int  # of the shard
-    steps: int
-    behaviour: Policy
-    selected: npt.NDArray[np.bool_]  # (stop - first,)
-
-
-def _parts(spec: DatasetSpec, episodes: npt.NDArray[np.int64]) -> Iterator[_Part]:
-    """Yield the parts that have episodes of these numbers."""
-    for shard in spec.shards:
-        experiment = spec.of_shard(shard)
-        per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
-        inside = np.isin(np.arange(shard.first, shard.stop) + shard.offset, episodes)
-        inner = range((shard.first // per_policy + 1) * per_policy, shard.stop, per_policy)
-        of_one = pairwise([shard.first, *inner, shard.stop])
-        for first, stop in (part for ends in of_one for part in parts(experiment, *ends)):
-            selected = inside[first - shard.first : stop - shard.first]
-            if selected.any():
-                row = (first - shard.first) * experiment.steps
-                behaviour = experiment.cells[first // experiment.episodes].policy
-                yield _Part(shard.number, first, stop, row, experiment.steps, behaviour, selected)
-
-
-def _read(ds: Dataset, spec: DatasetSpec, part: _Part, target: Policy) -> tuple[Floats, Floats]:
-    """The logarithms of the ratios and the rewards of the selected episodes, both (episodes, steps)."""
-    experiment, n = spec.of_shard(spec.shards[part.shard]), part.stop - part.first
-    groups = ds.info_model.groups
-    observed, acted = groups["observation"], groups["action"]
-    names = [*observed, *acted, "reward", "action_log_prob"]
-    stop = part.row + n * part.steps
-    table = pa.Table.from_batches(ds.shard_batches(part.shard, names, PART_ROWS, part.row, stop))
-
-    def grid(names: list[str]) -> npt.NDArray[np.float32]:
-        columns = [table[name].to_numpy() for name in names]
-        return np.stack(columns, axis=1).astype(np.float32).reshape(n, part.steps, len(names))
-
-    reward, log_prob = (
-        table[name].to_numpy().astype(np.float64).reshape(n, part.steps)
-        for name in ("reward", "action_log_prob")
-    )
-    seen = ds.manifest_model.data_version >= experiment.data_version
-    ratios = log_ratios(
-        experiment, part.first, part.stop, grid(observed), grid(acted), log_prob, target, seen
-    )
-    return ratios[part.selected], reward[part.selected]

@@ -232,6 +232,13 @@ def test_weights_that_are_all_0_have_no_weighted_estimate():
     assert found.effective.tolist() == [0.0, 0.0]
 
 
+def test_the_weights_of_long_episodes_may_be_too_small_for_a_number():
+    found = of_ratios("x", np.array([[-1000.0], [-1000.0 - np.log(3.0)]]), np.array([[-4.0], [-8.0]]), 1.0)
+    assert found.weights.tolist() == [[0.0], [0.0]]
+    assert found.results[2].mean_return == pytest.approx(-5.0)
+    assert found.effective == pytest.approx([1.6])
+
+
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """Two policies at two setpoints, in three shards, after a burn-in, with a split of scattered episodes."""
