@@ -121,7 +121,8 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
             return data
         problem = "found other content than the manifest lists"
     refuse_replaced(folder, listed)
-    raise DatasetError(f"{folder / path}: {problem}; run ibdata repair {folder}")
+    todo = "" if object_store.is_remote(folder) else f"; run ibdata repair {folder}"
+    raise DatasetError(f"{object_store.name_of(folder)}/{path}: {problem}{todo}")
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:

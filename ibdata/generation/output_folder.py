@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt, staging
+from ibdata.generation.single_files import refuse_edits
 from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
@@ -29,6 +31,8 @@ class TakenError(UsageError):
 
 
 RANGE_LOCK = f"{lock.NAME}-"
+GATE = f"{RANGE_LOCK}gate"
+RANGE_LOCKS = re.compile(re.escape(RANGE_LOCK) + "(?:gate|([1-9][0-9]{0,8})-([1-9][0-9]{0,8}))")
 
 
 def identity(experiment: Experiment) -> str:
@@ -156,6 +160,7 @@ def _refuse_strangers(folder: Path, listed: Manifest) -> None:
         what = "folder" if path.is_dir() else "file"
         raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
+    refuse_edits(folder, listed, "the new dataset")
     for name in known:
         if (folder / name).is_dir():
             raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")
@@ -231,7 +236,7 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
     for path in (root / "data").glob("part-*.parquet"):
-        if path.name.rpartition("-")[0] in numbers:
+        if staging.is_ours(path) and path.name.rpartition("-")[0] in numbers:
             path.unlink(missing_ok=True)
 
 
@@ -257,7 +262,8 @@ def end(root: Path) -> None:
     """Remove the receipts, which the manifest replaces."""
     empty_run(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
-        left.unlink(missing_ok=True)
+        if RANGE_LOCKS.fullmatch(left.name) and not left.is_dir():
+            left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:

@@ -20,6 +20,7 @@ from ibdata.maintenance.evidence import file_with, refuse_unproven
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
+from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 from ibdata.validation.stored import stored_content
@@ -54,6 +55,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     Raises:
         DatasetError: There is no dataset, or a file that was made again has another content.
     """
+    refuse_url(folder)
     path = Path(folder)
     refuse_workers(workers)
     if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):

@@ -51,7 +51,7 @@ def tanh(x: float) -> float:
     With t = e²ˣ - 1 = (2ᵏ - 1) + 2ᵏ (eʳ - 1), reduced as in `exp`, it is t / (t + 2) of |x|.
 
     >>> float(tanh(0.5))
-    0.46211715726000973
+    0.46211715726000974
     >>> float(tanh(-50.0))
     -1.0
     """

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, load
+from ibdata.policies import weights_file
 from ibdata.policies.network import EDGE, Network
 from ibdata.policies.weights_file import kept
 from ibdata.testing import check_policy
@@ -164,3 +165,17 @@ def test_in_python_paths_are_relative_to_the_current_folder(saved):
 
 def test_the_same_weights_are_one_object():
     assert kept(networks.weights()) is kept(networks.weights())
+
+
+def test_shipped_weights_have_names_and_a_file_of_the_user_comes_first(saved, tmp_path, monkeypatch):
+    folder = tmp_path / "shipped"
+    folder.mkdir()
+    (folder / "high.safetensors").write_bytes(networks.weights(seed=3))
+    monkeypatch.setattr(weights_file, "SHIPPED", folder)
+    shipped = kept(networks.weights(seed=3))
+    assert Network(file="high").weights is Network(file="high.safetensors").weights is shipped
+    with pytest.raises(ValidationError, match="expected one in the current folder or one of high"):
+        Network(file="hihg")
+    saved()
+    (tmp_path / "actor.safetensors").rename(tmp_path / "high")
+    assert Network(file="high").weights is kept(networks.weights())

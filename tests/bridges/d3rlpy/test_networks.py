@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import d3rlpy
 import numpy as np
 import pytest
 import torch
 from gymnasium import Env, spaces
+from helpers import ROOT
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
@@ -181,3 +184,12 @@ def test_a_saved_network_makes_a_dataset(tmp_path):
     dataset = ibdata.generate(tmp_path / "mine.yaml", tmp_path / "mine", workers=1)
     assert f"meta/policy-{sha256[:16]}.safetensors" in dataset.manifest_model.entries()
     assert ibdata.validate(dataset.path) == []
+
+
+def test_the_page_about_networks_prints_what_it_says(tmp_path):
+    page = ROOT / "docs" / "networks.md"
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts/guide"), str(page)], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "True\nTrue\n"
