@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ibdata.policies.base import Floats, Policy
 from ibdata.policies.conversation import Conversation
 from ibdata.policies.given import Decision, Given
+from ibdata.policies.support import Support
 from ibdata.policies.ways import Way
 
 
@@ -62,6 +63,10 @@ class Adapter(Policy):
     def uniforms_per_episode(self) -> int:  # type: ignore[override]  # read from instances only
         """The object's own `uniforms_per_episode` if it acts by `decide`, else 0."""
         return int(getattr(self.adapted, "uniforms_per_episode", 0)) if self.way.decides else 0
+
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        own = getattr(self.adapted, "support", None)
+        return (own,) if isinstance(own, frozenset) else None
 
     def decide(self, given: Given) -> Decision:
         answer = self.conversation.answer(given)

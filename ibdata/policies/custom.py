@@ -21,6 +21,7 @@ from ibdata.policies.base import Deterministic, Floats, History
 from ibdata.policies.code_places import code_places, import_from, located
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.parameters import Parameters
+from ibdata.policies.support import Support
 from ibdata.policies.user_code import told
 from ibdata.policies.ways import WAYS, can_act, decides, has_method, is_torch_module
 
@@ -194,6 +195,11 @@ class Custom(Adapter):
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded; only for `deterministic: true`."""
         return Deterministic.mean_action(self, history)  # type: ignore[arg-type]
+
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        if self.deterministic:
+            return Deterministic.supports(self, step)  # type: ignore[arg-type]
+        return super().supports(step)
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         if self.deterministic:
