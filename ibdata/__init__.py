@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
     open = Dataset
@@ -47,6 +48,7 @@ _MODULES = {
     "open": "dataset.reader",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
+    "save_network": "policies.save_network",
     "split": "maintenance.split",
     "state_at": "evaluation.states",
     "true_values": "evaluation.true_values",

@@ -121,6 +121,11 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return next(iter(difflib.get_close_matches(word, list(known), n=1)), None)
 
 
+def is_thread_limit(error: BaseException) -> bool:
+    """Whether an error says, in Python's words, that the system starts no more threads."""
+    return isinstance(error, RuntimeError) and str(error) == "can't start new thread"
+
+
 class Problems(ValueError):
     """Several problems in one model, each with the path of its key relative to that model."""
 

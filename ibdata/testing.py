@@ -149,6 +149,9 @@ def _check_densities(policy: Policy, given: Given, action: npt.NDArray[np.float3
     assert found == np.float64, f"{log_prob} must return float64"
     density = _log_density(policy, given, action)
     _refuse_changes(log_prob, given, seen)
+    at_once = policy.decide_with_density(_copy(given))[1]
+    same = at_once is None or _same(at_once, density)
+    assert same, f"decide_with_density gave other densities than {log_prob}"
     assert _same(taken, action), f"{log_prob} changed the actions that it was given"
     unknown = np.isnan(density)
     known = np.isfinite(density)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,8 +13,6 @@ from helpers import ROOT
 
 TEXT = (ROOT / "docs/at-a-glance.md").read_text(encoding="utf-8")
 TABLE = re.findall(r"^\| ([^|]+) \| (?:`(ibdata [^`]+)`)? ?\| (?:`([^`]+)`)? ?\|$", TEXT, flags=re.MULTILINE)
-# A custom policy's module is found in the current folder only.
-MODULES = [ROOT / "configs/my_policy.py"]
 
 
 def test_there_are_tasks_and_most_are_shown_twice():
@@ -23,28 +20,21 @@ def test_there_are_tasks_and_most_are_shown_twice():
     assert sum(bool(line and code) for _, line, code in TABLE) >= 25
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    for module in MODULES:
-        shutil.copy(module, tmp_path)
-    return tmp_path
-
-
 @pytest.mark.slow
-def test_the_column_of_commands_runs_alone(command: str, folder: Path):
+def test_the_column_of_commands_runs_alone(command: str, tmp_path: Path):
     lines = [line for _, line, _ in TABLE if line]
     env = {**os.environ, "PATH": f"{Path(command).parent}:/usr/bin:/bin"}
     done = subprocess.run(
-        ["sh", "-ec", "\n".join(lines)], cwd=folder, env=env, capture_output=True, text=True
+        ["sh", "-ec", "\n".join(lines)], cwd=tmp_path, env=env, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
-def test_the_column_of_python_runs_alone(folder: Path):
-    script = folder / "tasks.py"
+def test_the_column_of_python_runs_alone(tmp_path: Path):
+    script = tmp_path / "tasks.py"
     script.write_text("\n".join(["import ibdata", *(code for _, _, code in TABLE if code)]) + "\n")
-    done = subprocess.run([sys.executable, script.name], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

@@ -30,6 +30,7 @@ def test_the_names_of_ibdata():
         "open",
         "repair",
         "reproduce",
+        "save_network",
         "split",
         "state_at",
         "true_values",

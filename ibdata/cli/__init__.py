@@ -23,7 +23,7 @@ from typing import TextIO
 import click
 
 from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
-from ibdata.errors import ConfigError, IbdataError, printable
+from ibdata.errors import ConfigError, IbdataError, is_thread_limit, printable
 from ibdata.version import __version__
 
 INTERRUPTED = 130
@@ -170,6 +170,8 @@ def _lines(error: Exception) -> list[str]:
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]
     if isinstance(error, MemoryError):
         return ["out of memory; ask for less at once"]
+    if is_thread_limit(error):
+        return ["the system starts no more threads; raise ulimit -u"]
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 

@@ -38,6 +38,19 @@ class Place(click.Path):
         return value if is_url(value) else super().convert(value, param, ctx)
 
 
+class LocalPath(click.Path):
+    """A path; a URL is refused."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from ibdata.system.object_store import refuse_url
+
+        refuse_url(value)
+        return super().convert(value, param, ctx)
+
+
 class Listing(click.Command):
     """A command whose help ends with a list of names and descriptions."""
 
@@ -83,7 +96,7 @@ def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place(path_type=Path))
-folder_argument = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+folder_argument = click.argument("folder", metavar="DIR", type=LocalPath())
 set_option = click.option(
     "--set",
     "overrides",

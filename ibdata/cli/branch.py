@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from ibdata.cli._completion import policies as completed_policies
 from ibdata.cli._shared import allow_code_option, json_option, place_argument, print_json, print_table
 from ibdata.errors import UsageError
 
@@ -17,6 +18,7 @@ from ibdata.errors import UsageError
     "--policy",
     required=True,
     metavar="NAME|YAML",
+    shell_complete=completed_policies,
     help="A kind of policy, a block such as '{kind: safe}', or a file with a block.",
 )
 @click.option(
@@ -57,12 +59,11 @@ def command(
     ibdata branch data/random --policy optimized --at 3:500 --at 7:20
     ibdata branch data/random --policy optimized --at 3:500 --action 0 0.5 -1
     """
-    from ibdata.dataset.reader import Dataset
     from ibdata.evaluation.true_values import true_values
 
     episodes, steps = zip(*map(_place, rows), strict=True)
     actions = None if action is None else [action] * len(rows)
-    found = true_values(Dataset(folder), {"episode": episodes, "step": steps}, policy, actions, **settings)
+    found = true_values(folder, {"episode": episodes, "step": steps}, policy, actions, **settings)
     if as_json:
         print_json(found.plain())
         return

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say
+from ibdata.cli._shared import LocalPath, json_option, print_json, say
 
 
 @click.command("diff")
-@click.argument("first", metavar="A", type=click.Path(path_type=Path))
-@click.argument("second", metavar="B", type=click.Path(path_type=Path))
+@click.argument("first", metavar="A", type=LocalPath())
+@click.argument("second", metavar="B", type=LocalPath())
 @json_option
 def command(first: Path, second: Path, as_json: bool) -> None:
     """Print how two datasets differ.

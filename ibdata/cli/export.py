@@ -9,6 +9,7 @@ import click
 from ibdata.cli._completion import splits
 from ibdata.cli._shared import (
     Listing,
+    LocalPath,
     folder_argument,
     json_option,
     print_json,
@@ -38,7 +39,7 @@ def _formats() -> list[tuple[str, str]]:
 @click.option(
     "--out",
     required=True,
-    type=click.Path(path_type=Path),
+    type=LocalPath(),
     metavar="PATH",
     help="The file or folder to write; it must not exist.",
 )

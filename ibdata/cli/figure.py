@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import Listing, json_option, print_json, say, summaries
+from ibdata.cli._shared import Listing, LocalPath, json_option, print_json, say, summaries
 from ibdata.plots import DYNAMICS, figure, names
 
 
@@ -16,7 +16,7 @@ from ibdata.plots import DYNAMICS, figure, names
 @click.argument("name", type=click.Choice(names()))
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=LocalPath(),
     metavar="FILE",
     help="A .png or .svg file; default figures/<name>.png.",
 )

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say
+from ibdata.cli._shared import LocalPath, json_option, print_json, say
 
 
 @click.command("init")
-@click.argument("file", metavar="[FILE]", default="experiment.yaml", type=click.Path(path_type=Path))
+@click.argument("file", metavar="[FILE]", default="experiment.yaml", type=LocalPath())
 @json_option
 def command(file: Path, as_json: bool) -> None:
     """Write an example experiment with comments, to be edited.

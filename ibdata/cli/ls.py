@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, print_table, say, size
+from ibdata.cli._shared import LocalPath, json_option, print_json, print_table, say, size
 from ibdata.numerics.naming import counted, exact
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ MOST = 3  # setpoints or policies that are named
 
 
 @click.command("ls")
-@click.argument("folder", metavar="[FOLDER]", default=".", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="[FOLDER]", default=".", type=LocalPath())
 @json_option
 def command(folder: Path, as_json: bool) -> None:
     """List the datasets in a folder and in the folders below it.

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import json_option, print_json, say, within
+from ibdata.cli._shared import LocalPath, json_option, print_json, say, within
 
 
 @click.command("merge")
-@click.argument("folders", metavar="DIR…", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The folder to make."
-)
+@click.argument("folders", metavar="DIR…", nargs=-1, required=True, type=LocalPath())
+@click.option("--out", required=True, type=LocalPath(), metavar="DIR", help="The folder to make.")
 @json_option
 def command(folders: tuple[Path, ...], out: Path, as_json: bool) -> None:
     """Merge datasets with the same columns into a new one.

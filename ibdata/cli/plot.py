@@ -8,6 +8,7 @@ import click
 
 from ibdata.cli._shared import (
     Listing,
+    LocalPath,
     folder_argument,
     json_option,
     print_json,
@@ -24,7 +25,7 @@ from ibdata.plots import FORMS, plot, plots
 @folder_argument
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=LocalPath(),
     metavar="FOLDER",
     help="The folder for the files; default figures/<name of DIR>.",
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._completion import splits
-from ibdata.cli._shared import folder_argument, json_option, print_json, say, within
+from ibdata.cli._shared import LocalPath, folder_argument, json_option, print_json, say, within
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",
-    type=click.Path(path_type=Path),
+    type=LocalPath(),
     metavar="OUT",
     help="Write a copy to OUT in which each split has its own files.",
 )

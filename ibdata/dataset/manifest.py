@@ -39,6 +39,7 @@ FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
 DATA_VERSION = 2  # raised whenever some experiment gives other bytes; see Experiment.data_version
 SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
+WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
 MOVES = 2  # how often a replacement may move a file while a reader looks for it
 
@@ -120,7 +121,8 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
             return data
         problem = "found other content than the manifest lists"
     refuse_replaced(folder, listed)
-    raise DatasetError(f"{folder / path}: {problem}; run ibdata repair {folder}")
+    todo = "" if object_store.is_remote(folder) else f"; run ibdata repair {folder}"
+    raise DatasetError(f"{object_store.name_of(folder)}/{path}: {problem}{todo}")
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:

@@ -144,7 +144,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise ConfigError([f"{place}:{error}"]) from None
     if not isinstance(block, dict):
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
-    policy = _block(block, place)
+    policy = _block(block, place, folder)
     if folder is not None and not allow_code and any(customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
@@ -155,10 +155,10 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     return policy
 
 
-def _block(block: dict[str, Any], place: str) -> Policy:
-    """The policy of a block. The lines of a ConfigError begin with the place."""
+def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
+    """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     try:
-        return validated({"name": "x", "setpoints": 0, "policies": [block]}).policies[0]
+        return validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
     except ConfigError as error:
         problems = [problem.removeprefix("policies.0.") for problem in error.problems]
         raise ConfigError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,10 +21,11 @@ from ibdata.simulation.rollout import PART_ROWS
 from ibdata.simulation.variables import Table, layout
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 
+Place = Dataset | str | os.PathLike[str]
 BATCH_ROWS = 65_536
 
 
-def state_at(ds: Dataset, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
+def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
     """The exact states from which rows of a dataset began.
 
     The episodes are simulated again from the addresses of their random numbers, with the actions in the rows.
@@ -31,7 +33,7 @@ def state_at(ds: Dataset, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
     the given ones are compared with what is simulated.
 
     Args:
-        ds: The dataset.
+        ds: The dataset, or its folder or URL.
         episode: The episode, or several (n,), as in the column `episode`.
         step: The step in that episode, or several (n,), as in the column `step`.
 
@@ -50,7 +52,8 @@ def state_at(ds: Dataset, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
 class Source:
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
-    def __init__(self, ds: Dataset) -> None:
+    def __init__(self, ds: Place) -> None:
+        ds = ds if isinstance(ds, Dataset) else Dataset(ds)
         self._ds, self._spec = ds, spec_in(ds.path, ds.manifest_model)
         refuse_other_data_version(ds.path, self._spec, ds.manifest_model)
         refuse_other_plan(self._spec, ds.manifest_model)

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
-from ibdata.evaluation.states import Source
+from ibdata.evaluation.states import Place, Source
 from ibdata.experiment import validated
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
@@ -62,7 +61,7 @@ class TrueValues:
 
 
 def true_values(
-    ds: Dataset,
+    ds: Place,
     rows: Any,
     policy: Any,
     actions: npt.ArrayLike | None = None,
@@ -84,7 +83,7 @@ def true_values(
         V(s) = E[Σ discountᵗ r] for t = 0 … steps - 1;    Q(s, a) is the same if the first action is a
 
     Args:
-        ds: The dataset.
+        ds: The dataset, or its folder or URL.
         rows: The numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the
             columns `episode` and `step`, such as some rows of `ds.to_pandas()`.
         policy: A policy as in `evaluate`. At the row it knows what it would know if it had watched the

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -77,7 +78,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         line, column = document.place(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    experiment = _overridden(document.data, overrides, seed, place)
+    experiment = _overridden(document.data, overrides, seed, place, path.parent)
     vars(experiment)["folder"] = path.absolute().parent
     return experiment
 
@@ -91,21 +92,33 @@ def _load_data(config: Mapping[str, Any] | Experiment, overrides: Overrides, see
 
 
 def _overridden(
-    data: dict[str, Any], overrides: Overrides, seed: int | None, place: Callable[[Problem], str]
+    data: dict[str, Any],
+    overrides: Overrides,
+    seed: int | None,
+    place: Callable[[Problem], str],
+    folder: Path | None = None,
 ) -> Experiment:
-    """The experiment of data that are changed by overrides; `place` is where a problem of the data is."""
+    """The experiment of data that are changed by overrides; `place` is where a problem of the data is.
+
+    Paths in the data are relative to the folder, by default the current one.
+    """
     places = override_all(data, overrides, seed)
     try:
-        return as_recorded(Experiment.model_validate(data))  # Python's data may hold objects
+        return as_recorded(
+            Experiment.model_validate(data, context={"folder": folder})
+        )  # Python's data may hold objects
     except ValidationError as error:
         lines = [_line(problem, places, place) for problem in problems(error, Experiment, data)]
         raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
-def validated(data: dict[str, Any]) -> Experiment:
-    """The experiment of plain data. Raises ConfigError with a line `key: found, expected` per problem."""
+def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
+    """The experiment of plain data, with paths relative to a folder, by default the current one.
+
+    Raises ConfigError with a line `key: found, expected` per problem.
+    """
     with refusals(data):
-        return Experiment.model_validate(data)
+        return Experiment.model_validate(data, context={"folder": folder})
 
 
 def as_recorded(experiment: Experiment) -> Experiment:

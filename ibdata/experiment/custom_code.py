@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.machinery import ExtensionFileLoader, ModuleSpec, SourceFileLoader
 from importlib.util import cache_from_source
@@ -15,7 +15,7 @@ from types import ModuleType
 from ibdata.dataset.models import Code, Manifest
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.imported_modules import Source, imported
+from ibdata.experiment.imported_modules import Source, imported, is_users, loaded
 from ibdata.policies import Policy
 from ibdata.policies.code_places import located, looking_in
 from ibdata.policies.custom import Custom, importing
@@ -75,20 +75,23 @@ def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
         try:
             yield
         finally:
-            forget_modules(spec)
-            with importing:
-                sys.modules.update(known)
+            _restore(known)
             with suppress(OSError):  # it was removed
                 os.chdir(here)
 
 
+_others: set[str] = set()  # the names of the modules that were imported before those of the policies
+_seen: dict[str, Source] = {}  # the modules that policies of this process have imported
+_aside: dict[str, ModuleType] = {}  # modules that are taken away only until the policies are imported
+
+
 def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
-    """Take the modules of custom policies out of `sys.modules`; return them.
+    """Take modules that are not installed, and those of custom policies, out of `sys.modules`; return them.
 
     What is imported next is what their files hold now. A package stays if it has loaded machine code, which
     cannot be loaded twice.
     """
-    sources: list[Source] = []
+    sources = list(_seen.values())
     for policy in customs(spec):
         with suppress(UsageError):  # a file that is not found is named where it is needed
             sources += imported(policy.module())[0].values()
@@ -96,15 +99,42 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
         _drop_stale_bytecode(source)
     tops = {source.module.partition(".")[0] for source in sources}
     with importing:
-        found = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in tops}
-        stay = {name.partition(".")[0] for name, module in found.items() if _is_machine_code(module)}
-        return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
+        taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
+        _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))
+        _others.clear()
+        _others.update(sys.modules.keys() - _seen.keys())
+        return taken | _aside
+
+
+def bring_back_others() -> None:
+    """Put the modules that the policies have not imported back into `sys.modules`."""
+    with importing:
+        _others.update(_aside.keys() - sys.modules.keys())
+        sys.modules.update({name: _aside[name] for name in _aside.keys() - sys.modules.keys()})
+        _aside.clear()
+
+
+def _restore(known: dict[str, ModuleType]) -> None:
+    """Take the modules that policies imported out of `sys.modules`, and put those before in their place."""
+    with importing:
+        _seen.update({source.module: source for source in loaded(_others).values()})
+        _taken(_seen.keys() - _others)
+        sys.modules.update(known)
+        _others.update(known)
+        _aside.clear()
+
+
+def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
+    """Take modules out of `sys.modules`, except those of packages that have loaded machine code."""
+    found = [name for name in list(names) if name in sys.modules]
+    stay = {name.partition(".")[0] for name, module in list(sys.modules.items()) if _is_machine_code(module)}
+    return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
 
 
 def _drop_stale_bytecode(source: Source) -> None:
     """Remove bytecode that is not that of its source. Python only compares time and size of the source."""
     kept = Path(cache_from_source(str(source.path)))
-    if not (source.path.is_file() and kept.is_file()):
+    if not (source.path.suffix == ".py" and source.path.is_file() and kept.is_file()):
         return
     loader = SourceFileLoader(source.module, str(source.path))
     with suppress(SyntaxError, ValueError, EOFError):
@@ -126,6 +156,8 @@ def provenance(spec: DatasetSpec) -> list[Code]:
 
     A description holds the target, the version of its distribution, the SHA-256 of its module, of each
     declared file and of each imported module that is not installed, and the versions of the installed ones.
+    After the policies have been imported, the first one also holds the modules that they imported although
+    their source files do not tell, as from a folder that is on `sys.path` for a moment.
 
     Raises UsageError if the target's file or a declared one is missing, or if a module was changed after this
     process imported it.
@@ -134,12 +166,25 @@ def provenance(spec: DatasetSpec) -> list[Code]:
     if not policies:
         return []
     owners = importlib.metadata.packages_distributions()
-    return [_provenance(policy, owners) for policy in policies.values()]
+    found = [imported(policy.module()) for policy in policies.values()]
+    code = [_provenance(policy, *one, owners) for policy, one in zip(policies.values(), found, strict=True)]
+    known = {_file(source) for sources, _ in found for source in sources.values()}
+    more = {name: source for name, source in loaded(_others, owners).items() if _file(source) not in known}
+    _seen.update({source.module: source for source in more.values()})
+    first = code[0].files
+    files = {f"{name} as imported" if name in first else name: _sha256(x) for name, x in more.items()}
+    return [code[0].model_copy(update={"files": first | files}), *code[1:]]
 
 
-def _provenance(policy: Custom, owners: Mapping[str, list[str]]) -> Code:
+def _file(source: Source) -> tuple[str, str]:
+    """A module and its file, however its path is written."""
+    return source.module, os.path.realpath(source.path)
+
+
+def _provenance(
+    policy: Custom, sources: dict[str, Source], others: set[str], owners: Mapping[str, list[str]]
+) -> Code:
     module = policy.module()
-    sources, others = imported(module)
     files = {name: _sha256(source) for name, source in sources.items()}
     own = next((name for name, source in sources.items() if source.module == module), "")
     version = _versions({module.partition(".")[0]}, owners)

@@ -12,11 +12,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
+from ibdata.policies.network import Network
+from ibdata.policies.weights_file import kept
 
 
 def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | None:
@@ -52,8 +55,13 @@ class DatasetSpec:
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(cls, data: Mapping[str, Any]) -> DatasetSpec:
-        """Read what `plain` returned, or what a manifest holds."""
+    def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
+        """Read what `plain` and `weights` returned, or what a dataset holds."""
+        for path, content in weights.items():
+            try:
+                kept(content)
+            except ValueError as error:
+                raise DatasetError(f"{path}: {error}") from None
         return cls(
             data["name"],
             tuple(Experiment.model_validate(experiment) for experiment in data["experiments"]),
@@ -116,6 +124,12 @@ class DatasetSpec:
         found = (policy.code_target for policy in policies)
         return list(dict.fromkeys(target for target in found if target is not None))
 
+    @property
+    def weights(self) -> dict[str, bytes]:
+        """The files of the weights of all networks, by the names that they have in a dataset."""
+        policies = (policy for e in self.experiments for outer in e.policies for policy in outer.everywhere())
+        return {p.file: p.weights.data for p in policies if isinstance(p, Network)}
+
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""
         return self.experiments[shard.experiment]
@@ -151,9 +165,14 @@ class DatasetSpec:
 
 
 def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
-    """Read the specification in a dataset's manifest; DatasetError if it is not valid."""
+    """Read the specification in a dataset's manifest, and the weights that the dataset carries.
+
+    Raises DatasetError if it is not valid or weights are missing.
+    """
+    files = [path for path in listed.entries() if manifest.WEIGHTS.fullmatch(path)]
+    weights = {path: manifest.listed_content(folder, listed, path) for path in files}
     try:
-        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments", "splits"}))
+        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments", "splits"}), weights)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))

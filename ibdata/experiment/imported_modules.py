@@ -5,13 +5,14 @@ from __future__ import annotations
 import ast
 import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import suppress
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
-from ibdata.policies.user_code import is_installed
+from ibdata.policies.user_code import is_installed, is_of_python
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -51,10 +52,43 @@ def imported(module: str) -> tuple[dict[str, Source], set[str]]:
         if spec.origin is not None:  # a folder without __init__.py has none
             path = Path(spec.origin)
             inside = spec.submodule_search_locations is not None
-            folders = name.split(".") if inside else name.split(".")[:-1]
-            sources["/".join([*folders, path.name])] = Source(name, path)
-            waiting += _named(path, ".".join(folders))
+            sources[_key(name, path, inside)] = Source(name, path)
+            waiting += _named(path, name if inside else name.rpartition(".")[0])
     return sources, others - set(sys.stdlib_module_names)
+
+
+def _key(name: str, path: Path, is_package: bool) -> str:
+    """The path of a module's file, relative to the folder in which Python finds its outermost package."""
+    folders = name.split(".") if is_package else name.split(".")[:-1]
+    return "/".join([*folders, path.name])
+
+
+def loaded(others: Container[str], owners: Container[str] | None = None) -> dict[str, Source]:
+    """Return the sources of the modules in `sys.modules` that are not installed, by keys as in `imported`.
+
+    Args:
+        others: Names of modules that do not count.
+        owners: The names of modules that belong to a distribution; other installed ones count too.
+    """
+    sources = {}
+    for name, module in list(sys.modules.items()):
+        loose = owners is not None and name.partition(".")[0] not in owners
+        if name not in others and is_users(name, module, loose) and (path := _path(module)):
+            sources[_key(name, path, hasattr(module, "__path__"))] = Source(name, path)
+    return sources
+
+
+def is_users(name: str, module: ModuleType, loose: bool = False) -> bool:
+    """Whether a module has a file that is no part of Python, of ibdata or, unless loose, of a package."""
+    path = _path(module)
+    if path is None or name.partition(".")[0] in (PACKAGE, "__main__", "__mp_main__"):
+        return False
+    return not (is_of_python(path) if loose else is_installed(path))
+
+
+def _path(module: ModuleType) -> Path | None:
+    spec = getattr(module, "__spec__", None)
+    return Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
 
 
 def _is_own(top: str, module: str) -> bool:
@@ -90,9 +124,19 @@ def _named(path: Path, package: str) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Call):
+            yield from _name_imported_by(node)
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             with suppress(ImportError):  # more dots than there are packages
                 base = importlib.util.resolve_name("." * node.level + base, package)
                 yield base
                 yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _name_imported_by(call: ast.Call) -> Iterator[str]:
+    """The name in `importlib.import_module("name")` or `__import__("name")`, as far as it is written out."""
+    function = getattr(call.func, "attr", getattr(call.func, "id", None))
+    name = getattr(call.args[0], "value", None) if call.args else None
+    if function in ("import_module", "__import__") and isinstance(name, str) and not name.startswith("."):
+        yield name

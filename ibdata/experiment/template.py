@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.scalars import FileName
 from ibdata.numerics.naming import yaml_name
+from ibdata.system.object_store import refuse_url
 
 TEXT = """\
 # An experiment of ibdata, which determines the contents of a dataset.
@@ -55,6 +56,7 @@ def template(name: str) -> str:
 
 def write_template(file: str | os.PathLike[str]) -> None:
     """Write the experiment, named after the file. Raises UsageError if the file exists, or IbdataError."""
+    refuse_url(file)
     path = Path(file)
     try:
         name = TypeAdapter(FileName).validate_python(path.stem)

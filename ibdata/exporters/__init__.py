@@ -84,7 +84,9 @@ def export(
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
     from ibdata.system.memory import refuse_too_much
+    from ibdata.system.object_store import refuse_url
 
+    refuse_url(out)
     format = _format(to)
     if history is None:
         history = getattr(format, "HISTORY", 1)

@@ -24,7 +24,7 @@ from ibdata.generation.generate import default_folder, make
 from ibdata.generation.ranges import Range
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy, shared
-from ibdata.system.object_store import is_url
+from ibdata.system.object_store import is_url, refuse_url
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -123,6 +123,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
         UsageError: No run was begun here, or its note is missing.
         BusyError: Ranges are still being made.
     """
+    refuse_url(folder)
     path = Path(folder)
     refuse_busy(path)
     if os.path.isdir(path):

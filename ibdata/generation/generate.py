@@ -77,7 +77,7 @@ def generate(
         if found.listed is not None:
             origin.refuse_code_other_than(found.listed.code, DatasetSpec.of(experiment), remote.name)
         if not found.finished:
-            _generate(experiment, folder, run, True, False, progress)
+            _generate(experiment, folder, run, True, False, progress, remote.name)
         return uploading.upload(remote, experiment, folder, resume)
     folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
@@ -86,23 +86,30 @@ def generate(
 
 
 def _generate(
-    experiment: Experiment, folder: Path, run: Run, resume: bool, overwrite: bool, progress: bool | None
+    experiment: Experiment,
+    folder: Path,
+    run: Run,
+    resume: bool,
+    overwrite: bool,
+    progress: bool | None,
+    url: str | None = None,
 ) -> None:
-    """Generate the dataset in a folder."""
+    """Generate the dataset in a folder, perhaps for a URL; messages about its code name the URL then."""
+    where = url or folder
     refuse_busy(folder)
     output_folder.check(folder, experiment, resume, overwrite)
     spec = DatasetSpec.of(experiment)
     with refusals(folder), in_one_folder(spec):
         place = folder.absolute() if customs(spec) else folder  # custom code may change the current folder
-        begun = origin.observe(spec, folder)  # a signal may end the process, as nothing is written yet
+        begun = origin.observe(spec, where)  # a signal may end the process, as nothing is written yet
         with writing_to(place, name=folder):
             replacement.finish_interrupted(place)
             root = output_folder.check(place, experiment, resume, overwrite)
             if place == root and (place / manifest.PATH).is_file():
-                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
+                origin.refuse_other_code(manifest.read(place).code, begun.code, where)
                 output_folder.end(place)  # the run was killed after it had finished
             else:
-                _run(spec, root, run, overwrite, progress, begun, folder)
+                _run(spec, root, run, overwrite, progress, begun, where)
                 if root != place:
                     replacement.commit(place)
 
@@ -119,15 +126,15 @@ def _run(
     overwrite: bool,
     progress: bool | None,
     begun: Origin,
-    folder: Path,
+    where: Path | str,
 ) -> None:
-    """Write the missing shards into root and finish the dataset. Messages name it `folder`."""
+    """Write the missing shards into root and finish the dataset. Messages name it `where`."""
     experiment = spec.experiments[0]
     try:
         if overwrite and origin.begun(root) != begun.note():
             discard(root)
         output_folder.begin(root, experiment, overwrite)
-        origin.begin(root, begun, folder)
+        origin.begin(root, begun, where)
         written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)
         output_folder.settle_data(root, written)
         finish(spec, written, root, begun.reproducible, begun.code)

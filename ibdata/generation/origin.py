@@ -7,22 +7,29 @@ resumes the run, a worker, a range of an array job.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import customs, forget_modules, in_one_folder, provenance
+from ibdata.experiment.custom_code import (
+    bring_back_others,
+    customs,
+    forget_modules,
+    in_one_folder,
+    provenance,
+)
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import warm_up
 from ibdata.simulation import self_check
 from ibdata.system.atomic_files import create_or_compare, plain_bytes, write
+from ibdata.system.object_store import is_url
 from ibdata.writing.metadata import as_json
 
 PATH = f"{receipt.FOLDER}/run.json"
 MAX_BYTES = 2**20
-AGAIN = "or start again with --overwrite or another --out"
+Parts = dict[str, str | None]  # hashes and versions that are compared, by the names that messages give them
 
 
 class Origin(JsonObject):
@@ -41,7 +48,7 @@ class Origin(JsonObject):
         return as_json(self)
 
 
-def observe(spec: DatasetSpec, where: Path) -> Origin:
+def observe(spec: DatasetSpec, where: Path | str) -> Origin:
     """Determine the origin of a run: hash its code before any of it runs, then import all of it.
 
     Raises UsageError if the code changed meanwhile.
@@ -52,15 +59,20 @@ def observe(spec: DatasetSpec, where: Path) -> Origin:
     return _imported(spec, code, where)
 
 
-def _imported(spec: DatasetSpec, code: list[Code], where: Path) -> Origin:
-    """Import all policies; return the origin. Raises UsageError if their code changed meanwhile."""
+def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> Origin:
+    """Import all policies; return the origin. Raises UsageError if their code changed meanwhile.
+
+    What was found only by importing is part of it.
+    """
     for policy in customs(spec):
         policy.load()
-    refuse_other_code(code, provenance(spec), where)
-    return Origin(known_answer=self_check.digest(), code=code)
+    found = provenance(spec)
+    bring_back_others()
+    _refuse_parts(_parts(code), _parts(found), _parts(code), where)
+    return Origin(known_answer=self_check.digest(), code=found)
 
 
-def begin(root: Path, origin: Origin, where: Path) -> None:
+def begin(root: Path, origin: Origin, where: Path | str) -> None:
     """Note the origin of a run. Raises UsageError if existing shards have another origin."""
     if any((root / receipt.FOLDER).glob("*.receipt")):
         _refuse_other(get(root, where), origin, where)
@@ -68,7 +80,7 @@ def begin(root: Path, origin: Origin, where: Path) -> None:
         write(root, PATH, origin.note())
 
 
-def begin_range(root: Path, origin: Origin, where: Path) -> None:
+def begin_range(root: Path, origin: Origin, where: Path | str) -> None:
     """As `begin`, but other ranges may begin at the same time; the first one notes the origin for all."""
     if not create_or_compare(root, PATH, origin.note()):
         _refuse_other(get(root, where), origin, where)
@@ -85,13 +97,13 @@ def begun(root: Path) -> bytes | None:
         return b""
 
 
-def get(root: Path, where: Path) -> Origin:
+def get(root: Path, where: Path | str) -> Origin:
     """Read the origin of an unfinished run. Raises UsageError if its note is missing or damaged."""
     try:
         return parse(Origin, json.loads(begun(root) or b""))
     except ValueError:
         raise UsageError(
-            f"{where / PATH}: missing or damaged, so the code that made the shards is unknown; "
+            f"{where}/{PATH}: missing or damaged, so the code that made the shards is unknown; "
             "start again with --overwrite or another --out"
         ) from None
 
@@ -114,35 +126,49 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     _agreed[:] = [note]
 
 
-def _refuse_other(began: Origin, here: Origin, where: Path) -> None:
+def _refuse_other(began: Origin, here: Origin, where: Path | str) -> None:
     refuse_other_code(began.code, here.code, where)
     if began.known_answer != here.known_answer:
         raise UsageError(
             f"{where}: this machine computes other bits than the one on which the run began; "
-            f"--resume on a machine like that one, {AGAIN}"
+            f"--resume on a machine like that one, {_again(where)}"
         )
 
 
 def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
-    """As `refuse_other_code`, before any of the code here is imported."""
+    """As `refuse_other_code` for the code that is found here before any of it is imported."""
     with in_one_folder(spec):
-        refuse_other_code(began, provenance(spec), where)
+        found = _parts(provenance(spec))
+    _refuse_parts(_parts(began), found, found, where)
 
 
 def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:
     """UsageError where the code here is not that with which a run began."""
     was, found = _parts(began), _parts(here)
-    changed = sorted(name for name in was.keys() | found.keys() if was.get(name, "") != found.get(name, ""))
+    _refuse_parts(was, found, was.keys() | found.keys(), where)
+
+
+def _refuse_parts(was: Parts, found: Parts, names: Iterable[str], where: Path | str) -> None:
+    """Raise UsageError if one of these parts of the code is another."""
+    changed = sorted(name for name in names if was.get(name, "") != found.get(name, ""))
     if changed:
         raise UsageError(
             f"{where}: found other code than the run began with, in {printable(', '.join(changed[:8]))}; "
-            f"restore it and --resume, {AGAIN}"
+            f"restore it and --resume, {_again(where)}"
         )
 
 
-def _parts(code: Sequence[Code]) -> dict[str, str | None]:
-    """The hashes and versions that are compared, by the names that messages give them."""
-    parts: dict[str, str | None] = {}
+def _again(where: Path | str) -> str:
+    """How to start again there; --overwrite is for folders."""
+    return (
+        "or choose another --out"
+        if is_url(str(where))
+        else "or start again with --overwrite or another --out"
+    )
+
+
+def _parts(code: Sequence[Code]) -> Parts:
+    parts: Parts = {}
     for each in code:
         parts |= {each.target: each.sha256, **each.files}
         parts |= {f"the version of {name}": version for name, version in each.distributions.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt, staging
+from ibdata.generation.single_files import refuse_edits
 from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
@@ -28,6 +31,8 @@ class TakenError(UsageError):
 
 
 RANGE_LOCK = f"{lock.NAME}-"
+GATE = f"{RANGE_LOCK}gate"
+RANGE_LOCKS = re.compile(re.escape(RANGE_LOCK) + "(?:gate|([1-9][0-9]{0,8})-([1-9][0-9]{0,8}))")
 
 
 def identity(experiment: Experiment) -> str:
@@ -155,6 +160,7 @@ def _refuse_strangers(folder: Path, listed: Manifest) -> None:
         what = "folder" if path.is_dir() else "file"
         raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
+    refuse_edits(folder, listed, "the new dataset")
     for name in known:
         if (folder / name).is_dir():
             raise UsageError(f"{folder / name}: found a folder in the place of a file; move it away")
@@ -175,6 +181,13 @@ def begin(root: Path, experiment: Experiment, overwrite: bool) -> None:
     remove_temporaries(root)
     if not mine.is_file():
         write(root, EXPERIMENT, as_yaml(experiment))
+    for path, data in _weights(experiment).items():
+        create_or_compare(root, path, data)
+
+
+def _weights(experiment: Experiment) -> dict[str, bytes]:
+    """The weights of an experiment by the paths at which they lie beside its YAML file, for `finalize`."""
+    return {f"{receipt.FOLDER}/{name}": data for name, data in DatasetSpec.of(experiment).weights.items()}
 
 
 def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> None:
@@ -185,6 +198,8 @@ def begin_range(root: Path, experiment: Experiment, shards: Sequence[Shard]) -> 
     sweep_shards(root, shards)
     if not create_or_compare(root, EXPERIMENT, as_yaml(experiment)):
         raise UsageError(f"{root}: holds an unfinished run of another experiment; choose another --out")
+    for path, data in _weights(experiment).items():
+        create_or_compare(root, path, data)
 
 
 def refuse_moved(root: Path, run: str) -> None:
@@ -221,7 +236,7 @@ def forget(root: Path, shards: Iterable[Shard]) -> None:
     sweep_shards(root, shards)
     numbers = {Path(shard.stem).name for shard in shards}
     for path in (root / "data").glob("part-*.parquet"):
-        if path.name.rpartition("-")[0] in numbers:
+        if staging.is_ours(path) and path.name.rpartition("-")[0] in numbers:
             path.unlink(missing_ok=True)
 
 
@@ -247,7 +262,8 @@ def end(root: Path) -> None:
     """Remove the receipts, which the manifest replaces."""
     empty_run(root / receipt.FOLDER)
     for left in root.glob(f"{RANGE_LOCK}*"):  # of ranges that were killed
-        left.unlink(missing_ok=True)
+        if RANGE_LOCKS.fullmatch(left.name) and not left.is_dir():
+            left.unlink(missing_ok=True)
 
 
 def abandon(root: Path) -> None:

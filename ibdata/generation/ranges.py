@@ -21,9 +21,7 @@ from ibdata.system.atomic_files import write
 from ibdata.writing.metadata import as_json
 
 MAX_PARTS = 100_000
-GATE = f"{output_folder.RANGE_LOCK}gate"
 GATE_PATIENCE = 60.0  # seconds; hundreds of hosts may start at once, and each holds the gate for milliseconds
-NAME = re.compile(re.escape(output_folder.RANGE_LOCK) + "([1-9][0-9]{0,8})-([1-9][0-9]{0,8})")
 
 
 class Range(NamedTuple):
@@ -56,7 +54,7 @@ class Range(NamedTuple):
 def locked(folder: Path, own: Range, shards: list[Shard]) -> Iterator[None]:
     """Lock a range of these shards. Raises BusyError if a range with a common shard is being made."""
     with ExitStack() as stack:
-        with lock.locked(folder, GATE, GATE_PATIENCE):
+        with lock.locked(folder, output_folder.GATE, GATE_PATIENCE):
             refuse_shared(folder, own, shards)
             name = f"{output_folder.RANGE_LOCK}{own.part}-{own.parts}"
             stack.enter_context(lock.locked(folder, name))
@@ -67,8 +65,8 @@ def refuse_shared(folder: Path, own: Range, shards: list[Shard]) -> None:
     """Raise BusyError if a range with a common shard is being made; write nothing."""
     mine = own.of(shards)
     for path in folder.glob(f"{output_folder.RANGE_LOCK}*"):
-        found = NAME.fullmatch(path.name)
-        other = Range(*map(int, found.groups())) if found else None
+        found = output_folder.RANGE_LOCKS.fullmatch(path.name)
+        other = Range(int(found[1]), int(found[2])) if found and found[1] else None
         if other and other.part <= other.parts and _meet(mine, other.of(shards)) and lock.held(path):
             raise BusyError(
                 f"{folder}: the range {other} is being made, which has shards in common with {own}; "

@@ -54,7 +54,7 @@ def run(
     ray = library()
     with _connected(ray, workers, address) as own:
         task = ray.remote(max_retries=MAX_DEATHS)(_work)
-        job = ray.put((spec.plain(), root.absolute(), identity, spec.experiments[0].folder))
+        job = ray.put((spec.plain(), spec.weights, root.absolute(), identity, spec.experiments[0].folder))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -91,10 +91,10 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
     return written
 
 
-def _work(job: tuple[dict[str, Any], Path, str, Path | None], shard: Shard) -> WrittenShard:
+def _work(job: tuple[dict[str, Any], dict[str, bytes], Path, str, Path | None], shard: Shard) -> WrittenShard:
     """Write a shard in a worker."""
-    plain, root, identity, folder = job
-    spec = DatasetSpec.from_plain(plain)
+    plain, weights, root, identity, folder = job
+    spec = DatasetSpec.from_plain(plain, weights)
     if not os.path.isdir(root):
         raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
     forget(root, [shard])  # left by a worker that died

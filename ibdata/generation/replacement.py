@@ -15,6 +15,7 @@ somebody else, and nothing is touched.
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -22,17 +23,17 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
-from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError
-from ibdata.generation import staging
+from ibdata.errors import DatasetError, printable
+from ibdata.generation import staging, unsettled
+from ibdata.generation.single_files import place_single_files
 from ibdata.generation.staging import discard, is_busy, is_ours
-from ibdata.system.atomic_files import file_sha256, plain_bytes, sync_folder, write
+from ibdata.generation.unsettled import PARTS, is_complete, old_data, paths_in
+from ibdata.system.atomic_files import sync_folder, write
 from ibdata.system.exchange import exchanged, naming, refuse_immovable
 from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
 from ibdata.validation.validate import is_stranger
 
-PARTS = ("data", "meta")
 PAUSE = 0.25  # seconds for readers that have listed the old folder to look at its files
 
 
@@ -58,7 +59,7 @@ def commit(folder: Path) -> None:
         discard(root)
         return
     try:
-        refuse_folders(folder, [manifest.PATH, *_paths(folder), *_paths(root)])
+        refuse_folders(folder, [manifest.PATH, *paths_in(folder), *paths_in(root)])
         for part in PARTS:
             if (folder / part).is_dir() and (root / part).is_dir():
                 refuse_immovable(folder / part, root / part)
@@ -77,7 +78,7 @@ def commit(folder: Path) -> None:
         root.rename(folder / NEW)
         sync_folder(folder)
         try:
-            finish_interrupted(folder)
+            _settle(folder)
         except OSError:
             if _take_back(folder):
                 discard(root)
@@ -96,29 +97,34 @@ def _take_back(folder: Path) -> bool:
 
     It is not done if `meta` is in place already, or if the dataset had no `data` to put back.
     """
-    new, data = folder / NEW, folder / "data"
+    new = folder / NEW
     if not (new / "meta" / FRESH).is_file():
         return False
-    moved = (data / FRESH).is_file()
-    parts = [part for part in (new / "old-data", new / "data") if part.is_dir()]
-    old = next((part for part in parts if not (part / FRESH).is_file()), None)
+    old = old_data(folder)
     if old is not None:
-        if moved:  # as in `_bar`, for readers that have listed the new folder
-            _put_bar(old / Path(_paths(new)[0]).name)
-        if old == new / "data":
-            exchanged(old, data)
-        else:
-            if moved:
-                data.rename(new / "data")
-            old.rename(data)
-        sync_folder(new)
-        sync_folder(folder)
-        _unbar(folder)
-    elif moved:
+        _put_back(folder, old)
+    elif (folder / "data" / FRESH).is_file():
         return False
     new.rename(folder / NEXT)
     sync_folder(folder)
     return True
+
+
+def _put_back(folder: Path, old: Path) -> None:
+    """Move the old data, which are in a folder of `.new`, to their place."""
+    new, data = folder / NEW, folder / "data"
+    if data.is_dir():
+        for path in paths_in(new)[:1]:  # as in `_bar`, for readers that have listed the new folder
+            _put_bar(old / Path(path).name)
+    if old == new / "data":
+        _swap(new, folder, "data")
+    else:
+        if data.is_dir():
+            data.rename(new / "data")
+        old.rename(data)
+    sync_folder(new)
+    sync_folder(folder)
+    _unbar(folder)
 
 
 def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
@@ -132,26 +138,51 @@ def keep(folder: Path, root: Path, paths: Iterable[str]) -> None:
 
 
 def finish_interrupted(folder: Path) -> None:
-    """Finish the replacement of a killed writer; remove a `.new` that is not a complete replacement."""
-    new = folder / NEW
-    if not os.path.lexists(new):
+    """Finish the replacement of a killed writer; remove a `.new` that is not a complete replacement.
+
+    While the old dataset is still there, the new files are compared with their manifest before they replace
+    any. If one is damaged, the replacement is withdrawn, and a line on stderr says so.
+
+    Raises DatasetError if the old dataset is damaged too; nothing is changed then.
+    """
+    if not os.path.lexists(folder / NEW):
         return
-    for root in (new, folder / NEXT):
+    for root in (folder / NEW, folder / NEXT):
         staging.refuse_foreign(root)
+    damaged = unsettled.damaged(folder)
+    if damaged is None:
+        with held():
+            _settle(folder)
+        return
+    found = "found other content than the manifest of an interrupted replacement lists"
+    if lost := unsettled.lost(folder):
+        raise DatasetError(
+            f"{damaged}: {found}, and {lost} of the old dataset is missing or damaged too; restore one "
+            f"of the two, or move {folder / NEW} away; nothing was changed"
+        )
     with held():
-        if _is_complete(folder):
-            for part in PARTS:
-                if (new / part / FRESH).is_file():
-                    _swap(new, folder, part)
-            _place_single_files(new, folder)
-            _give_back(new, folder)
-            _unbar(folder)
-            for part in PARTS:
-                (folder / part / FRESH).unlink(missing_ok=True)
-        elif _is_half(folder):
-            (folder / "data" / FRESH).unlink()
-            _swap(new, folder, "data")
-        _dismiss(folder)
+        discard(folder / NEXT)
+        _take_back(folder)
+        discard(folder / NEXT)
+    told = f"ibdata: {damaged}: {found}; the replacement was withdrawn, and the old dataset stays"
+    print(printable(told), file=sys.stderr, flush=True)
+
+
+def _settle(folder: Path) -> None:
+    """Finish the replacement in `.new`, or remove it if it is not complete."""
+    new = folder / NEW
+    if is_complete(folder):
+        for part in PARTS:
+            if (new / part / FRESH).is_file():
+                _swap(new, folder, part)
+        place_single_files(new, folder)
+        _give_back(new, folder)
+        _unbar(folder)
+        for part in PARTS:
+            (folder / part / FRESH).unlink(missing_ok=True)
+    elif (old := old_data(folder)) is not None:  # the new `meta` is lost, as in a copy of a part
+        _put_back(folder, old)
+    _dismiss(folder)
 
 
 def _dismiss(folder: Path) -> None:
@@ -168,7 +199,7 @@ def _dismiss(folder: Path) -> None:
 
 def _bar(folder: Path, root: Path) -> None:
     """Put `BAR` into the new folder under an old name, so that readers that have listed the old one fail."""
-    for path in _paths(folder)[:1]:
+    for path in paths_in(folder)[:1]:
         if is_ours(folder / path) and path.startswith("data/"):
             _put_bar(root / path)
 
@@ -180,7 +211,7 @@ def _put_bar(path: Path) -> None:
 
 def _unbar(folder: Path) -> None:
     """Remove the file that `_bar` made."""
-    listed = _paths(folder)
+    listed = paths_in(folder)
     found = [path for path in (folder / "data").glob("part-*") if f"data/{path.name}" not in listed]
     barred = [path for path in found if is_ours(path) and path.lstat().st_size == len(BAR)]
     if barred:
@@ -207,34 +238,6 @@ def withdraw(folder: Path) -> None:
     _dismiss(folder)
 
 
-def _paths(folder: Path, path: str = manifest.PATH) -> list[str]:
-    """The paths of the files that the manifest in a folder lists; none without a valid manifest."""
-    try:
-        return [file.path for file in _manifest(folder, path).files]
-    except (OSError, DatasetError):
-        return []
-
-
-def _manifest(folder: Path, path: str = manifest.PATH) -> Manifest:
-    return manifest.parsed(folder / path, plain_bytes(folder / path, manifest.MAX_BYTES))
-
-
-def _is_complete(folder: Path) -> bool:
-    """Whether `.new` is a complete replacement: all files that its manifest lists are there."""
-    new = folder / NEW
-    if not (new / "meta" / FRESH).is_file():
-        return (folder / "meta" / FRESH).is_file()  # `meta` may be in its place already
-    paths = _paths(new)
-    return bool(paths) and all((new / path).is_file() or (folder / path).is_file() for path in paths)
-
-
-def _is_half(folder: Path) -> bool:
-    """Whether `data` is in its place but the new `meta` is lost, as in a copy of a part of the folder."""
-    shards = [path for path in _paths(folder) if path.startswith("data/")]
-    here = (folder / "data" / FRESH).is_file() and bool(shards)
-    return here and all((folder / NEW / path).is_file() for path in shards)
-
-
 def _swap(new: Path, folder: Path, part: str) -> None:
     """Move a new folder to its place, and the old one to `.new`."""
     source, target = new / part, folder / part
@@ -246,17 +249,6 @@ def _swap(new: Path, folder: Path, part: str) -> None:
     except OSError as error:
         raise naming(target, error) from error
     sync_folder(new)
-    sync_folder(folder)
-
-
-def _place_single_files(new: Path, folder: Path) -> None:
-    """Move card and report to their places if the manifest lists them; remove the old report if not."""
-    listed = _manifest(folder).entries()
-    for path in (manifest.CARD, manifest.REPORT):
-        if path not in listed and path in [*_paths(new), *_paths(new, "old-meta/manifest.json")]:
-            (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
-        elif path in listed and file_sha256(new / path) == listed[path].sha256:
-            (new / path).replace(folder / path)
     sync_folder(folder)
 
 

@@ -20,7 +20,8 @@ from ibdata.system.atomic_files import remove_temporaries, sync_folder
 from ibdata.writing.card import is_foreign
 
 EXPERIMENT = f"{receipt.FOLDER}/experiment.yaml"
-OURS = re.compile(r"part-[0-9]{5,}-[0-9a-f]{8}\.parquet|experiment-[0-9]{5,}\.yaml")
+WEIGHTS = manifest.WEIGHTS.pattern.removeprefix("meta/")
+OURS = re.compile(rf"part-[0-9]{{5,}}-[0-9a-f]{{8}}\.parquet|experiment-[0-9]{{5,}}\.yaml|{WEIGHTS}")
 METADATA = {
     manifest.FRESH,
     manifest.REPLACED,

@@ -45,6 +45,9 @@ def find(remote: Remote, experiment: Experiment, work: Path, resume: bool, overw
         raise UsageError(
             f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
         )
+    if remote.folder is not None:
+        manifest.refuse_inside(remote.folder)
+        output_folder.refuse_links(remote.folder)
     with readable(remote, manifest.PATH):
         found = _found(remote, work)
     if found.listed is None:

@@ -41,7 +41,7 @@ def run_pool(
             division.processes,
             Spawning(),
             initializer=_start,
-            initargs=(spec.plain(), root, identity, division.threads > 1, *folders, telling),
+            initargs=(spec.plain(), spec.weights, root, identity, division.threads > 1, *folders, telling),
         )
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
@@ -72,6 +72,7 @@ _job: list[Any] = []  # what the shards of a worker have in common, set once whe
 
 def _start(
     plain: dict[str, Any],
+    weights: dict[str, bytes],
     root: Path,
     identity: str,
     overlap: bool,
@@ -86,7 +87,7 @@ def _start(
     with suppress(OSError):  # the folder was removed
         os.chdir(here)  # a policy may have changed the parent's current folder
     look_in(here, folder)
-    _job[:] = [DatasetSpec.from_plain(plain), root, identity, overlap, telling]
+    _job[:] = [DatasetSpec.from_plain(plain, weights), root, identity, overlap, telling]
 
 
 def _end_with_parent() -> None:

@@ -11,11 +11,13 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import MissingError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.generation import output_folder, replacement
+from ibdata.generation.single_files import refuse_edits
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system import lock
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
+from ibdata.system.object_store import refuse_url
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
@@ -35,17 +37,19 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
         folder: The folder of the dataset.
 
     Raises:
-        UsageError: ibdata did not write the README.md or report.html that is there.
+        UsageError: Somebody else wrote or edited the README.md or report.html that is there.
         DatasetError: There is no finished dataset.
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
+    refuse_url(folder)
     path = Path(folder)
     dataset = Dataset(path)
     lock.refuse_busy(path)
     output_folder.refuse_links(path)
     refuse_foreign(path / manifest.CARD)
     _refuse_foreign_report(path, dataset)
+    refuse_edits(path, dataset.manifest_model, "the new one")
     spec = spec_in(path, dataset.manifest_model)
     refuse_other_plan(spec, dataset.manifest_model)
     report = _report(dataset, spec)  # before the lock: it may take minutes

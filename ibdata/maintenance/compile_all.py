@@ -18,12 +18,18 @@ from ibdata.experiment import Experiment, load, shipped
 from ibdata.generation.warm_up import warm_up
 from ibdata.numerics.compiled import PLACES
 from ibdata.numerics.philox import Raw
+from ibdata.policies import POLICIES
 
 # Options that change which functions an experiment needs.
 VARIATIONS = (
     ("setpoints=drifting", "start={burn_in: [1, 2]}", "output.latent=full", "output.dtype=float64"),
     ("output.latent=next", "start=uniform"),
     ("output.latent=false",),
+)
+# Policies around others, which need options.
+AROUND = (
+    "{kind: sticky, base: random, kappa: 0.5}",
+    "{kind: schedule, stages: [{base: optimized, steps: 2, epsilon: [1.0, 0.5]}]}",
 )
 
 
@@ -59,7 +65,15 @@ def compile_all() -> Compiled:
 
 
 def _experiments() -> Iterator[Experiment]:
-    yield from (load(name, ["episodes=1", "splits={}"]) for name in shipped())
+    """The shipped experiments, except those with code of others, and one for every policy and variation."""
+    for name in shipped():
+        experiment = load(name, ["episodes=1", "splits={}"])
+        if not any(part.code_target for policy in experiment.policies for part in policy.everywhere()):
+            yield experiment
+    options = {kind: policy.model_fields.values() for kind, policy in POLICIES.items()}
+    alone = [kind for kind, own in options.items() if not any(option.is_required() for option in own)]
+    for block in (*alone, *AROUND):
+        yield load("random", [f"policies=[{block}]"])
     yield from (load("random", variation) for variation in VARIATIONS)
 
 

@@ -13,6 +13,7 @@ from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation import output_folder
+from ibdata.system.object_store import refuse_url
 
 
 class Listed(NamedTuple):
@@ -47,6 +48,7 @@ def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
     Raises:
         UsageError: There is no such folder.
     """
+    refuse_url(folder)
     root = Path(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")

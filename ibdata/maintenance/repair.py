@@ -20,6 +20,7 @@ from ibdata.maintenance.evidence import file_with, refuse_unproven
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
+from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 from ibdata.validation.stored import stored_content
@@ -54,6 +55,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     Raises:
         DatasetError: There is no dataset, or a file that was made again has another content.
     """
+    refuse_url(folder)
     path = Path(folder)
     refuse_workers(workers)
     if not any(os.path.isdir(path / part) for part in ("meta", f"{manifest.NEW}/meta")):
@@ -82,6 +84,11 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     for problem in problems:  # before any file is written
         if problem.path not in entries:
             raise UsageError(f"{folder / problem.path}: {problem.message}, then repair")
+        if manifest.WEIGHTS.fullmatch(problem.path):
+            raise DatasetError(
+                f"{folder / problem.path}: {problem.message}, but weights cannot be made again; copy the "
+                f"file with the SHA-256 {entries[problem.path].sha256} there, then repair"
+            )
     spec = spec_in(folder, listed)
     with in_one_folder(spec):
         _make_again(_placed(folder, spec), spec, listed, damaged, workers, allow_code)

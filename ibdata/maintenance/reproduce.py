@@ -16,6 +16,7 @@ from ibdata.experiment.custom_code import consented_spec, in_one_folder
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import warm_up
+from ibdata.system.object_store import refuse_url
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -43,6 +44,7 @@ def reproduce(
         DatasetError: There is no finished dataset, or it is of an older data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
+    refuse_url(folder)
     path = Path(folder)
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)

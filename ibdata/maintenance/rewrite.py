@@ -10,18 +10,19 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import output_folder, replacement
+from ibdata.generation.single_files import refuse_edits
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
 from ibdata.system import lock
-from ibdata.system.atomic_files import FileEntry, file_sha256, write
+from ibdata.system.atomic_files import FileEntry, write
 from ibdata.system.guard import writing_to
+from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, stored_parts
@@ -51,6 +52,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     removed by the next run.
     """
     version = _data_version(spec, sources)
+    refuse_url(out)
     folder = output_folder.resolved(out)
     _refuse(folder)
     lock.refuse_busy(folder)
@@ -148,6 +150,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
 
     Raises DatasetError if the rows are not those that the dataset lists, BusyError if it is being written.
     """
+    refuse_url(dataset.place)
     folder = dataset.path
     lock.refuse_busy(folder)
     output_folder.refuse_links(folder)
@@ -156,7 +159,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
         listed = dataset.manifest_model
         manifest.refuse_replaced(folder, listed)
         refuse_other_plan(spec, listed)
-        _refuse_edits(folder, listed)
+        refuse_edits(folder, listed, "the new splits")
         entries = listed.entries()
         sources = sources_of(dataset, spec)
         paths = [shard.path for shard in listed.shards]
@@ -170,15 +173,6 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
             entries.pop(manifest.REPORT, None)
             write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
     return Dataset(folder)
-
-
-def _refuse_edits(folder: Path, listed: Manifest) -> None:
-    """Raise UsageError if somebody has edited the card, which is written again with the new splits."""
-    card = listed.entries()[manifest.CARD]
-    if file_sha256(folder / manifest.CARD) not in (None, card.sha256):
-        raise UsageError(
-            f"{folder / manifest.CARD}: was edited, and the new splits would replace it; move it away first"
-        )
 
 
 def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:

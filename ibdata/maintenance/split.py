@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -92,7 +91,7 @@ def split(
     labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
         return relabel(dataset, labelled)
-    return write_dataset(labelled.all_declared(), sources_of(dataset, spec), Path(materialize))
+    return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
 
 
 def _several(setpoints: float | Sequence[float]) -> Sequence[float]:

@@ -40,7 +40,39 @@ def exp(x: float) -> float:
     """
     x = max(-708.0, min(709.0, x))
     k = np.rint(x * LOG2_E)
-    r = (x - k * LN2_HIGH) - k * LN2_LOW
+    two_to_k = np.int64((np.int64(k) + 1023) << 52).view(np.float64)
+    return float((1.0 + _expm1(_reduced(x, k))) * two_to_k)
+
+
+@compiled
+def tanh(x: float) -> float:
+    """Hyperbolic tangent, ±1 for |x| >= 20; NaN stays.
+
+    With t = e²ˣ - 1 = (2ᵏ - 1) + 2ᵏ (eʳ - 1), reduced as in `exp`, it is t / (t + 2) of |x|.
+
+    >>> float(tanh(0.5))
+    0.46211715726000974
+    >>> float(tanh(-50.0))
+    -1.0
+    """
+    if not abs(x) < 20.0:
+        return 1.0 if x > 0.0 else -1.0 if x < 0.0 else x
+    y = 2.0 * abs(x)
+    k = np.rint(y * LOG2_E)
+    two_to_k = np.int64((np.int64(k) + 1023) << 52).view(np.float64)
+    t = (two_to_k - 1.0) + two_to_k * _expm1(_reduced(y, k))
+    return float(t / (t + 2.0) if x >= 0.0 else -t / (t + 2.0))
+
+
+@compiled
+def _reduced(x: float, k: float) -> float:
+    """The argument x - k ln 2 of a series (Cody and Waite)."""
+    return (x - k * LN2_HIGH) - k * LN2_LOW
+
+
+@compiled
+def _expm1(r: float) -> float:
+    """The Taylor series of eʳ - 1 to r¹³, for |r| <= ln 2 / 2."""
     s = 1 / 6227020800.0
     s = s * r + 1 / 479001600.0
     s = s * r + 1 / 39916800.0
@@ -53,8 +85,7 @@ def exp(x: float) -> float:
     s = s * r + 1 / 24.0
     s = s * r + 1 / 6.0
     s = s * r + 0.5
-    two_to_k = np.int64((np.int64(k) + 1023) << 52).view(np.float64)
-    return float((1.0 + (r + r * r * s)) * two_to_k)
+    return r + r * r * s
 
 
 @compiled

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import IbdataError, UsageError
+from ibdata.system.object_store import refuse_url
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -54,6 +55,7 @@ def figure(
         MissingError: matplotlib is not installed.
         IbdataError: the file cannot be written.
     """
+    refuse_url(out)
     path = Path(FOLDER, f"{name}.png") if out is None else Path(out)
     form = path.suffix[1:].lower()
     _one_of("figure", name, names())
@@ -101,6 +103,7 @@ def plot(
         MissingError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
+    refuse_url(out)
     _one_of("form", form, FORMS)
     summary = _summary(dataset, progress)
     folder = Path(FOLDER, _folder_name(summary.dataset)) if out is None else Path(out)

@@ -146,6 +146,14 @@ class Policy(FrozenModel):
         """
         return Decision(self.act(given.observations, given.uniforms), given.memory)
 
+    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
+        """Return what `decide` returns, and the log density (n,) of these actions once clipped and rounded.
+
+        None in place of the density means that `log_density` computes it, which is the default. A policy
+        that would do most of its work twice computes both here.
+        """
+        return self.decide(given), None
+
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density of actions, given all that is known before them. A pure function.
 
@@ -225,6 +233,9 @@ class Deterministic(Policy):
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded."""
         return applied(self.act(history, np.empty((len(history), 0))))
+
+    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
+        return self.decide(given), np.zeros(len(given.step))
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         return np.where((action == applied(self.decide(given).actions)).all(axis=1), 0.0, -np.inf)

@@ -41,6 +41,26 @@ class CheckedPolicy(NamedTuple):
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
         answer = self._asked(lambda: self.policy.decide(given), given, out.shape, "actions")
+        return self._taken(answer, given, out)
+
+    def decide_with_density(
+        self, given: Given, out: npt.NDArray[np.float32], log_density: npt.NDArray[np.float64]
+    ) -> tuple[int, npt.NDArray[np.float64]]:
+        """As `decide`, and write the log densities of the actions into log_density (n,)."""
+        answer, density = self._asked(
+            lambda: self.policy.decide_with_density(given), given, out.shape, "actions"
+        )
+        taken = self._taken(answer, given, out)
+        if density is None:
+            log_density[:] = self.log_density(given, out)
+        else:
+            log_density[:] = self._numbers(density, given, log_density.shape, "log densities")
+        return taken
+
+    def _taken(
+        self, answer: Any, given: Given, out: npt.NDArray[np.float32]
+    ) -> tuple[int, npt.NDArray[np.float64]]:
+        """Check a decision, and write its actions."""
         if not (isinstance(answer, tuple) and len(answer) == 2):
             wrong = f"found {type(answer).__name__}, expected a Decision of actions and memory"
             raise PolicyError(f"{self._place(given, 0)}: {wrong}")

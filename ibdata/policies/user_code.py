@@ -15,7 +15,12 @@ LONGEST = 300  # characters of an error's own text
 
 def is_installed(path: Path) -> bool:
     """Whether a file is part of Python or of an installed package."""
-    return _is_of_others(path) or path.is_relative_to(STANDARD)
+    return _is_of_others(path) or is_of_python(path)
+
+
+def is_of_python(path: Path) -> bool:
+    """Whether a file is part of Python itself."""
+    return path.is_relative_to(STANDARD) and not _is_of_others(path)
 
 
 def _is_of_others(path: Path) -> bool:

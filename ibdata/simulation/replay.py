@@ -11,7 +11,7 @@ from ibdata.experiment import Experiment
 from ibdata.numerics.random import Purpose
 from ibdata.policies.given import Given
 from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
-from ibdata.simulation.rollout import CHUNK, Block
+from ibdata.simulation.rollout import CHUNK, Block, blocks
 
 
 def log_densities(
@@ -38,7 +38,12 @@ def log_densities(
     Returns:
         Log densities (episodes, steps).
     """
-    return _Replay(experiment, first, stop).log_densities(observations, actions, burn_in_seen)
+    out = np.empty(actions.shape[:2])
+    for start, end in blocks(experiment, first, stop):  # so that memory is bounded
+        own = slice(start - first, end - first)
+        replay = _Replay(experiment, start, end)
+        out[own] = replay.log_densities(observations[own], actions[own], burn_in_seen)
+    return out
 
 
 class _Replay(Block):

@@ -187,10 +187,12 @@ class Block:
         for i, given in enumerate(self.questions(t, count, span)):
             part = slice(i * span, (i + 1) * span)
             chosen = actions[part].reshape(-1, 3)
-            beyond, self.memory = self.checked.decide(given, chosen)
+            if log_prob is None:
+                beyond, self.memory = self.checked.decide(given, chosen)
+            else:
+                density = log_prob[part].reshape(-1)
+                beyond, self.memory = self.checked.decide_with_density(given, chosen, density)
             clipped += beyond
-            if log_prob is not None:
-                log_prob[part].reshape(-1)[:] = self.checked.log_density(given, chosen)
             self.episodes.advance(
                 self.state, actions[part], raw[part], drift[part], self.past, record, rows, 1 + i * span
             )

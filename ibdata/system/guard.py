@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
-from ibdata.errors import IbdataError
+from ibdata.errors import IbdataError, is_thread_limit
 from ibdata.system.atomic_files import sync_folder
 from ibdata.system.lock import locked
 from ibdata.system.signals import stoppable
@@ -49,6 +49,12 @@ def refusals(folder: Path) -> Iterator[None]:
         raise IbdataError(
             f"{folder}: out of memory; use fewer --workers, or a smaller output.shard_rows"
         ) from None
+    except RuntimeError as error:
+        if not is_thread_limit(error):
+            raise
+        raise IbdataError(
+            f"{folder}: the system starts no more threads; use fewer --workers, or raise ulimit -u"
+        ) from error
 
 
 @contextmanager

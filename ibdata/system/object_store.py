@@ -28,6 +28,13 @@ def is_url(place: str | os.PathLike[str] | None) -> bool:
     return isinstance(place, str) and URL.match(place) is not None
 
 
+def refuse_url(*places: str | os.PathLike[str] | None) -> None:
+    """Raise UsageError if one of the places is a URL."""
+    for place in places:
+        if is_url(place):
+            raise UsageError(f"{printable(hidden(str(place)))}: found a URL, expected a path on this machine")
+
+
 class Remote:
     """The files of a dataset at a URL. Methods raise OSError if the storage refuses.
 
@@ -43,6 +50,15 @@ class Remote:
             raise UsageError(
                 f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
             )
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of this machine that the URL names, as file:///data/name does; None for other URLs."""
+        from pyarrow.fs import LocalFileSystem
+
+        files = getattr(getattr(self._files, "handler", None), "fs", self._files)  # fsspec's, or pyarrow's
+        local = isinstance(files, LocalFileSystem) or "file" in getattr(files, "protocol", ())
+        return Path(self._base) if local else None
 
     def size(self, path: str) -> int | None:
         """The size of a file in bytes; None if there is none."""
@@ -158,6 +174,11 @@ def files_in_data(folder: Path) -> list[str]:
         return sorted(f"data/{path.name}" for path in (folder / "data").glob("*"))
     with readable(_mirrors[folder], "data"):
         return sorted(_mirrors[folder].sizes("data"))
+
+
+def is_remote(folder: Path) -> bool:
+    """Whether a folder stands for a URL."""
+    return folder in _mirrors
 
 
 @contextmanager

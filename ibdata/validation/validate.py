@@ -133,7 +133,8 @@ def _wrong_files(
         found, expected = future.result(), known[path].sha256
         advance(1)
         if found is None:
-            yield Problem(path, None, "file", "found no file that can be read; ibdata repair makes it")
+            todo = "" if object_store.is_remote(folder) else "; ibdata repair makes it"
+            yield Problem(path, None, "file", f"found no file that can be read{todo}")
         elif found != expected:
             message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"
             yield Problem(path, None, "hash", message)

@@ -110,6 +110,7 @@ def metadata_files(
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
         "meta/stats.json": lambda: metadata.as_json(metadata.stats(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
+        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
         manifest.CARD: lambda: card(spec, written, root),
     }
 

@@ -109,7 +109,7 @@ def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(made, run, a
         (("generate", "siemens-offline/gl"), ["siemens-offline/global-100"]),
         (("generate", "--config", "rand"), ["random", "random-paper"]),
         (("config", "show", "transf"), ["transfer"]),
-        (("evaluate", "--policy", "sa"), ["safe"]),
+        (("evaluate", "--policy", "saf"), ["safe"]),
         (("head", "data/tiny", "--columns", "step,rew"), ["step,reward"]),
         (("head", "data/nothing", "--columns", "rew"), []),
         (("head", "data/tiny", "--split", ""), ["low"]),

@@ -10,8 +10,8 @@ import pytest
 from ibdata import evaluate
 from ibdata.dataset.reference_returns import Measured, Scale, reference, scale
 
-POLICIES = ["zero", "random", "safe", "mediocre", "optimized"]
-ENDS = ["random", "optimized"]
+POLICIES = ["zero", "random", "safe", "mediocre", "optimized", "expert"]
+ENDS = ["random", "optimized", "expert"]
 SETPOINTS = [5.0 * i for i in range(21)]
 BURN_IN = {"burn_in": [15, 64]}
 SETTINGS = [
@@ -20,7 +20,12 @@ SETTINGS = [
     for dynamics in ("siemens", "paper")
     for length in ((100, 0.97), (1000, 1.0))
 ]
-BLOCKS = {"zero": {"kind": "constant", "name": "zero"}}
+
+
+def block(policy, dynamics="siemens"):
+    if policy == "zero":
+        return {"kind": "constant", "name": "zero"}
+    return {"kind": policy, **({"dynamics": dynamics} if policy == "expert" else {})}
 
 
 def row(dynamics, start, steps, discount, policy, setpoint):
@@ -30,7 +35,7 @@ def row(dynamics, start, steps, discount, policy, setpoint):
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
 def test_every_policy_has_a_return_at_every_setpoint(settings):
-    """All five from the default start, and those that define the scores from the others."""
+    """All six from the default start, and those that define the scores from the others."""
     results, default = scale(*settings).results, settings[1] == "default"
     found = [(r.policy, r.setpoint) for r in results]
     assert found == [(policy, p) for policy in (POLICIES if default else ENDS) for p in SETPOINTS]
@@ -48,6 +53,8 @@ def test_every_policy_has_a_return_at_every_setpoint(settings):
         ("siemens", "default", 1000, 1.0, "random", 75.0),
         ("paper", "default", 100, 0.97, "safe", 30.0),
         ("paper", "default", 1000, 1.0, "zero", 100.0),
+        ("paper", "default", 1000, 1.0, "expert", 85.0),
+        ("siemens", BURN_IN, 1000, 1.0, "expert", 50.0),
         ("siemens", "uniform", 1000, 1.0, "optimized", 5.0),
         ("paper", BURN_IN, 100, 0.97, "optimized", 75.0),
     ],
@@ -56,7 +63,7 @@ def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpo
     stored = row(dynamics, start, steps, discount, policy, setpoint)
     episodes = scale(dynamics, start, steps, discount).episodes
     [found] = evaluate(
-        BLOCKS.get(policy, policy),
+        block(policy, dynamics),
         setpoint,
         start=start,
         dynamics=dynamics,
@@ -74,7 +81,7 @@ def test_other_random_numbers_give_the_same_returns(policy):
     """Within 5 standard errors of both; a return that is wrong by 10 of them (below 2 %) would show."""
     for setpoint in (0.0, 40.0, 100.0):
         stored = row("siemens", "default", 100, 0.97, policy, setpoint)
-        [found] = evaluate(BLOCKS.get(policy, policy), setpoint, episodes=400, seed=1).results
+        [found] = evaluate(block(policy), setpoint, episodes=400, seed=1).results
         error = math.hypot(stored.standard_error, found.standard_error)
         assert found.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
 

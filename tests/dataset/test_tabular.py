@@ -19,7 +19,7 @@ def cells(html):
 
 
 def test_a_long_table_is_cut_and_says_so():
-    table = Table(("n", "values"), [(i, list(range(i))) for i in range(MOST_ROWS + 1234)], "a note")
+    table = Table(("n", "values"), [(i, list(range(i))) for i in range(MOST_ROWS + 1234)], ["a note"])
     lines = as_text(table).split("\n")
     assert len(lines) == 1 + MOST_ROWS + 2
     assert lines[-2:] == ["and 1,234 more", "a note"]

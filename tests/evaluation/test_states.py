@@ -59,6 +59,7 @@ def test_one_row_is_one_lane_and_rows_may_come_in_any_order(dataset):
     equal(by_hand.lane(several, 0), one)
     equal(by_hand.lane(several, 1), state_at(dataset, 2, 0))
     equal(by_hand.lane(several, 3), state_at(dataset, 11, 31))
+    equal(state_at(str(dataset.path), 7, 31), one)
     equal(state_at(dataset, [7, 7], 31), [np.repeat(part, 2, axis=1) for part in one])
 
 

@@ -18,11 +18,12 @@ from helpers.tiny import TEN_SHARDS
 
 import ibdata
 from ibdata import IbdataError
-from ibdata.errors import BusyError
+from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import ranges, receipt
 from ibdata.generation.ranges import Range
 from ibdata.system import lock
+from ibdata.system.guard import refusals
 
 TINY = TEN_SHARDS
 SHARDS = plan(TINY)
@@ -208,3 +209,26 @@ def test_a_lock_that_is_asked_after_is_not_taken():
         assert lock.held(path)
     assert not lock.held(path)
     assert not path.exists()
+
+
+def test_files_of_a_user_with_names_like_ours_stay():
+    ibdata.generate_shards(TINY, "1/2", "out", workers=1)
+    last = f"part-{SHARDS[-1].number:05d}"
+    for name in (".lock-mine", f"data/{last}-mine.parquet.bak", f"data/{last}-mine.parquet"):
+        Path("out", name).write_text("mine")
+    Path("out/.lock-9-9").touch()
+    with pytest.raises(UsageError, match=r"mine\.parquet: found something that is not the dataset's"):
+        ibdata.generate(TINY, "out", workers=1, resume=True)
+    for path in Path("out/data").glob("*mine*"):
+        assert path.read_text() == "mine"
+        path.unlink()
+    ibdata.generate(TINY, "out", workers=1, resume=True)
+    assert Path("out/.lock-mine").read_text() == "mine"
+    assert not Path("out/.lock-9-9").exists()
+
+
+def test_a_limit_of_threads_is_a_refusal_of_the_system():
+    with pytest.raises(IbdataError, match="out: the system starts no more threads"), refusals(Path("out")):
+        raise RuntimeError("can't start new thread")
+    with pytest.raises(RuntimeError, match="else"), refusals(Path("out")):
+        raise RuntimeError("something else")

@@ -22,6 +22,9 @@ CodeCache.load_overload = lambda self, *_: new.append(self._name) or None
 policies = [{"kind": kind} for kind in ("random", "safe", "constant", "bad", "mediocre", "optimized")]
 policies += [{"kind": "epsilon_greedy", "base": {"kind": "bad"}, "epsilon": 0.2, "per_dimension": True}]
 policies += [{"kind": "gaussian", "base": {"kind": "optimized"}, "scale": 0.1}]
+policies += ["ornstein_uhlenbeck", "coloured_noise", "prbs", "multisine"]
+policies += [{"kind": "sticky", "base": "random", "kappa": 0.5}]
+policies += [{"kind": "schedule", "stages": [{"base": "optimized", "steps": 2, "epsilon": [1.0, 0.5]}]}]
 ibdata.evaluate(policies, setpoint=[20, 70], episodes=2, steps=3)
 ibdata.evaluate(policies, setpoint="drifting", episodes=2, steps=3, start="uniform", dynamics="paper")
 plain = {"name": "x", "setpoints": [20], "policies": policies, "episodes": 2, "steps": 3, "dynamics": "paper"}

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow
+from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow, tanh
 
 mp = mpmath.mp.clone()
 mp.dps = 50
@@ -67,6 +67,19 @@ def test_logistic_is_within_two_and_a_half_units_in_the_last_place():
     rng = np.random.default_rng(4)
     x = np.concatenate([rng.uniform(-708.0, 708.0, 800), rng.uniform(-6.0, 6.0, 1500)])
     assert max(ulps(logistic(x), 1 / (1 + mp.exp(-exact(x)))) for x in x) <= 2.5
+
+
+def test_tanh_is_within_three_units_in_the_last_place():
+    rng = np.random.default_rng(7)
+    small = 10.0 ** rng.uniform(-300.0, 0.0, 500)
+    x = np.concatenate([rng.uniform(-20.0, 20.0, 1000), rng.uniform(-1.0, 1.0, 1500), small, -small])
+    assert max(ulps(tanh(x), mp.tanh(exact(x))) for x in x) <= 3.0
+
+
+@pytest.mark.parametrize("x", [0.0, -0.0, math.inf, 20.0, 1e300])
+def test_tanh_is_odd_and_ends_at_one(x):
+    assert tanh(x) == -tanh(-x) == (1.0 if x >= 20.0 else 0.0)
+    assert math.isnan(tanh(math.nan))
 
 
 def test_exponential_is_within_two_units_in_the_last_place():

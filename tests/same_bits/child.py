@@ -45,9 +45,11 @@ def experiments(size: str, shards: float = 0) -> list[Experiment]:
     given = YAML(typ="safe", pure=True).load(HERE / "experiments.yaml")
     made = []
     for plain in given["experiments"]:
-        rows = Experiment.model_validate(plain | given["sizes"][size]).rows
+        here = {"folder": HERE}
+        rows = Experiment.model_validate(plain | given["sizes"][size], context=here).rows
         output = plain["output"] | {"shard_rows": max(1, int(rows / (shards or given["shards"])))}
-        made.append(Experiment.model_validate(plain | given["sizes"][size] | {"output": output}))
+        changed = plain | given["sizes"][size] | {"output": output}
+        made.append(Experiment.model_validate(changed, context=here))
     return made
 
 

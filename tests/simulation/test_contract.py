@@ -161,6 +161,7 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
 @pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}], ids=str)
 def test_densities_are_replayed_from_the_rows_as_they_were_played(monkeypatch, start):
     monkeypatch.setattr("ibdata.simulation.replay.CHUNK", 4)
+    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 4)
     experiment = described(Recalling(), start=start)
     made = played(experiment, 1, 7)
     observations, actions = (

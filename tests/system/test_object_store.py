@@ -15,10 +15,15 @@ from helpers.tiny import FOUR_SHARDS
 from pyarrow.fs import FileSystem
 
 import ibdata
+import ibdata.plots
+from ibdata import Experiment
 from ibdata.cli import main
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, MissingError, UsageError, hidden
+from ibdata.experiment.template import write_template
 from ibdata.generation import upload
+from ibdata.maintenance.card import card
+from ibdata.maintenance.listing import datasets_in
 from ibdata.system import object_store
 from ibdata.system.object_store import Remote, is_url
 
@@ -322,3 +327,100 @@ def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):
         ibdata.open("odd://x/y")
     with pytest.raises(UsageError, match=r"^s3://: found no name in the URL, expected"):
         ibdata.open("s3://")
+
+
+WITHOUT_URLS = {
+    "materialize": lambda url: ibdata.split("here", "episode", fractions=(0.5, 0.5), materialize=url),
+    "label": lambda url: ibdata.split(url, "episode", fractions=(0.5, 0.5)),
+    "merge": lambda url: ibdata.merge(["here", "other"], url),
+    "export": lambda url: ibdata.export("here", to="npz", out=url),
+    "plot": lambda url: ibdata.plots.plot("here", out=url),
+    "figure": lambda url: ibdata.plots.figure("landscape", out=f"{url}.png"),
+    "card": lambda url: card(url),
+    "repair": lambda url: ibdata.repair(url),
+    "reproduce": lambda url: ibdata.reproduce(url),
+    "finalize": lambda url: ibdata.finalize(url),
+    "template": lambda url: write_template(f"{url}.yaml"),
+    "datasets": lambda url: datasets_in(url),
+}
+
+
+def test_functions_that_take_no_url_say_so_and_write_nothing(url):
+    made(url)
+    shutil.copytree("there", "here")
+    ibdata.generate(FOUR_SHARDS, "other", workers=1, seed=1)
+    before = sorted(Path().rglob("*"))
+    for call in WITHOUT_URLS.values():
+        with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
+            call(url)
+    assert sorted(Path().rglob("*")) == before
+    assert ibdata.validate(url) == []
+
+
+COMMANDS = {
+    "split": ("split", "here", "--by", "policy", "--materialize"),
+    "export": ("export", "here", "--to", "npz", "--out"),
+    "merge": ("merge", "here", "here", "--out"),
+    "plot": ("plot", "here", "--out"),
+    "figure": ("figure", "landscape", "--out"),
+    "init": ("init",),
+    "card": ("card",),
+    "repair": ("repair",),
+    "reproduce": ("reproduce",),
+    "diff": ("diff", "here"),
+    "ls": ("ls",),
+}
+
+
+@pytest.mark.parametrize("args", COMMANDS.values(), ids=COMMANDS)
+def test_commands_that_take_no_url_say_so_and_write_nothing(args, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main([*args, "s3://user:secret@bucket/name"])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "s3://…@bucket/name: found a URL, expected a path on this machine\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_file_at_a_url_is_not_said_to_be_made_by_repair(url):
+    made(url)
+    Path("there/meta/stats.json").unlink()
+    (problem,) = ibdata.validate(url, quick=True)
+    assert problem.message == "found no file that can be read"
+    with pytest.raises(DatasetError, match=f"^{url}/meta/stats.json: missing$"):
+        ibdata.open(url).statistics()
+
+
+def test_a_url_of_this_machine_is_refused_like_its_folder(url, tmp_path):
+    made(url)
+    Path("outside").mkdir()
+    Path("linked").mkdir()
+    Path("linked/data").symlink_to("../outside")
+    before = sorted(Path().rglob("*"))
+    for place, message in {"there/data/in": "lies within the dataset", "linked": "found a link"}.items():
+        with pytest.raises(UsageError, match=message):
+            made(f"file://{tmp_path}/{place}")
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_other_code_than_an_upload_began_with_is_not_to_be_overwritten(url, monkeypatch):
+    experiment = {**FOUR_SHARDS.model_dump(), "policies": [{"kind": "custom", "target": "own_code:P"}]}
+    text = "class P:\n    def predict(self, o):\n        return [[{}] * 3] * len(o)\n"
+
+    def make(size, **options):
+        Path("own_code.py").write_text(text.format(size))
+        policy = Experiment.model_validate(experiment)
+        return ibdata.generate(policy, url, workers=1, allow_code=True, **options)
+
+    def cut(*_):
+        raise OSError("cut")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(upload, "_put_all", cut)
+        with pytest.raises(IbdataError, match="cut"):
+            make(0.25)
+    for _ in range(2):
+        with pytest.raises(UsageError, match=r"restore it and --resume, or choose another --out$") as refused:
+            make(0.5, resume=True)
+        assert str(refused.value).startswith(f"{url}: found other code")
+        make(0.25, resume=True)

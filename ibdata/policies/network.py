@@ -1,0 +1,105 @@
+"""An actor network as a policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
+
+from ibdata.dataset.models import SHA256
+from ibdata.errors import Problems
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import tanh
+from ibdata.policies.base import Deterministic, Floats, History
+from ibdata.policies.forward import forward, scale
+from ibdata.policies.weights_file import Weights, find
+
+BLOCK = 256  # episodes at a time, whose activations stay in the processor's cache
+# From this tanh on, the action is ±1: closer to ±1, float32 is too coarse for the density of a random one.
+EDGE = 1.0 - 2.0**-20
+
+
+class Network(Deterministic):
+    """Takes the mean action of an actor network, such as SAC, TD3 or PPO train.
+
+    The file of weights, in the format safetensors, also tells how many observations the network sees and how
+    they are scaled. Its SHA-256 identifies the policy; a dataset carries a copy of it. docs/networks.md
+    describes the file, and `ibdata.save_network` writes it.
+    """
+
+    kind: Literal["network"] = "network"
+    file: str = Field(description="path of the weights relative to the YAML file, or a shipped name")
+    sha256: Annotated[str, Field(pattern=SHA256)] | None = Field(
+        default=None, description="SHA-256 of the file; by default that of the file that is found"
+    )
+
+    _weights: Weights = PrivateAttr()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _found(cls, data: Any, info: ValidationInfo) -> Any:
+        """Replace the path by the name that the weights have in every dataset, and note their SHA-256."""
+        file, sha256 = (data.get("file"), data.get("sha256")) if isinstance(data, dict) else (None, None)
+        if not isinstance(file, str) or not isinstance(sha256, str | None):
+            return data
+        folder: Path | None = (info.context or {}).get("folder")
+        try:
+            weights = find(file, sha256, folder)
+        except ValueError as error:
+            raise Problems([(("file",), str(error))]) from None
+        return {**data, "file": weights.name, "sha256": weights.sha256}
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Keep the weights, so that the policy needs no file from now on."""
+        self._weights = find(self.file, self.sha256, None)
+
+    @property
+    def weights(self) -> Weights:
+        """The weights."""
+        return self._weights
+
+    @property
+    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
+        """As many observations as its file says."""
+        return self.weights.metadata.frames
+
+    def form(self) -> dict[str, Any]:
+        """The kind and the SHA-256 of the weights, wherever they came from."""
+        return {"kind": self.kind, "sha256": self.sha256}
+
+    def outputs(self, history: History) -> npt.NDArray[np.float32]:
+        """Return the outputs of the last layer, float32 (n, 3 or 6); see `Weights.has_log_std`."""
+        w = self.weights
+        seen = np.ascontiguousarray(history).reshape(len(history), len(w.mean))
+        out = np.empty((len(seen), 6 if w.has_log_std else 3), dtype=np.float32)
+        widest = max(int(w.sizes.max()), seen.shape[1])
+        for first in range(0, len(seen), BLOCK):
+            part = slice(first, min(first + BLOCK, len(seen)))
+            x = np.zeros((widest, part.stop - first), dtype=np.float32)
+            scale(seen[part], w.mean, w.std, w.clip, x)
+            forward(x, w.sizes, w.parameters, w.metadata.activation == "tanh", out[part])
+        return out
+
+    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        action = np.empty((len(history), 3))
+        _act(self.outputs(history), self.weights.metadata.squash == "tanh", action)
+        return action
+
+
+@compiled
+def squashed(x: float, by_tanh: bool) -> float:
+    """The component of an action that a number x of the network stands for, clipped by the caller."""
+    if not by_tanh:
+        return x
+    y = tanh(x)
+    return 1.0 if y >= EDGE else -1.0 if y <= -EDGE else y
+
+
+@compiled
+def _act(outputs: npt.NDArray[np.float32], by_tanh: bool, action: Floats) -> None:
+    for i in range(action.shape[0]):
+        for j in range(3):
+            action[i, j] = squashed(np.float64(outputs[i, j]), by_tanh)

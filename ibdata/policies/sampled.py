@@ -1,0 +1,199 @@
+"""A network that plays a draw from its own distribution now and then, and its mean action otherwise."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field
+
+from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import exp, log, tanh
+from ibdata.numerics.random import standard_normal
+from ibdata.policies.actions import applied
+from ibdata.policies.base import Floats, NormalDouble
+from ibdata.policies.gaussian import EDGE as CLIP_EDGE
+from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
+from ibdata.policies.given import Decision, Given
+from ibdata.policies.network import EDGE, Network, squashed
+from ibdata.policies.wrapper import Unnamed, Wrapper
+
+ATANH_EDGE = float.fromhex("0x1.d1cb7dea86bcap+2")
+COARSE = 2.0**-6  # standard deviations between neighbouring float32 actions from which rounding matters
+LEAST = 1e-300  # a smaller probability is lost in the difference of two others
+
+
+def _with_deviation(base: Network) -> Network:
+    if not base.weights.has_log_std:
+        raise ValueError("found weights without log_std, with which only kind: network works")
+    return base
+
+
+class Sampled(Wrapper):
+    """Plays a draw from the network's own distribution at a share of the steps, else the mean action.
+
+    The network gives means m and log standard deviations log s; a draw is tanh(m + s z) with z ~ N(0, 1) or,
+    if its file says so, m + s z clipped to [-1, 1]. The offline data of NeoRL (Qin et al. 2021, arXiv
+    2102.00714) were made in this way, with a share of 0.2.
+    """
+
+    own_uniforms_per_step: ClassVar[int] = 4
+
+    kind: Literal["sampled"] = "sampled"
+    base: Annotated[Network, Unnamed, AfterValidator(_with_deviation)] = Field(description="a network")
+    share: Annotated[float, Field(gt=0.0, le=1.0, strict=True, allow_inf_nan=False), NormalDouble] = Field(
+        description="probability of a draw at each step, above 0 and at most 1"
+    )
+
+    def decide(self, given: Given) -> Decision:
+        return self._decide(given, *self._distribution(given))
+
+    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
+        outputs, by_tanh = self._distribution(given)
+        decision = self._decide(given, outputs, by_tanh)
+        return decision, self._log_density(applied(decision.actions), outputs, by_tanh)
+
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        """Return the log density (n,): a mass at the whole mean action, and the density of a draw elsewhere.
+
+        A draw has masses at ±1. Where float32 is coarse, its density is the mean over the numbers that are
+        rounded to the same action.
+        """
+        return self._log_density(action, *self._distribution(given))
+
+    def _decide(self, given: Given, outputs: Floats, by_tanh: bool) -> Decision:
+        action = np.empty((len(outputs), 3))
+        _act(outputs, given.uniforms, self.share, by_tanh, action)
+        return Decision(action, given.memory)
+
+    def _log_density(self, action: npt.NDArray[np.float32], outputs: Floats, by_tanh: bool) -> Floats:
+        out = np.empty(len(action))
+        _log_prob(outputs, _means(outputs, by_tanh), action, self.share, by_tanh, out)
+        return out
+
+    def _distribution(self, given: Given) -> tuple[Floats, bool]:
+        """Means and log standard deviations before the squash, (n, 6), and whether that is tanh."""
+        of = self.base.weights.metadata
+        outputs = self.base.outputs(given.observations).astype(np.float64)
+        _bound(outputs, of.log_std == "tanh", of.log_std_low, of.log_std_high)
+        return outputs, of.squash == "tanh"
+
+
+def _means(outputs: Floats, by_tanh: bool) -> npt.NDArray[np.float32]:
+    """The mean actions (n, 3), clipped and rounded."""
+    out = np.empty((len(outputs), 3))
+    _act(outputs, np.ones((len(outputs), 4)), 0.0, by_tanh, out)
+    return applied(out)
+
+
+@compiled
+def _bound(outputs: Floats, by_tanh: bool, low: float, high: float) -> None:
+    """Bound the log standard deviations, in place: clamp them, or put their tanh onto the interval."""
+    for i in range(outputs.shape[0]):
+        for j in range(3, 6):
+            x = outputs[i, j]
+            if by_tanh:
+                outputs[i, j] = low + 0.5 * (high - low) * (tanh(x) + 1.0)
+            else:
+                outputs[i, j] = low if x < low else high if x > high else x
+
+
+@compiled
+def _act(outputs: Floats, u: Floats, share: float, by_tanh: bool, action: Floats) -> None:
+    for i in range(action.shape[0]):
+        for j in range(3):
+            x = outputs[i, j]
+            if u[i, 0] < share:
+                x += exp(outputs[i, 3 + j]) * standard_normal(u[i, 1 + j])
+            action[i, j] = squashed(x, by_tanh)
+
+
+@compiled
+def _log_prob(
+    outputs: Floats,
+    mean: npt.NDArray[np.float32],
+    action: npt.NDArray[np.float32],
+    share: float,
+    by_tanh: bool,
+    out: Floats,
+) -> None:
+    log_kept = log(1.0 - share) if share < 1.0 else 0.0
+    for i in range(out.shape[0]):
+        same = share < 1.0  # otherwise the mean action has no mass of its own
+        for j in range(3):
+            same = same and action[i, j] == mean[i, j]
+        if same and share * _largest_mass(outputs, action, i, by_tanh) < 2.0**-55 * (1.0 - share):
+            out[i] = log_kept  # as the formula below gives it, only faster
+            continue
+        density = width = 0.0  # logarithms; the width of the numbers that are rounded to this very action
+        for j in range(3):
+            low, high = rounded_to(action[i, j], by_tanh)
+            density += log_component(action[i, j], low, high, outputs[i, j], outputs[i, 3 + j], by_tanh)
+            width += log(high - low) if high > low else 0.0
+        out[i] = log(1.0 - share + share * exp(density + width)) if same else log(share) + density
+
+
+@compiled
+def _largest_mass(outputs: Floats, action: npt.NDArray[np.float32], i: int, by_tanh: bool) -> float:
+    """A bound of the probability that a draw is the action i: the width times the top of the density."""
+    bound = 1.0
+    for j in range(3):
+        a = np.float64(action[i, j])
+        if abs(a) < 1.0:
+            low, high = rounded_to(action[i, j], by_tanh)
+            slope = 1.0 - max(low * low, high * high) if by_tanh else 1.0
+            bound *= min(1.0, (high - low) * exp(-outputs[i, 3 + j]) / slope)
+    return bound
+
+
+@compiled
+def rounded_to(action: np.float32, by_tanh: bool) -> tuple[float, float]:
+    """The numbers, low to high, that are played as a float32 action inside (-1, 1); none if low >= high.
+
+    >>> low, high = rounded_to(np.float32(0.5), True)
+    >>> (high - 0.5, 0.5 - low) == (2.0**-25, 2.0**-26)
+    True
+    """
+    bits = np.float32(abs(action)).view(np.int32)
+    a, after = np.float64(abs(action)), np.float64(np.int32(bits + 1).view(np.float32))
+    before = np.float64(np.int32(bits - 1).view(np.float32)) if bits > 0 else -after
+    low, high = 0.5 * (a + before), min(0.5 * (a + after), EDGE if by_tanh else CLIP_EDGE)
+    return (low, high) if action >= 0.0 else (-high, -low)
+
+
+@compiled
+def log_component(
+    action: np.float32, low: float, high: float, mean: float, log_std: float, by_tanh: bool
+) -> float:
+    """Log density of a draw at one number of an action, or the log of its mass if that is ±1.
+
+    Args:
+        action: the number.
+        low: the least number that is played as this one, see `rounded_to`.
+        high: the greatest such number.
+        mean: of the normal distribution before the squash.
+        log_std: the logarithm of its standard deviation.
+        by_tanh: whether the squash is tanh, or else clipping.
+    """
+    std, a, edge = exp(log_std), np.float64(action), ATANH_EDGE if by_tanh else CLIP_EDGE
+    if abs(a) == 1.0:
+        return log_cdf((a * mean - edge) / std)
+    if low >= high:
+        return -np.inf
+    z = (_before(a, by_tanh) - mean) / std
+    slope = 1.0 - a * a if by_tanh else 1.0
+    log_here = -0.5 * z * z - LOG_SQRT_2PI - log_std - log(slope)
+    if high - low < COARSE * slope * std:
+        return log_here
+    below, above = (_before(low, by_tanh) - mean) / std, (_before(high, by_tanh) - mean) / std
+    if below > 0.0:  # the smaller tail, of which a difference is exact
+        below, above = -above, -below
+    mass = exp(log_cdf(above)) - exp(log_cdf(below))
+    return log(mass) - log(high - low) if mass > LEAST else log_here
+
+
+@compiled
+def _before(action: float, by_tanh: bool) -> float:
+    """The number before the squash."""
+    return 0.5 * log((1.0 + action) / (1.0 - action)) if by_tanh else action

@@ -1,0 +1,136 @@
+"""The code that a policy really imports is that which is noted, however it is found."""
+
+from __future__ import annotations
+
+import py_compile
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.errors import UsageError
+from ibdata.experiment.imported_modules import imported
+
+OWN = Experiment.model_validate(
+    {"name": "own", "setpoints": [20, 70], "policies": [{"kind": "custom", "target": "pol_imports:P"}],
+     "episodes": 1, "steps": 2, "output": {"shard_rows": 2}}
+)  # fmt: skip
+POLICY = """
+    import numpy as np
+
+    class P:
+        def predict(self, observations):
+            return np.full((len(observations), 3), SIZE)
+    """
+BESIDE = "import sys, pathlib\nLIB = str(pathlib.Path(__file__).with_name('lib'))\nsys.path.insert(0, LIB)\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for folder in ("lib", "pkg", "extra", "part", "installed/site-packages/part"):
+        Path(folder).mkdir(parents=True)
+
+
+def policy(first: str) -> None:
+    Path("pol_imports.py").write_text(textwrap.dedent(first) + textwrap.dedent(POLICY))
+
+
+def for_the_import_only():
+    policy(BESIDE + "from helper_a import SIZE\nsys.path.remove(LIB)\n")
+    return "lib/helper_a.py"
+
+
+def extended_package():
+    Path("pkg/__init__.py").write_text("__path__.append(__path__[0] + '/../extra')\n")
+    policy("from pkg.helper_b import SIZE\n")
+    return "extra/helper_b.py"
+
+
+def partly_installed():
+    Path("installed/site-packages/part/base.py").write_text("")
+    sys.path.append(str(Path("installed/site-packages").absolute()))
+    policy("from part.helper_c import SIZE\n")
+    return "part/helper_c.py"
+
+
+def loose():
+    sys.path.append(str(Path("installed/site-packages").absolute()))
+    policy("from helper_d import SIZE\n")
+    return "installed/site-packages/helper_d.py"
+
+
+def without_source():
+    Path("mid.py").write_text("from helper_e import SIZE\n")
+    py_compile.compile("mid.py", cfile="mid_e.pyc")
+    policy("from mid_e import SIZE\n")
+    return "helper_e.py"
+
+
+def by_its_name():
+    policy("import importlib\nSIZE = importlib.import_module('helper_f').SIZE\n")
+    return "helper_f.py"
+
+
+WAYS = (for_the_import_only, extended_package, partly_installed, loose, without_source, by_its_name)
+
+
+def generate(out, size, helper, **options):
+    Path(helper).write_text(f"SIZE = {size}\n")
+    return ibdata.generate(OWN, out, workers=1, allow_code=True, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", WAYS)
+def test_a_module_that_is_imported_is_noted_and_an_edit_counts_and_does_not_mix(here, way):
+    helper = way()
+    Path(helper).write_text("SIZE = 0.25\n")
+    ibdata.generate_shards(OWN, "1/2", "half", workers=1, allow_code=True)
+    Path(helper).write_text("SIZE = 0.75\n")
+    with pytest.raises(UsageError, match=f"found other code .*, in {'.*/'}?{Path(helper).name};"):
+        ibdata.generate_shards(OWN, "2/2", "half", workers=1, allow_code=True)
+    for size in (0.75, 0.25):
+        made = generate(f"all-{size}", size, helper)
+        assert set(made.to_pandas()["act_velocity"]) == {size}
+        assert Path(helper).name in " ".join(made.manifest["code"][0]["files"])
+        assert generate(f"all-{size}", size, helper, resume=True).manifest == made.manifest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_policy_may_extend_the_path_of_python(here, workers):
+    policy(BESIDE + "from helper_g import SIZE\n")
+    Path("lib/helper_g.py").write_text("SIZE = 0.25\n")
+    for _ in range(2):
+        sys.path[:] = [path for path in sys.path if not path.endswith("lib")]
+        made = ibdata.generate(OWN, "out", workers=workers, allow_code=True, overwrite=True)
+    assert made.manifest["code"][0]["files"].keys() == {"helper_g.py"}
+
+
+@pytest.mark.slow
+def test_what_somebody_imported_before_is_imported_anew_and_comes_back(here, monkeypatch):
+    helper = for_the_import_only()
+    monkeypatch.syspath_prepend("lib")
+    Path(helper).write_text("SIZE = 0.25\n")
+    import helper_a
+
+    made = generate("out", 0.75, helper)
+    assert set(made.to_pandas()["act_velocity"]) == {0.75}
+    assert sys.modules.pop("helper_a") is helper_a
+    assert helper_a.SIZE == 0.25
+
+
+def test_names_that_are_written_out_in_a_call_are_imports(here):
+    policy(
+        "import importlib\nSIZE = importlib.import_module('helper_f').SIZE + __import__('helper_h').SIZE\n"
+    )
+    for name in ("helper_f", "helper_h"):
+        Path(f"{name}.py").write_text("SIZE = 0.25\n")
+    sys.path.insert(0, str(Path().absolute()))
+    sources, _ = imported("pol_imports")
+    assert sources.keys() == {"pol_imports.py", "helper_f.py", "helper_h.py"}

@@ -1,0 +1,181 @@
+"""The forward pass and the policy of an actor network."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from helpers import networks
+from pydantic import ValidationError
+
+from ibdata.errors import ConfigError
+from ibdata.experiment import Experiment, load
+from ibdata.policies import weights_file
+from ibdata.policies.network import EDGE, Network
+from ibdata.policies.weights_file import kept
+from ibdata.testing import check_policy
+
+SHAPES = [(1, ()), (1, (7,)), (2, (8, 5)), (3, (64, 64)), (30, (16, 9, 4))]
+
+
+@pytest.fixture
+def saved(tmp_path, monkeypatch):
+    """A function that saves weights in the current folder and makes a policy of them."""
+    monkeypatch.chdir(tmp_path)
+
+    def save(**options):
+        (tmp_path / "actor.safetensors").write_bytes(networks.weights(**options))
+        return Network(file="actor.safetensors")
+
+    return save
+
+
+def histories(n, frames, seed=0):
+    return np.random.default_rng(seed).uniform(0.0, 100.0, (n, frames, 6)).astype(np.float32)
+
+
+def in_order(history, tensors, tanh_inside=False):
+    """The outputs, one term after the other in float32, for all lanes at a time."""
+    repeated = (
+        np.tile(np.array(x, dtype=np.float32), history.shape[1]) for x in (networks.MEAN, networks.STD)
+    )
+    mean, std = repeated
+    x = np.clip((history.reshape(len(history), -1) - mean) / std, np.float32(-10.0), np.float32(10.0))
+    names = [name.removesuffix(".weight") for name in tensors if name.endswith(".weight")]
+    heads = []
+    for name in names:
+        weight, bias = tensors[f"{name}.weight"], tensors[f"{name}.bias"]
+        y = np.repeat(bias[None], len(x), axis=0)
+        for k in range(weight.shape[1]):
+            y = y + x[:, k : k + 1] * weight[:, k]
+        if name.startswith("layers"):
+            x = np.tanh(y.astype(np.float64)).astype(np.float32) if tanh_inside else np.where(y > 0, y, 0.0)
+            x = x.astype(np.float32)
+        else:
+            heads.append(y)
+    return np.concatenate(heads, axis=1)
+
+
+@pytest.mark.parametrize(("frames", "hidden"), SHAPES)
+@pytest.mark.parametrize("log_std", [True, False])
+def test_sums_are_taken_in_order_in_float32(saved, frames, hidden, log_std):
+    policy = saved(frames=frames, hidden=hidden, log_std=log_std)
+    history = histories(300, frames)
+    expected = in_order(history, networks.tensors(frames, hidden, log_std))
+    np.testing.assert_array_equal(policy.outputs(history), expected)
+
+
+def test_an_output_does_not_depend_on_the_other_lanes(saved):
+    policy = saved(frames=3, hidden=(16,))
+    history = histories(520, 3)
+    whole = policy.outputs(history)
+    for part in (slice(0, 1), slice(1, 8), slice(250, 513)):
+        np.testing.assert_array_equal(policy.outputs(history[part]), whole[part])
+
+
+def test_hidden_layers_may_end_in_tanh(saved):
+    policy = saved(activation="tanh")
+    history = histories(50, 2)
+    np.testing.assert_allclose(
+        policy.outputs(history), in_order(history, networks.tensors(), True), atol=1e-6
+    )
+
+
+def test_the_action_is_the_tanh_of_the_mean_and_one_next_to_it(saved):
+    policy = saved(mean="[0, 0, 0, 0, 0, 0]", std="[1, 1, 1, 1, 1, 1]")
+    history = histories(2000, 2) / 10
+    expected = np.tanh(policy.outputs(history)[:, :3].astype(np.float64))
+    action = policy.act(history, np.empty((2000, 0)))
+    edge = np.abs(expected) >= EDGE
+    assert edge.any()
+    np.testing.assert_array_equal(action[edge], np.sign(expected[edge]))
+    np.testing.assert_allclose(action, expected, atol=1e-6)
+
+
+def test_a_clipped_mean_is_left_to_the_caller(saved):
+    policy = saved(squash="clip")
+    history = histories(50, 2)
+    action = policy.act(history, np.empty((50, 0)))
+    np.testing.assert_array_equal(action, policy.outputs(history)[:, :3])
+    assert np.abs(action).max() > 1.0
+    assert np.abs(policy.mean_action(history)).max() == 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"squash": "clip", "log_std": False}, {"activation": "tanh"}])
+def test_the_published_checks_pass(saved, options):
+    check_policy(saved(**options))
+
+
+def test_a_policy_is_its_weights_not_their_path(saved, tmp_path):
+    policy = saved()
+    (tmp_path / "actor.safetensors").rename(tmp_path / "other.safetensors")
+    other = Network(file="other.safetensors", name="b")
+    assert other.form() == policy.form() == {"kind": "network", "sha256": policy.sha256}
+    assert policy.file == f"policy-{policy.sha256[:16]}.safetensors"
+    assert policy.model_copy(update={"name": "b"}) == other
+    assert pickle.loads(pickle.dumps(policy)) == policy
+
+
+def test_paths_are_relative_to_the_experiment(saved, tmp_path):
+    policy = saved()
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "mine.yaml").write_text(
+        "name: mine\nsetpoints: 70\npolicies: [{kind: network, file: ../actor.safetensors}]\n"
+    )
+    assert load(tmp_path / "deep" / "mine.yaml").policies == [policy]
+
+
+def test_weights_that_are_read_once_need_no_file(saved, tmp_path):
+    experiment = Experiment(name="x", setpoints=70.0, policies=[saved()])
+    (tmp_path / "actor.safetensors").unlink()
+    assert Experiment.model_validate(experiment.plain()) == experiment
+
+
+@pytest.mark.parametrize(
+    ("block", "line"),
+    [
+        ("{kind: network, file: no.safetensors}",
+         "policies.0.file: found no file 'no.safetensors', expected one beside the YAML file"),
+        ("{kind: network, file: a.yaml}", "policies.0.file: a.yaml: found 105 bytes that begin with"),
+        ("{kind: network, file: .}", "policies.0.file: .: cannot be read: Is a directory"),
+        ("{kind: gaussian, scale: 1, base: {kind: network, file: no}}",
+         "policies.0.base.file: found no file"),
+        ("{kind: network, file: actor.safetensors, sha256: '%s'}" % (64 * "0"),
+         "policies.0.file: actor.safetensors: found weights with SHA-256 "),
+        ("{kind: network, file: actor.safetensors, sha256: 0}", "policies.0.sha256: found 0, expected text"),
+        ("{kind: network, file: 3}", "policies.0.file: found 3, expected text"),
+        ("{kind: network}", "policies.0.file: missing, expected a value"),
+    ],
+)  # fmt: skip
+def test_a_wrong_block_is_one_line_with_its_place(saved, tmp_path, block, line):
+    saved()
+    (tmp_path / "a.yaml").write_text(f"name: a\nsetpoints: 70\npolicies: [{block}]\n".ljust(105, "#"))
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path / "a.yaml")
+    assert len(error.value.problems) == 1
+    assert f": {line}" in str(error.value)
+
+
+def test_in_python_paths_are_relative_to_the_current_folder(saved):
+    saved()
+    with pytest.raises(ValidationError, match="found no file 'no', expected one in the current folder"):
+        Network(file="no")
+
+
+def test_the_same_weights_are_one_object():
+    assert kept(networks.weights()) is kept(networks.weights())
+
+
+def test_shipped_weights_have_names_and_a_file_of_the_user_comes_first(saved, tmp_path, monkeypatch):
+    folder = tmp_path / "shipped"
+    folder.mkdir()
+    (folder / "high.safetensors").write_bytes(networks.weights(seed=3))
+    monkeypatch.setattr(weights_file, "SHIPPED", folder)
+    shipped = kept(networks.weights(seed=3))
+    assert Network(file="high").weights is Network(file="high.safetensors").weights is shipped
+    with pytest.raises(ValidationError, match="expected one in the current folder or one of high"):
+        Network(file="hihg")
+    saved()
+    (tmp_path / "actor.safetensors").rename(tmp_path / "high")
+    assert Network(file="high").weights is kept(networks.weights())
