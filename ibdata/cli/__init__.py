@@ -91,7 +91,7 @@ def main(args: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except click.ClickException as error:
         _report(
-            [" ".join(error.format_message().split())],
+            [_instead(error) or " ".join(error.format_message().split())],
             2,
             as_json,
             error.ctx if isinstance(error, click.UsageError) else None,
@@ -143,6 +143,19 @@ def _end_at_signals() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, end)
+
+
+def _instead(error: click.ClickException) -> str | None:
+    """The way to set an option of the experiment, where it is given as one of a command with --set."""
+    if not isinstance(error, click.NoSuchOption) or error.ctx is None:
+        return None
+    from ibdata.experiment import Experiment
+
+    key = error.option_name.removeprefix("--")
+    takes_set = any(parameter.name == "overrides" for parameter in error.ctx.command.params)
+    if not takes_set or key not in Experiment.model_fields:
+        return None
+    return f"No such option '--{key}'; expected --set {key}=…, since the experiment has this option."
 
 
 def _lines(error: Exception) -> list[str]:

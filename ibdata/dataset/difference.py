@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ import pyarrow as pa
 from ibdata.dataset.reader import Dataset
 
 
-def difference(a: Dataset, b: Dataset) -> list[str]:
+def difference(a: Dataset | str | os.PathLike[str], b: Dataset | str | os.PathLike[str]) -> list[str]:
     """Compare the content of two datasets.
 
     Args:
-        a: One dataset.
+        a: One dataset, or its folder.
         b: The other.
 
     Returns:
@@ -22,8 +23,9 @@ def difference(a: Dataset, b: Dataset) -> list[str]:
         the first step and column at which an episode differs. Empty if the content is the same.
 
     Raises:
-        DatasetError: A file is missing or damaged.
+        DatasetError: A file is missing or damaged, or a folder holds no dataset.
     """
+    a, b = (each if isinstance(each, Dataset) else Dataset(each) for each in (a, b))
     if a.content_root == b.content_root:
         return []
     lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from itertools import chain
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
@@ -250,8 +251,8 @@ class Dataset:
                 setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
-        if history < 1:
-            raise UsageError(f"history: found {history}, expected at least 1")
+        if not isinstance(history, Integral) or history < 1:
+            raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
         if pad not in ("repeat", "drop"):
             raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
         names = array_columns(self.info_model.groups)
@@ -284,6 +285,8 @@ class Dataset:
 
     def _known(self, split: str) -> str:
         """Return the split. Raises UsageError if the dataset does not have it."""
+        if not isinstance(split, str):
+            raise UsageError(f"split: found {split!r}, expected the name of one split")
         if not self.splits:
             raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
         return str(known_of("split", split, list(self.splits))[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from ibdata.dataset import reference_returns
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import UsageError
+from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
 from ibdata.evaluation.policies import policies_of
@@ -172,7 +173,11 @@ def evaluate(
         "policies": [{"kind": "random"}],
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
-    options = validated({**plain, **settings}).options()
+    try:
+        options = validated({**plain, **settings}).options()
+    except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
+        lines = error.with_options.split("\n")
+        raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None
     labels = tuple(policies)
     experiment = Experiment.model_construct(
         **{**options, "policies": list(policies.values())}

@@ -82,7 +82,7 @@ def policies_of(
         found[name] = policy
     for name in lengths.keys() - taking:
         one = f"one of {', '.join(taking)}" if taking else "none"
-        raise UsageError(f"history: found {name!r}, expected {one}: the others have a length of their own")
+        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own")
     return found
 
 

@@ -60,7 +60,10 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("*.yaml"))[0]
-        raise UsageError(f"{path}: found a folder of experiments, expected a file such as {example}")
+        raise UsageError(
+            f"{path}: found a folder of experiments, expected a file such as {example}; in Python, generate_all "
+            "takes a folder"
+        )
     try:
         with path.open("rb") as file:  # bounded, because a device may have no end
             document = Document(file.read(MAX_BYTES + 1))

@@ -30,6 +30,8 @@ def override_all(data: Any, overrides: Overrides, seed: int | None = None) -> di
     """
     if isinstance(overrides, str):
         raise UsageError(f"--set: found the text {overrides!r}, expected a list of such texts, or a mapping")
+    if not isinstance(overrides, Sequence | Mapping):
+        raise UsageError(f"--set: found {overrides!r}, expected a list of texts, or a mapping")
     places: dict[Loc, str] = {}
     if overrides and isinstance(data.get("policies"), list):
         data["policies"] = [_block(policy) for policy in data["policies"]]

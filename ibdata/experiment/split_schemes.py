@@ -48,7 +48,8 @@ def transfer(
     last = max(experiment.episodes for experiment in spec.experiments) - 1
     if k is not None and k > fewest:
         raise UsageError(
-            f"split: found a budget of {counted(k, 'episode')}, expected at most the {fewest:,} of a cell"
+            f"split: found a budget of {counted(k, 'episode')}, expected at most {fewest:,}, the "
+            "episodes of each policy at a setpoint"
         )
     if k is None or k > last:
         return {"source": Split(setpoint=here), "target": Split(setpoint=there)}
@@ -62,7 +63,7 @@ def transfer(
 def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> int | None:
     """The number of episodes of a cell in the budget; None for all."""
     if shots is not None and transitions is not None:
-        raise UsageError("split: found shots and transitions, expected one of them")
+        raise UsageError("split: found --shots and --transitions, expected one of them")
     if transitions is None:
         if shots is not None and shots < 1:
             raise UsageError(f"split: found {counted(shots, 'shot')}, expected at least 1")
@@ -70,10 +71,12 @@ def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> in
     steps = {experiment.steps for experiment in spec.experiments}
     if len(steps) > 1:
         raise UsageError("split: found episodes of several lengths, expected shots in place of transitions")
-    k = transitions // steps.pop()
+    length = steps.pop()
+    k = transitions // length
     if k < 1:
         raise UsageError(
-            f"split: found {counted(transitions, 'transition')}, expected at least those of an episode"
+            f"split: found {counted(transitions, 'transition')}, expected at least {length:,}, those of an "
+            "episode"
         )
     return k
 

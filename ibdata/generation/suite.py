@@ -12,6 +12,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment import Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.shipped import is_suite
 from ibdata.generation import output_folder
 from ibdata.generation.engine import select_engine
 from ibdata.generation.estimate import preview
@@ -40,8 +41,7 @@ def generate_all(
 
     Args:
         config: A folder of YAML files, the name of a shipped suite, or a single experiment as in `generate`.
-        out: The datasets go to out/<name>; by default out is data/<folder>, or data for a single experiment
-            that is not a file.
+        out: The datasets go to out/<name>; by default out is data/<folder>, or data for a single experiment.
         workers: As in `generate`.
         seed: Replaces the seed of each experiment.
         overrides: Replace single values of each experiment, as in `generate`.
@@ -108,7 +108,7 @@ def folders(
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     if out is not None:
         root = Path(out)
-    elif isinstance(config, Mapping | Experiment):
+    elif isinstance(config, Mapping | Experiment) or not is_suite(find(config)):
         root = Path("data")
     else:
         root = Path("data") / find(config).resolve().name

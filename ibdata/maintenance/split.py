@@ -24,15 +24,15 @@ def split(
     by: str | None = None,
     *,
     scheme: str | None = None,
-    source: Sequence[float] = (),
-    target: Sequence[float] = (),
+    source: float | Sequence[float] = (),
+    target: float | Sequence[float] = (),
     shots: int | None = None,
     transitions: int | None = None,
     within: float | None = None,
     fractions: Sequence[float] | None = None,
     prefix: str | None = None,
     names: Mapping[str, str] | None = None,
-    remove: Sequence[str] = (),
+    remove: str | Sequence[str] = (),
     materialize: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """Split a dataset by setpoint, episode or policy, and open it.
@@ -51,8 +51,8 @@ def split(
             leave-one-out: train-p and test-p for every setpoint p
             interpolation, extrapolation: train and test, with inner or with the outermost setpoints held out
             distance: source, and the other setpoints as near and far
-        source: The setpoints of the split source, for transfer and distance.
-        target: The setpoints of the split target, for transfer.
+        source: The setpoint or setpoints of the split source, for transfer and distance.
+        target: The setpoint or setpoints of the split target, for transfer.
         shots: The largest number of episodes from each target cell, for transfer.
         transitions: The largest number of rows from each target cell, for transfer.
         within: The largest distance of a near setpoint from a source setpoint, for distance.
@@ -60,7 +60,7 @@ def split(
             0.8, 0.1, 0.1.
         prefix: The new splits are named prefix-source, prefix-target, …
         names: Names for single new splits in place of those above, such as {"source": "at-50"}.
-        remove: The names of splits to remove. A declared split has files of its own and stays.
+        remove: The name or names of splits to remove. A declared split has files of its own and stays.
         materialize: The folder for a copy with the same content root, in which every split consists of whole
             files; the dataset itself does not change.
 
@@ -73,7 +73,9 @@ def split(
     """
     dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
     spec = spec_in(dataset.path, dataset.manifest_model)
-    options: dict[str, Any] = {"scheme": scheme, "source": source, "target": target, "shots": shots}
+    remove = [remove] if isinstance(remove, str) else remove
+    points = {"source": _several(source), "target": _several(target)}
+    options: dict[str, Any] = {"scheme": scheme, **points, "shots": shots}
     options |= {"transitions": transitions, "within": within, "fractions": fractions}
     given = {
         name: x for name, x in options.items() if x is not None and not (isinstance(x, Sequence) and not x)
@@ -90,6 +92,10 @@ def split(
     if materialize is None:
         return relabel(dataset, labelled)
     return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
+
+
+def _several(setpoints: float | Sequence[float]) -> Sequence[float]:
+    return setpoints if isinstance(setpoints, Sequence) else [setpoints]
 
 
 def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
