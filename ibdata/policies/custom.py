@@ -67,7 +67,7 @@ class Custom(Adapter):
     The module or file may be beside the YAML file or in the current folder, and may import others there. It
     is not imported before a run begins. What its code prints goes to stderr.
 
-    With `deterministic: true`, you promise that the policy draws no random numbers of any kind: what it sees
+    With `deterministic: true`, you promise that the policy draws no random numbers at all: what it sees
     and openly remembers always gives the same actions. Then `action_log_prob` is known, and the policy may be
     the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks a policy that
     remembers nothing twice at each step, and refuses it if the answers differ.
