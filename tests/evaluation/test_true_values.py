@@ -265,7 +265,7 @@ def test_a_function_is_a_policy_as_in_an_evaluation(dataset):
 
 
 def test_a_policy_that_fails_is_named(dataset):
-    class Failing(Watching):
+    class Failing:
         def act(self, history, u):
             return np.full((len(history), 3), np.nan)
 
