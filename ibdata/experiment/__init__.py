@@ -61,8 +61,8 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if is_suite(path):
         example = sorted(path.glob("*.yaml"))[0]
         raise UsageError(
-            f"{path}: found a folder of experiments, expected a file such as {example}; in Python, generate_all "
-            "takes a folder"
+            f"{path}: found a folder of experiments, expected a file such as {example}; in Python, "
+            "generate_all takes a folder"
         )
     try:
         with path.open("rb") as file:  # bounded, because a device may have no end
