@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.dataset.reader import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
+    from ibdata.evaluation.importance import importance as importance
     from ibdata.evaluation.states import state_at as state_at
     from ibdata.evaluation.true_values import true_values as true_values
     from ibdata.experiment import Experiment as Experiment
@@ -43,6 +44,7 @@ _MODULES = {
     "generate": "generation.generate",
     "generate_all": "generation.suite",
     "generate_shards": "generation.array_job",
+    "importance": "evaluation.importance",
     "load": "experiment",
     "merge": "maintenance.merge",
     "open": "dataset.reader",

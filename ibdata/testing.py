@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies import OBSERVATION, Policy
 from ibdata.policies.actions import applied
+from ibdata.policies.adapter import Adapter
 from ibdata.policies.base import Floats, History
 from ibdata.policies.checked import CheckedPolicy
 from ibdata.policies.given import Given
@@ -35,6 +36,7 @@ def check_policy(policy: Any, histories: History | None = None, history: int = 1
     - If an action is drawn repeatedly, its share of the draws agrees with its probability.
 
     A policy that may depend on earlier steps is checked at the first step of 256 episodes and at the sixth.
+    An object with `reset`, or with a `predict` that takes a state, is checked at the first step.
 
     Args:
         policy: a `Policy`, or anything else that `ibdata.evaluate` takes.
@@ -72,8 +74,12 @@ def _draws(n: int, count: int, seed: int = 0) -> Floats:
 
 
 def _questions(policy: Policy, histories: History) -> Iterator[Given]:
-    """What the policy is given at step 0 and, if it may depend on earlier steps, at a later step."""
-    played = _played(policy, histories, 1 if policy.is_short else LATER + 1)
+    """What the policy is given at step 0 and, if it may depend on earlier steps, at a later step.
+
+    An object that remembers more than its memory can be asked in any order at step 0 only.
+    """
+    by_block = any(isinstance(each, Adapter) and each.way.may_remember for each in policy.everywhere())
+    played = _played(policy, histories, 1 if policy.is_short or by_block else LATER + 1)
     yield from (given for given, _ in played if given.step[0] in (0, LATER))
 
 

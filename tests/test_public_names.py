@@ -25,6 +25,7 @@ def test_the_names_of_ibdata():
         "generate",
         "generate_all",
         "generate_shards",
+        "importance",
         "load",
         "merge",
         "open",

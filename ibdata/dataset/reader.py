@@ -236,8 +236,7 @@ class Dataset:
         Args:
             history: How many observations to stack, newest first.
             split: As in `table`.
-            pad: What is done with the first rows of an episode, which have fewer observations before them:
-                "repeat" repeats the first recorded observation, "drop" leaves these rows out.
+            pad: For rows with fewer observations before them, "repeat" the first, or "drop" these rows.
             setpoint: As in `table`.
             policy: As in `table`.
 
@@ -247,8 +246,7 @@ class Dataset:
             step (N,).
 
         Raises:
-            UsageError: The history is below 1, pad is neither of the two, or the dataset has no such split,
-                setpoint or policy.
+            UsageError: An argument is invalid, or the dataset has no such split, setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
         if not isinstance(history, Integral) or history < 1:

@@ -137,7 +137,8 @@ def evaluate(
             "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `act(history, u)` or
             `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules and callables are
             called as `predict` is: on float32 observations (n, 6 · history), newest first, for actions
-            (n, 3). Modules get a tensor, in evaluation mode and without gradients.
+            (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may remember
+            and draw as a custom policy may (docs/policies.md).
         setpoint: one or several numbers, by default 70 (a Gymnasium environment has 50); "drifting", or
             {"drifting": [50, 70]} for the values at the start. There is no score for drifting setpoints.
         steps: steps per episode.

@@ -16,8 +16,9 @@ from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown, suggestion
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
-from ibdata.policies.adapter import WAYS, Adapter, can_act
+from ibdata.policies.adapter import Adapter
 from ibdata.policies.code_places import looking_in
+from ibdata.policies.ways import WAYS, can_act
 
 
 class Acting(Adapter):

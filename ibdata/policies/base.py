@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
 
@@ -11,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ibdata.policies.actions import applied
 from ibdata.policies.given import Decision, Given, at_start
+from ibdata.policies.support import Piece, Support, whole
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -69,7 +71,7 @@ class Policy(FrozenModel):
 
     - `history_length`: the number of observations and actions it sees, 0 for none;
     - `uniforms_per_step`: the number of uniform random numbers it uses per step;
-    - `act`, and `log_prob` if its density is known.
+    - `act`, and `log_prob` and `support` if its density is known.
 
     A policy that needs more than observations and random numbers defines `decide` in place of `act`, and
     `log_density` in place of `log_prob`. What it must know later, it returns as memory:
@@ -85,6 +87,7 @@ class Policy(FrozenModel):
     memory_size: ClassVar[int] = 0
     uniforms_per_step: ClassVar[int] = 0
     uniforms_per_episode: ClassVar[int] = 0
+    support: ClassVar[Support | None] = None
 
     kind: str
     name: Name | None = Field(default=None, description="label in the data; default: the kind")
@@ -169,23 +172,34 @@ class Policy(FrozenModel):
         """
         return self.log_prob(given.observations, action)
 
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        """Whether the measure of the density has a unit mass at a whole action.
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        """Return where the density lies at a step; by default, `support` at every step.
 
-        By default, it has one at each corner of [-1, 1]³ and at an action that is certain.
+        Args:
+            step: the step of the episode, counted from 0.
+
+        Returns:
+            The supports of the policies of which one acts; None if that is not known.
+        """
+        return None if self.support is None else (self.support,)
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        """Whether the measure of the density has a unit mass at each number of an action.
+
+        By default, it has one at ±1, and at all three numbers of an action that is certain.
 
         Args:
             given: as in `decide`.
             action: as in `log_density`.
 
         Returns:
-            Bool (n,).
+            Bool (n, 3).
         """
-        corners: npt.NDArray[np.bool_] = (np.abs(action) == 1.0).all(axis=1)
+        edges: npt.NDArray[np.bool_] = np.abs(action) == 1.0
         if not is_deterministic(self):
-            return corners
+            return edges
         own: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
-        return corners | own
+        return edges | own[:, None]
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
         """Return the actions of n episodes at one step: the short form of `decide`.
@@ -233,6 +247,12 @@ class Deterministic(Policy):
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded."""
         return applied(self.act(history, np.empty((len(history), 0))))
+
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        own = json.dumps(self.form(), sort_keys=True)
+        drawn = self.uniforms_per_episode > 0
+        text = f"a point mass at the action of {self.kind}"
+        return (whole(Piece(text + ", drawn for each episode," * drawn, own, drawn)),)
 
     def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
         return self.decide(given), np.zeros(len(given.step))

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from ibdata.errors import IbdataError
 from ibdata.policies import Policy
 from ibdata.policies.actions import as_numbers, clip_and_round
-from ibdata.policies.adapter import AnswerError
 from ibdata.policies.given import Given
 from ibdata.policies.user_code import told
+from ibdata.policies.ways import AnswerError
 
 
 class PolicyError(IbdataError):

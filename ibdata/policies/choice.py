@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats, Policy
 from ibdata.policies.given import Decision, Given, Steps
+from ibdata.policies.support import Support
 from ibdata.policies.wrapper import part_of
 
 Chosen = npt.NDArray[np.int64]
@@ -74,10 +75,15 @@ class Choice(Policy):
             out[rows] = policy.log_density(part, action[rows])
         return out
 
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        out = np.empty(len(action), dtype=np.bool_)
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        """Return the supports of all policies, of which any may act."""
+        found = [policy.supports(step) for policy in self.inner]
+        return None if None in found else tuple(support for each in found for support in each or ())
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        out = np.empty(action.shape, dtype=np.bool_)
         for policy, rows, part in self._parts(given):
-            out[rows] = policy.has_mass(part, action[rows])
+            out[rows] = policy.atoms(part, action[rows])
         return out
 
     def _parts(self, given: Given) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Given]]:

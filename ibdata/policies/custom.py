@@ -16,11 +16,14 @@ import numpy.typing as npt
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ibdata.errors import IbdataError, UsageError, printable
-from ibdata.policies.adapter import WAYS, Adapter, AnswerError, can_act, has_method, is_torch_module
+from ibdata.policies.adapter import Adapter
 from ibdata.policies.base import Deterministic, Floats, History
 from ibdata.policies.code_places import code_places, import_from, located
+from ibdata.policies.given import Decision, Given
 from ibdata.policies.parameters import Parameters
+from ibdata.policies.support import Support
 from ibdata.policies.user_code import told
+from ibdata.policies.ways import WAYS, can_act, decides, has_method, is_torch_module
 
 NAME = "[A-Za-z_][A-Za-z0-9_]*"
 PART = r"[^/:\\\x00-\x1f\x7f-\x9f]+"  # of a relative path
@@ -43,13 +46,31 @@ class Custom(Adapter):
     float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a tuple that begins
     with them. A method `log_prob` is used if there is one. The arrays are copies, which it may change.
 
+    A policy may remember the steps before in one of three ways, and in no other:
+
+    - `decide(given)`, `memory_size` and, if its density is known, `log_density(given, action)`, as in a
+      subclass of `Policy`: see [Extending](extending.md#a-policy-that-remembers).
+    - `predict` with the keyword `state`: it returns the actions and a state of any kind, which it is given at
+      the next step; at the first one it is given None. If it has the keywords `episode_start` and
+      `deterministic`, as recurrent policies of SB3 do, it gets an array (n,), true at the first step, and
+      true.
+    - `reset(n)`, which is called before n episodes begin; until its next call, the n rows of all arrays
+      belong to these episodes.
+
+    State and what `reset` begins belong to the n episodes that are simulated together, whose number and
+    company change with files and workers. So the policy must act in each episode as if it were alone, and
+    draw random numbers from `u` only, not from a seed; and only a policy with `decide` can begin at any step
+    of an episode. ibdata asks earlier questions again, at the steps 0,
+    1, 10 and 100 of each block of episodes or, if there is `reset`, at the steps 0 and 1, and asks the first
+    question with the episodes in another order. A policy that answers otherwise is refused.
+
     The module or file may be beside the YAML file or in the current folder, and may import others there. It
     is not imported before a run begins. What its code prints goes to stderr.
 
-    With `deterministic: true`, you promise that the same observations always give the same actions: the
-    policy draws no random numbers of any kind, and remembers nothing. Then `action_log_prob` is known, and
-    the policy may be the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks
-    the policy twice at each step, and refuses it if the answers differ.
+    With `deterministic: true`, you promise that the policy draws no random numbers at all: what it sees
+    and openly remembers always gives the same actions. Then `action_log_prob` is known, and the policy may be
+    the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks a policy that
+    remembers nothing twice at each step, and refuses it if the answers differ.
     """
 
     kind: Literal["custom"] = "custom"
@@ -59,7 +80,7 @@ class Custom(Adapter):
         default=1, description="number of observations that it sees"
     )
     uniforms: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="number of uniform random numbers per step for act"
+        default=0, description="number of uniform random numbers per step for act and decide"
     )
     files: list[str] | None = Field(
         default=None,
@@ -67,7 +88,7 @@ class Custom(Adapter):
         "current folder; they are hashed like its code",
     )
     deterministic: bool = Field(
-        default=False, strict=True, description="whether the same observations always give the same actions"
+        default=False, strict=True, description="promise that it draws no random numbers of any kind"
     )
 
     @property
@@ -143,7 +164,18 @@ class Custom(Adapter):
             raise CustomError(line) from error
         if not can_act(own):
             raise CustomError(f"{self.target}: found {type(own).__name__}, expected {WAYS}")
+        self._refuse_too_little(own)
         return own
+
+    def _refuse_too_little(self, own: Any) -> None:
+        """CustomError if an object with `decide` needs more than the options say, which are known before."""
+        for option, length in (("history", "history_length"), ("uniforms", "uniforms_per_step")):
+            found, least = getattr(self, option), getattr(own, length, 0) if decides(own) else 0
+            if found < least:
+                raise CustomError(
+                    f"{self.target}: found {option}: {found}, expected at least the {length} of "
+                    f"{type(own).__name__}; write {option}: {least}"
+                )
 
     def _imported(self, module: str) -> Any:
         """Import the module. Raises UsageError if its name means another one than the target's file."""
@@ -156,32 +188,21 @@ class Custom(Adapter):
             )
         return imported
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
+    def decide(self, given: Given) -> Decision:
         with redirect_stdout(sys.stderr):
-            actions = np.array(super().act(history, u))
-            if self.deterministic:
-                self._refuse_other(history, actions)
-        return actions
-
-    def _refuse_other(self, history: History, actions: Floats) -> None:
-        """AnswerError if the actions are others than those for the same history before.
-
-        The first history is asked about twice; each later one when `log_prob` asks again.
-        """
-        last, before = vars(self).get("last") or (history, super().act(history, np.empty((len(history), 0))))
-        if np.array_equal(last, history) and not np.array_equal(before, actions, equal_nan=True):
-            raise AnswerError(
-                "found another action for the same observation when asked again, expected the same from a "
-                "policy with deterministic: true"
-            )
-        vars(self)["last"] = history.copy(), actions.copy()
+            return super().decide(given)
 
     def mean_action(self, history: History) -> npt.NDArray[np.float32]:
         """Return the actions (n, 3), clipped and rounded; only for `deterministic: true`."""
         return Deterministic.mean_action(self, history)  # type: ignore[arg-type]
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+    def supports(self, step: int) -> tuple[Support, ...] | None:
         if self.deterministic:
-            return Deterministic.log_prob(self, history, action)  # type: ignore[arg-type]
+            return Deterministic.supports(self, step)  # type: ignore[arg-type]
+        return super().supports(step)
+
+    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+        if self.deterministic:
+            return Deterministic.log_density(self, given, action)  # type: ignore[arg-type]
         with redirect_stdout(sys.stderr):
-            return super().log_prob(history, action)
+            return super().log_density(given, action)

@@ -14,6 +14,7 @@ from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats, NormalDouble, is_deterministic
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
+from ibdata.policies.support import INSIDE, Support, each
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -76,15 +77,24 @@ class EpsilonGreedy(Wrapper):
             _log_mixture(self.base.log_density(seen, action), action, self.epsilon, out)
         return out
 
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        seen, corners = self.for_base(given), super().has_mass(given, action)
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        base = self.base.supports(step)
+        if base is None or self.epsilon == 0.0:
+            return base
         if self.epsilon == 1.0:
-            return corners
+            return (each(INSIDE),)
         if self.per_dimension:
-            own = applied(self.base.decide(seen).actions)
-            kept: npt.NDArray[np.bool_] = ((action == own) | (np.abs(action) == 1.0)).all(axis=1)
-            return kept
-        return corners | self.base.has_mass(seen, action)
+            return tuple(each(INSIDE, *next(iter(support))[:1]) for support in base)
+        return tuple(support | each(INSIDE) for support in base)
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        seen, edges = self.for_base(given), super().atoms(given, action)
+        if self.epsilon == 1.0:
+            return edges
+        if self.per_dimension:
+            kept: npt.NDArray[np.bool_] = action == applied(self.base.decide(seen).actions)
+            return kept | edges
+        return self.base.atoms(seen, action) | edges
 
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:

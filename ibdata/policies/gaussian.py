@@ -14,6 +14,7 @@ from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.given import Decision, Given
+from ibdata.policies.support import EDGES, INSIDE, Support, each
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class Gaussian(Wrapper):
     """
 
     own_uniforms_per_step: ClassVar[int] = 3
+    support: ClassVar[Support | None] = each(INSIDE, EDGES)
 
     kind: Literal["gaussian"] = "gaussian"
     base: Annotated[DeterministicBase, Unnamed, Certain] = Field(description="a deterministic policy")

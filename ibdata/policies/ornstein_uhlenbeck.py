@@ -15,6 +15,7 @@ from ibdata.policies.base import Floats
 from ibdata.policies.constant import Constant
 from ibdata.policies.gaussian import log_clipped_normal
 from ibdata.policies.given import Decision, Given
+from ibdata.policies.support import EDGES, INSIDE, Support, each
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class OrnsteinUhlenbeck(Wrapper):
 
     own_uniforms_per_step: ClassVar[int] = 3
     own_memory_size: ClassVar[int] = 3
+    support: ClassVar[Support | None] = each(INSIDE, EDGES)
 
     kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
     base: Annotated[DeterministicBase, Unnamed, Certain] = Field(

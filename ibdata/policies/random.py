@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import Floats, History, Policy
+from ibdata.policies.support import INSIDE, Support, each
 
 LOG_DENSITY = float.fromhex("-0x1.0a2b23f3bab73p+1")  # log(1/8)
 LOG_EDGE = float.fromhex(
@@ -24,6 +25,7 @@ class Random(Policy):
 
     history_length: ClassVar[int] = 0
     uniforms_per_step: ClassVar[int] = 3
+    support: ClassVar[Support | None] = each(INSIDE)
 
     kind: Literal["random"] = "random"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy.typing as npt
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.base import GAIN, VELOCITY, Floats, History, Policy
+from ibdata.policies.support import INSIDE, SOME_EDGES, Support
 
+STEERED = (INSIDE, SOME_EDGES._replace(of="safe"))  # of velocity and gain
 LOW, HIGH = 40.0, 60.0
 MEAN = 0.5
 SD = float.fromhex("0x1.279a74590331cp-1")  # 1/√3, the standard deviation of U(-1, 1)
@@ -34,6 +37,7 @@ class Safe(Policy):
     """
 
     uniforms_per_step: ClassVar[int] = 5
+    support: ClassVar[Support | None] = frozenset(product(STEERED, STEERED, (INSIDE,)))
 
     kind: Literal["safe"] = "safe"
 

@@ -17,6 +17,7 @@ from ibdata.policies.gaussian import EDGE as CLIP_EDGE
 from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.network import EDGE, Network, squashed
+from ibdata.policies.support import EDGES, INSIDE, Support, each
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
 ATANH_EDGE = float.fromhex("0x1.d1cb7dea86bcap+2")
@@ -61,6 +62,16 @@ class Sampled(Wrapper):
         rounded to the same action.
         """
         return self._log_density(action, *self._distribution(given))
+
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        drawn, kept = each(INSIDE, EDGES), self.base.supports(step)
+        if self.share == 1.0:
+            return (drawn,)
+        return None if kept is None else tuple(support | drawn for support in kept)
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        edges = super().atoms(given, action)
+        return edges if self.share == 1.0 else edges | self.base.atoms(self.for_base(given), action)
 
     def _decide(self, given: Given, outputs: Floats, by_tanh: bool) -> Decision:
         action = np.empty((len(outputs), 3))

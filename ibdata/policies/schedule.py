@@ -13,6 +13,7 @@ from ibdata.policies.base import Floats, FrozenModel, Policy
 from ibdata.policies.choice import Choice, Chosen, forms
 from ibdata.policies.epsilon_greedy import Probability, log_replaced, replaced
 from ibdata.policies.given import Decision, Given, Steps
+from ibdata.policies.support import INSIDE, Support, each
 from ibdata.policies.wrapper import Unnamed
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Schedule(Choice):
         return super().uniforms_per_step + 4 * self.explores
 
     def chosen(self, given: Given) -> Chosen:
-        return np.searchsorted(self._starts[1:], given.step, side="right").astype(np.int64)
+        return self._stage(given.step)
 
     def began(self, given: Given) -> Steps:
         return self._starts[self.chosen(given)]
@@ -82,18 +83,31 @@ class Schedule(Choice):
         density = super().log_density(given, action)
         if not self.explores:
             return density
-        return log_replaced(density, self.has_mass(given, action), action, self.epsilon(given))
+        mass = np.asarray(self.atoms(given, action).all(axis=1))
+        return log_replaced(density, mass, action, self.epsilon(given))
 
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        kept = super().has_mass(given, action) & (self.epsilon(given) < 1.0)
-        return kept | Policy.has_mass(self, given, action)
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        now = np.array([step])
+        stage, epsilon = int(self._stage(now)[0]), float(self._epsilon(now)[0])
+        base = self.stages[stage].base.supports(step - int(self._starts[stage]))
+        if base is None or epsilon == 0.0:
+            return base
+        return (each(INSIDE),) if epsilon == 1.0 else tuple(support | each(INSIDE) for support in base)
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+        kept = super().atoms(given, action) & (self.epsilon(given) < 1.0)[:, None]
+        return kept | Policy.atoms(self, given, action)
 
     def epsilon(self, given: Given) -> Floats:
         """The share ε of actions that are replaced at the step of each episode, (n,)."""
+        return self._epsilon(given.step)
+
+    def _epsilon(self, step: Steps) -> Floats:
+        """The share ε at some steps, (n,)."""
         first, last = np.array([stage.epsilon or (0.0, 0.0) for stage in self.stages]).T
         lengths = np.array([max(2, stage.steps or 2) for stage in self.stages])
-        which = self.chosen(given)
-        passed = np.minimum((given.step - self.began(given)) / (lengths[which] - 1), 1.0)
+        which = self._stage(step)
+        passed = np.minimum((step - self._starts[which]) / (lengths[which] - 1), 1.0)
         epsilon: Floats = first[which] + passed * (last[which] - first[which])
         return epsilon
 
@@ -102,6 +116,10 @@ class Schedule(Choice):
         plain = super().form()
         stages = zip(plain["stages"], forms(self.inner), strict=True)
         return {**plain, "stages": [{**stage, "base": form} for stage, form in stages]}
+
+    def _stage(self, step: Steps) -> Chosen:
+        """The number of the stage at some steps, (n,)."""
+        return np.searchsorted(self._starts[1:], step, side="right").astype(np.int64)
 
     @cached_property
     def _starts(self) -> Steps:

@@ -14,6 +14,7 @@ from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats, is_deterministic
 from ibdata.policies.epsilon_greedy import Probability, log_share
 from ibdata.policies.given import Decision, Given
+from ibdata.policies.support import LAST, Support, whole
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -54,13 +55,20 @@ class Sticky(Wrapper):
         if any(policy.code_target and not is_deterministic(policy) for policy in self.base.everywhere()):
             return np.full(len(action), np.nan)  # nobody says where its measure has unit masses
         base, out = self.for_base(given), np.empty(len(action))
-        density, mass = self.base.log_density(base, action), self.base.has_mass(base, action)
+        density = self.base.log_density(base, action)
+        mass = np.asarray(self.base.atoms(base, action).all(axis=1))
         _log_density(self._is_last(given, action), density, mass, self._kappa(given), out)
         return out
 
-    def has_mass(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    def supports(self, step: int) -> tuple[Support, ...] | None:
+        base = self.base.supports(step)
+        if base is None or step == 0 or self.kappa == 0.0:
+            return base
+        return (whole(LAST),) if self.kappa == 1.0 else tuple(support | whole(LAST) for support in base)
+
+    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
         possible = self._is_last(given, action) & (self._kappa(given) > 0.0)
-        return possible | self.base.has_mass(self.for_base(given), action)
+        return possible[:, None] | self.base.atoms(self.for_base(given), action)
 
     def _kappa(self, given: Given) -> Floats:
         """The probability of repeating the last action (n,), which is 0 at the first step."""

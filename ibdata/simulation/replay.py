@@ -1,14 +1,17 @@
-"""The log densities of recorded actions, as they were when the episodes were simulated."""
+"""The log densities of recorded actions, under the policy that took them or under another one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.experiment import Experiment
 from ibdata.numerics.random import Purpose
+from ibdata.policies import Policy
 from ibdata.policies.given import Given
 from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
 from ibdata.simulation.rollout import CHUNK, Block, blocks
@@ -42,29 +45,78 @@ def log_densities(
     for start, end in blocks(experiment, first, stop):  # so that memory is bounded
         own = slice(start - first, end - first)
         replay = _Replay(experiment, start, end)
-        out[own] = replay.log_densities(observations[own], actions[own], burn_in_seen)
+        out[own] = replay.ask(replay.policy.log_density, observations[own], actions[own], burn_in_seen)
     return out
+
+
+class Measured(NamedTuple):
+    """Log densities (episodes, steps), and where their measure has unit masses (episodes, steps, 3)."""
+
+    log_density: Floats
+    atoms: npt.NDArray[np.bool_]
+
+
+def measured(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    observations: Float32s,
+    actions: Float32s,
+    policy: Policy | None = None,
+    burn_in_seen: bool = True,
+) -> Measured:
+    """Compute the log densities of recorded actions with their measure; see `log_densities`.
+
+    Args:
+        experiment: as in `log_densities`.
+        first: as in `log_densities`.
+        stop: as in `log_densities`.
+        observations: as in `log_densities`.
+        actions: as in `log_densities`.
+        policy: a policy in place of that of the episodes; it gets the same random numbers.
+        burn_in_seen: as in `log_densities`.
+
+    Raises:
+        PolicyError: the policy returned no valid density.
+    """
+    replay = _Replay(experiment, first, stop, policy)
+
+    def question(given: Given, action: Float32s) -> Floats:
+        return np.column_stack(
+            [replay.checked.log_density(given, action), replay.policy.atoms(given, action)]
+        )
+
+    found = replay.ask(question, observations, actions, burn_in_seen)
+    return Measured(found[..., 0], found[..., 1:] > 0.0)
 
 
 class _Replay(Block):
     """Episodes whose actions are known."""
 
-    def log_densities(self, observations: Float32s, actions: Float32s, burn_in_seen: bool) -> Floats:
-        """The log densities (n, steps); see the function of the same name."""
+    def ask(
+        self,
+        question: Callable[[Given, Float32s], Floats],
+        observations: Float32s,
+        actions: Float32s,
+        burn_in_seen: bool,
+    ) -> npt.NDArray[Any]:
+        """The answers (n, steps, …) to a question about what is given and the actions."""
         seen, done = self._windows(observations, actions, burn_in_seen)
         if self.policy.memory_size == 0:
-            return self._at_once(seen, done, actions)
-        out = np.empty(actions.shape[:2])
+            return self._at_once(question, seen, done, actions)
+        answers = []
         for t, u in self._uniforms(actions.shape[1]):
             before, chosen = np.ascontiguousarray(done[:, t]), np.ascontiguousarray(actions[:, t])
             now, step = np.ascontiguousarray(seen[:, t]), np.full(self.n, t)
             given = Given(now, before, step, u, self.drawn, self.memory)
-            out[:, t] = self.policy.log_density(given, chosen)
+            answers.append(question(given, chosen))
             self.memory = np.asarray(self.policy.decide(given).memory, dtype=np.float64)
-        return out
+        return np.stack(answers, axis=1)
 
-    def _at_once(self, seen: Float32s, done: Float32s, actions: Float32s) -> Floats:
-        """The log densities of a policy that remembers nothing, which do not depend on the steps before."""
+    def _at_once(
+        self, question: Callable[[Given, Float32s], Floats], seen: Float32s, done: Float32s, actions: Float32s
+    ) -> npt.NDArray[Any]:
+        """The answers for a policy that remembers nothing, which do not depend on the steps before."""
         n, steps = actions.shape[:2]
         given = Given(
             seen.reshape(n * steps, self.policy.history_length, 6),
@@ -74,8 +126,8 @@ class _Replay(Block):
             np.repeat(self.drawn, steps, axis=0),
             np.zeros((n * steps, 0)),
         )
-        found: Floats = self.policy.log_density(given, actions.reshape(n * steps, 3))
-        return found.reshape(n, steps)
+        found = question(given, actions.reshape(n * steps, 3))
+        return found.reshape(n, steps, *found.shape[1:])
 
     def _windows(
         self, observations: Float32s, actions: Float32s, burn_in_seen: bool

@@ -17,6 +17,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers, stream_key
+from ibdata.policies import Policy
 from ibdata.policies.checked import CheckedPolicy
 from ibdata.policies.given import Given
 from ibdata.simulation import kernel
@@ -84,14 +85,16 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 class Block:
     """Some episodes side by side: the addresses of their random numbers, their state and their policy.
 
-    What the policy remembers is part of the block, so it ends with the episodes.
+    What the policy remembers is part of the block, so it ends with the episodes. The policy is that of the
+    episodes, or another one in its place, with the same random numbers.
     """
 
-    def __init__(self, experiment: Experiment, first: int, stop: int) -> None:
+    def __init__(self, experiment: Experiment, first: int, stop: int, policy: Policy | None = None) -> None:
         cell_numbers, indices = np.divmod(np.arange(first, stop), experiment.episodes)
         numbers, lane_cells = np.unique(cell_numbers, return_inverse=True)
         cells = [experiment.cells[i] for i in numbers.tolist()]
-        checked = CheckedPolicy(cells[0].policy, cells[0].label, first, stop - first)
+        acting, label = (policy, policy.label) if policy else (cells[0].policy, cells[0].label)
+        checked = CheckedPolicy(acting, label, first, stop - first)
         keys, policy_keys = (
             np.array([stream_key(experiment.seed, digest) for digest in digests])[lane_cells]
             for digests in zip(*map(self._digests, cells), strict=True)

@@ -26,7 +26,7 @@ def test_json_holds_results_differences_and_the_scale(ibdata):
     first = data["results"][0]
     assert set(first) == {
         "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
-        "score", "score_error", "clipped",
+        "score", "score_error", "expert_score", "clipped",
     }  # fmt: skip
     assert -7000 < first["interval"][0] < first["mean_return"] < first["interval"][1] < -5000
     assert [d["setpoint"] for d in data["differences"]] == [70.0, 50.0, None]
@@ -50,7 +50,7 @@ def test_people_get_a_table(ibdata):
     lines = ibdata("evaluate", "--policy", "safe", "--policy", "random", *FEW).stdout.splitlines()
     assert lines[0].split() == [
         "policy", "setpoint", "episodes", "return", "±", "s.e.", "95", "%", "interval", "p10", "literature",
-        "reward/step", "clipped", "score", "±", "s.e.",
+        "reward/step", "clipped", "score", "±", "s.e.", "expert", "score",
     ]  # fmt: skip
     assert lines[1].startswith("safe")
     assert lines[5].startswith("random - safe")

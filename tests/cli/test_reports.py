@@ -76,7 +76,11 @@ def test_stats_are_those_of_the_split_asked_for(ibdata, data):
         (("stats", "DATA", "--split", "nope"), 2, "split: found 'nope', expected one of source, target"),
         (("head", "DATA", "-n", "0"), 2, "Invalid value for '--rows'"),
         (("nonsense",), 2, "No such command 'nonsense'."),
-        (("config", "validate", "nope"), 2, "config: found 'nope', expected a file or one of depeweg"),
+        (
+            ("config", "validate", "nope"),
+            2,
+            "config: found 'nope', expected a file or one of cautious",
+        ),
     ],
 )
 def test_a_wrong_call_gives_a_line_and_a_stable_code(ibdata, data, args, code, message):

@@ -90,10 +90,12 @@ def test_other_random_numbers_give_the_same_returns(policy):
 def test_the_ends_of_every_scale_are_0_and_100(settings):
     made = scale(*settings)
     for setpoint in SETPOINTS:
-        ends = [row(*settings, policy, setpoint).mean_return for policy in ENDS]
-        assert [made.score(setpoint, x) for x in ends] == pytest.approx([0.0, 100.0])
+        low, high, best = (row(*settings, policy, setpoint).mean_return for policy in ENDS)
+        assert [made.score(setpoint, x) for x in (low, high)] == pytest.approx([0.0, 100.0])
+        assert [made.score(setpoint, x, "expert") for x in (low, best)] == pytest.approx([0.0, 100.0])
     means = [np.mean([row(*settings, policy, p).mean_return for p in SETPOINTS]) for policy in ENDS]
-    assert made.ends(SETPOINTS) == pytest.approx(tuple(means))
+    assert made.ends(SETPOINTS) == pytest.approx((means[0], means[1]))
+    assert made.ends(SETPOINTS, "expert") == pytest.approx((means[0], means[2]))
     assert made.ends([70.0, 71.0]) is None
 
 

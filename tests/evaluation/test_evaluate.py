@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from ibdata.evaluation.play import EvaluationBlock
 from ibdata.experiment import Experiment
 from ibdata.numerics.exact import exponential, normal
 from ibdata.numerics.random import Purpose, integers, stream_key, uniform
+from ibdata.policies import Policy
 from ibdata.policies.checked import PolicyError
 
 FEW_STEPS = {"burn_in": [1, 2]}
@@ -34,11 +37,19 @@ ADDRESSES = {
 }
 
 
-class Watching:
-    """Does nothing, and keeps what it sees."""
+class Watching(Policy):
+    """Does nothing, and keeps what it sees. Policies of ibdata are asked once at every step."""
 
-    def __init__(self, frames=1):
-        self.history_length, self.seen = frames, []
+    kind: Literal["watching"] = "watching"
+    frames: int = 1
+
+    @property
+    def history_length(self):
+        return self.frames
+
+    @cached_property
+    def seen(self):
+        return []
 
     def act(self, history, u):
         self.seen.append(history.copy())
@@ -160,7 +171,7 @@ def test_predict_gets_flat_histories_and_may_return_a_state():
     model = Predicting(lambda observation: (np.zeros((len(observation), 3)), None))
     np.testing.assert_array_equal(returns(model, history=2), returns("constant"))
     assert {x.shape for x in model.seen} == {(4, 12)}
-    np.testing.assert_array_equal(model.seen[5][:, 6:], model.seen[4][:, :6])
+    np.testing.assert_array_equal(model.seen[-1][:, 6:], model.seen[-2][:, :6])
     np.testing.assert_array_equal(returns(Predicting(lambda x: np.zeros((len(x), 3)))), returns("constant"))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -38,11 +39,19 @@ class Recalling(Policy):
         return Decision(np.zeros((len(given.step), 3)), given.memory + added)
 
 
-class Watching:
-    """Does nothing, and keeps what it sees."""
+class Watching(Policy):
+    """Does nothing, and keeps what it sees. Policies of ibdata are asked once at every step."""
 
-    def __init__(self, frames=1):
-        self.history_length, self.seen = frames, []
+    kind: Literal["watching"] = "watching"
+    frames: int = 1
+
+    @property
+    def history_length(self):
+        return self.frames
+
+    @cached_property
+    def seen(self):
+        return []
 
     def act(self, history, u):
         self.seen.append(history.copy())
@@ -237,7 +246,10 @@ def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_pat
         ({"episodes": 2**47}, "episodes: this number takes "),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
         ({"policy": ["safe", "bad"]}, "policy: found 2, expected one"),
-        ({"policy": Watching(), "history": 0}, "history: found 0, expected a whole number of at least 1"),
+        (
+            {"policy": lambda seen: seen, "history": 0},
+            "history: found 0, expected a whole number of at least 1",
+        ),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )

@@ -317,7 +317,7 @@ def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_co
     again = start("2/3")
     said = [run.communicate(timeout=200) for run in (runs[0], again, runs[2])]
     assert [run.returncode for run in (runs[0], again, runs[2])] == [0, 0, 0], said
-    assert all(re.match(r"out: part ./3 is complete: 40 shards with 40000 rows\n", out) for out, _ in said)
+    assert all(re.match(r"out: part ./3 is complete: 40 shards with 40,000 rows\n", out) for out, _ in said)
     done = ibdata_command("finalize", "out", "--json")
     plain = ibdata.generate(experiment, "plain", workers=1)
     assert json.loads(done.stdout)["content_root"] == plain.content_root

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -175,24 +176,19 @@ def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
 def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path):
     """The bar fails at the first shard, while others are under way; the folder existed before."""
 
-    class Broken:
-        def __init__(self, *args, **options):
-            pass
+    @contextmanager
+    def broken(*args):
+        def fail(units):
+            if units:
+                raise KeyboardInterrupt
 
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *args):
-            pass
-
-        def update(self, n):
-            raise KeyboardInterrupt
+        yield fail
 
     folder = tmp_path / "existing"
     folder.mkdir()
     slow = {"episodes": 2, "steps": 5000, "output": {"shard_rows": 1}}
     experiment = Experiment.model_validate({**PLAIN, **slow})
-    monkeypatch.setattr("ibdata.generation.generate.tqdm", Broken)
+    monkeypatch.setattr("ibdata.generation.generate.bar", broken)
     with pytest.raises(KeyboardInterrupt) as error:
         ibdata.generate(experiment, folder, workers=2)
     del error  # with the traceback go the workers

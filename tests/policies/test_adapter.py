@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ibdata.evaluation.policies import policy_of
-from ibdata.policies.adapter import AnswerError
+from ibdata.policies.ways import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
 NOTHING = np.empty((5, 0))

@@ -420,7 +420,8 @@ def test_other_code_than_an_upload_began_with_is_not_to_be_overwritten(url, monk
         with pytest.raises(IbdataError, match="cut"):
             make(0.25)
     for _ in range(2):
-        with pytest.raises(UsageError, match=r"restore it and --resume, or choose another --out$") as refused:
+        said = r"restore it and resume=True, or choose another out=…$"
+        with pytest.raises(UsageError, match=said) as refused:
             make(0.5, resume=True)
         assert str(refused.value).startswith(f"{url}: found other code")
         make(0.25, resume=True)

@@ -1,0 +1,102 @@
+"""Whether the data of one policy can evaluate another one, and the ratios of their densities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ibdata.errors import UsageError
+from ibdata.experiment import Experiment
+from ibdata.policies import Policy
+from ibdata.policies.support import missing
+from ibdata.simulation.episodes import Float32s, Floats
+from ibdata.simulation.replay import measured
+
+
+def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
+    """Check that the behaviour can take every action of the target.
+
+    A policy can always be evaluated on its own data. Supports are compared as the policies declare them, so a
+    pair is refused even if the policies happen to agree in the states of a dataset.
+
+    Args:
+        behaviour: the policy of the data.
+        target: the policy to be evaluated.
+        steps: the steps of an episode.
+
+    Returns:
+        A line if a support is not known, and so was not checked; else nothing.
+
+    Raises:
+        UsageError: the behaviour lacks a part of the target's support, or the target remembers random
+            numbers.
+    """
+    if target.form() == behaviour.form():
+        return []
+    for policy in target.everywhere():
+        own_memory = policy.memory_size - sum(inner.memory_size for inner in policy.inner)
+        own_draws = policy.uniforms_per_step - sum(inner.uniforms_per_step for inner in policy.inner)
+        if own_memory > 0 and (own_draws > 0 or policy.uniforms_per_episode > 0):
+            raise UsageError(
+                f"policy {target.label}: found {policy.kind}, which remembers its random numbers, expected a "
+                "policy whose memory follows from observations, because no data have these numbers"
+            )
+    unknown: set[str] = set()
+    for now in {(behaviour.supports(t), target.supports(t)) for t in range(steps)}:
+        for policy, supports in zip((behaviour, target), now, strict=True):
+            if supports is None:
+                unknown.add(policy.label)
+        for wanted in now[1] or ():
+            for had in now[0] or ():
+                if (lost := missing(had, wanted)) is not None:
+                    raise UsageError(
+                        f"policy {target.label}: found {lost}, where the data of {behaviour.label} have "
+                        f"none, expected data of a policy that can take every action of {target.label}"
+                    )
+    return [f"support not checked: {label} does not declare its support" for label in sorted(unknown)]
+
+
+def log_ratios(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    observations: Float32s,
+    actions: Float32s,
+    log_prob: Floats,
+    target: Policy,
+    burn_in_seen: bool = True,
+) -> Floats:
+    """The logarithms of the ratios of the densities of the target and of the behaviour.
+
+    Where the measures of the two densities have unit masses at different numbers of an action, the target
+    takes this action with the probability 0 although its density is positive, and the ratio is 0.
+
+    Args:
+        experiment: the experiment.
+        first: the first episode.
+        stop: the episode after the last; all have the same policy.
+        observations: the recorded observations, float32 (episodes, steps, 6).
+        actions: the recorded actions, float32 (episodes, steps, 3).
+        log_prob: the recorded log densities (episodes, steps).
+        target: the policy to be evaluated; its support is that of the behaviour, or a part of it.
+        burn_in_seen: as in `ibdata.simulation.replay.log_densities`.
+
+    Returns:
+        Float64 (episodes, steps), -inf where the ratio is 0.
+
+    Raises:
+        UsageError: a density is not known.
+        PolicyError: the target failed, or returned no valid density.
+    """
+    _refuse_unknown(experiment.cells[first // experiment.episodes].label, log_prob)
+    wanted, had = (
+        measured(experiment, first, stop, observations, actions, policy, burn_in_seen)
+        for policy in (target, None)
+    )
+    _refuse_unknown(target.label, wanted.log_density)
+    same = (wanted.atoms == had.atoms).all(axis=2)
+    return np.where(same, wanted.log_density - log_prob, -np.inf)
+
+
+def _refuse_unknown(label: str, log_density: Floats) -> None:
+    if np.isnan(log_density).any():
+        raise UsageError(f"policy {label}: found no log density, expected a policy with a known density")
