@@ -68,6 +68,14 @@ class Listing(click.Command):
 class Suggesting(click.Group):
     """A group of commands that suggests a similar command in place of an unknown one."""
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Without arguments, print the help on stderr; the exit code is 2."""
+        if not args and not ctx.resilient_parsing:
+            for line in ctx.get_help().split("\n"):
+                say(line, err=True)
+            ctx.exit(2)
+        return super().parse_args(ctx, args)
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:

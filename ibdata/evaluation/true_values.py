@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.play import Floats
@@ -38,8 +39,8 @@ class Value(NamedTuple):
     interval: tuple[float, float] | None
 
 
-@dataclasses.dataclass(frozen=True)
-class TrueValues:
+@dataclasses.dataclass(frozen=True, repr=False)
+class TrueValues(Tabular):
     """The values of n rows, and the returns behind them."""
 
     results: list[Value]
@@ -54,6 +55,10 @@ class TrueValues:
     def standard_errors(self) -> Floats:
         """Their standard errors (n,); NaN if each row has only one branch."""
         return np.array([result.standard_error for result in self.results], dtype=np.float64)
+
+    def tables(self) -> list[Table]:
+        """The results, a row each."""
+        return [Table(Value._fields, self.results)]
 
     def plain(self) -> dict[str, Any]:
         """The results as plain data."""

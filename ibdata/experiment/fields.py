@@ -14,7 +14,7 @@ from ibdata.policies.base import FrozenModel
 
 def _ordered(pair: list[int]) -> list[int]:
     if pair[1] < pair[0]:
-        raise ValueError(f"found {pair}, expected [fewest, most] steps, the smaller number first")
+        raise ValueError(f"found {pair}, expected [fewest, most] steps in this order")
     return pair
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.dataset.reader import Dataset
@@ -94,8 +95,9 @@ def split(
     return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
 
 
-def _several(setpoints: float | Sequence[float]) -> Sequence[float]:
-    return setpoints if isinstance(setpoints, Sequence) else [setpoints]
+def _several(setpoints: float | Sequence[float]) -> list[float]:
+    listed: list[float] = np.ravel(setpoints).tolist()
+    return listed
 
 
 def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:

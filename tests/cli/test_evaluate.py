@@ -70,7 +70,7 @@ def test_people_get_a_table(ibdata):
         (("--policy", "optimised"), "did you mean 'optimized'?"),
         (
             ("--policy", "safe", "--setpoint", "101"),
-            "setpoints: found 101, expected a number of at most 100",
+            "setpoint: found 101, expected a number of at most 100",
         ),
         (("--policy", "safe", "--start", "[1"), "--start [1: not valid YAML"),
         (("--policy", "safe", "--discount", "2"), "discount: found 2.0, expected a number in [0, 1]"),

@@ -166,3 +166,17 @@ def test_a_config_may_be_an_argument_and_a_dry_run_beside_its_dataset_ends_well(
     assert "folder    generate would stop with: data/random: exists already; choose another --out, " in out
     assert "with 1 worker (" in out
     assert "1 row," in run("config", "validate", *tiny)[1].replace("row\n", "row,")
+
+
+@pytest.mark.parametrize("given", [(), ("config",)], ids=["ibdata", "config"])
+def test_a_group_without_a_command_prints_its_help_line_by_line(run, given):
+    code, out, err = run(*given)
+    assert (code, out) == (2, "")
+    assert err == run(*given, "-h")[1]
+
+
+def test_an_option_of_the_experiment_is_set_with_set(run):
+    code, _, err = run("generate", "random", "--steps", "50")
+    assert code == 2
+    assert "No such option '--steps'; expected --set steps=…, since" in err
+    assert "Did you mean" in run("evaluate", "--policies", "safe")[2]

@@ -171,7 +171,9 @@ def test_arrays_hold_actions_rewards_and_flags_of_every_row(dataset, split):
 
 @pytest.mark.parametrize("history", [0, -3])
 def test_a_history_without_frames_is_refused(dataset, history):
-    with pytest.raises(UsageError, match=f"^history: found {history}, expected at least 1$"):
+    with pytest.raises(
+        UsageError, match=f"^history: found {history}, expected a whole number of at least 1$"
+    ):
         dataset.arrays(history)
 
 

@@ -72,6 +72,7 @@ def test_moving_setpoints_count_by_their_first_value(moving):
         ({"policy": "clam"}, "policy: found 'clam', expected one of random, calm; did you mean 'calm'?"),
         ({"policy": ["calm", "safe"]}, "policy: found 'safe', expected one of random, calm"),
         ({"split": "sorce"}, "split: found 'sorce', expected one of source, target, random, calm; did you"),
+        ({"split": ["source"]}, "split: found ['source'], expected the name of one split"),
         ({"columns": ["rewards"]}, "column: found 'rewards', expected one of episode, "),
     ],
     ids=str,

@@ -59,7 +59,7 @@ def test_all_that_is_wrong_is_said_at_once():
     assert caught.value.problems == (
         f'{ID}: setpoint: found {{"drifting": [1, 2]}}, {SETPOINT}',
         f"{ID}: dynamics.eta_men: no such option; did you mean 'eta_mean'?",
-        f"{ID}: start.burn_in: found [9, 3], expected [fewest, most] steps",
+        f"{ID}: start.burn_in: found [9, 3], expected [fewest, most] steps in this order",
     )
 
 

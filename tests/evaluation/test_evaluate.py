@@ -306,8 +306,8 @@ def test_plain_is_json():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"setpoint": 101}, "setpoints: found 101, expected a number of at most 100"),
-        ({"setpoint": []}, "setpoints: found [], expected at least 1 item"),
+        ({"setpoint": 101}, "setpoint: found 101, expected a number of at most 100"),
+        ({"setpoint": []}, "setpoint: found [], expected at least 1 item"),
         ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
         (
             {"start": "unifrom"},
@@ -320,10 +320,13 @@ def test_plain_is_json():
         ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
         ({"discount": float("nan")}, "discount: found nan, expected a number in [0, 1]"),
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
-        ({"history": {"safe": 2}, "policy": "safe"}, "history: found 'safe', expected none: the others have"),
+        (
+            {"history": {"safe": 2}, "policy": "safe"},
+            "history: found 'safe', expected none: any other policy",
+        ),
         (
             {"history": {"x": 2}, "policy": {"y": len}},
-            "history: found 'x', expected one of y: the others have",
+            "history: found 'x', expected one of y: any other policy",
         ),
         (
             {"history": {"y": 0}, "policy": {"y": len}},

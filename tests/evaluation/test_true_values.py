@@ -205,6 +205,7 @@ def test_values_are_means_with_their_errors(dataset):
     half = 2.009575 * found.standard_errors[0]
     value = found.values[0]
     assert found.results[0].interval == pytest.approx((value - half, value + half), rel=1e-6)
+    assert found.to_pandas()["value"].tolist() == found.values.tolist()
     plain = json.loads(json.dumps(found.plain()))["results"][1]
     assert set(plain) == {"episode", "step", "action", "value", "standard_error", "interval"}
     with_action = true_values(dataset, [85], "random", [[0, 2, 0]], steps=2, episodes=1)

@@ -22,7 +22,7 @@ PROBLEMS = {
     "foo.bar=1": f"foo: no such option; expected one of {KEYS}",
     "0=1": f"0: no such option; expected one of {KEYS}",
     "name.foo=1": 'name: found {"foo": 1}, expected text',
-    "start.burn_in=[3, 1]": "start.burn_in: found [3, 1], expected [fewest, most] steps",
+    "start.burn_in=[3, 1]": "start.burn_in: found [3, 1], expected [fewest, most] steps in this order",
 }
 REFUSED = {
     "steps": "overrides: found 'steps', expected key=value",

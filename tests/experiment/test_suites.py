@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -91,4 +92,20 @@ def test_two_experiments_of_one_name_are_a_problem(folder):
 def test_a_folder_where_one_experiment_is_meant_is_told_with_an_example(folder):
     with pytest.raises(UsageError) as caught:
         load(folder)
-    assert str(caught.value) == ("two: found a folder of experiments, expected a file such as two/a.yaml")
+    assert str(caught.value) == (
+        "two: found a folder of experiments, expected a file such as two/a.yaml; in Python, "
+        "generate_all takes a folder"
+    )
+
+
+@pytest.mark.parametrize("config", [None, 42, ["random"]], ids=repr)
+def test_what_is_no_experiment_is_refused(config):
+    with pytest.raises(
+        UsageError, match=f"^config: found {re.escape(repr(config))}, expected a file, the name"
+    ):
+        load(config)
+
+
+def test_overrides_that_are_no_list_are_refused():
+    with pytest.raises(UsageError, match=r"^overrides: found 3, expected a list of texts"):
+        load("random", 3)

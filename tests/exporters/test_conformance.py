@@ -229,7 +229,7 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
     ("options", "message"),
     [
         ({"to": "mnari"}, "format: found 'mnari', expected one of csv, .*did you mean 'minari'"),
-        ({"history": 0}, "history: found 0, expected at least 1"),
+        ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
         ({"history": 10**9}, "^history: this number takes .* GB of memory, but this machine has"),
         ({"history": 10**30}, "^history: this number takes .* GB of memory, but this machine has"),
         ({"reward_scale": 0.0}, "reward scale: found 0.0, expected a finite number above 0"),

@@ -17,6 +17,7 @@ from ibdata.generation.engine import ENGINES, select_engine
     [
         ({"engine": "dask"}, "engine: found 'dask', expected one of local, ray"),
         ({"address": "auto"}, "address: found 'auto', which is only for the engine ray"),
+        ({"workers": "2"}, "workers: found '2', expected a whole number in [1, 1024]"),
         ({"engine": "ray", "workers": 0}, "workers: found 0, expected a whole number in [1, 1024]"),
     ],
 )

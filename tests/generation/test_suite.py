@@ -103,6 +103,11 @@ def test_the_estimates_are_those_of_the_single_runs(two):
     assert not Path("data").exists()
 
 
+def test_a_single_experiment_is_made_where_generate_makes_it(two):
+    (made,) = ibdata.generate_all(two / "a.yaml", workers=1).values()
+    assert made.path == Path("data/set-a")
+
+
 def test_a_single_experiment_is_made_as_in_a_folder(two):
     made = ibdata.generate_all(two / "a.yaml", "out", workers=1)
     assert list(made) == ["set-a"]

@@ -208,6 +208,7 @@ def test_the_difference_of_a_merged_dataset_counts_what_only_one_has(pair, tmp_p
     from ibdata.dataset.difference import difference
 
     lines = difference(merged, pair[0])
+    assert lines == difference(merged.path, pair[0].path)
     assert "experiments: 2 and 1" in lines
     assert any("only the first has: " in line for line in lines)
     assert json.loads((merged.path / "meta/info.json").read_text())["counts"]["steps"] is None

@@ -210,12 +210,12 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"source": [50], "target": [70]}, "found setpoint 70, expected one of 10, 30, 50, 75, 90"),
         (
             {"source": [50], "target": [75], "shots": 6},
-            "found a budget of 6 episodes, expected at most the 5",
+            "found a budget of 6 episodes, expected at most 5, the episodes of each policy at",
         ),
         ({"source": [50], "target": [75], "shots": 0}, "found 0 shots, expected at least 1"),
         (
             {"source": [50], "target": [75], "transitions": 3},
-            "found 3 transitions, expected at least those of an episode",
+            "found 3 transitions, expected at least 4, those of an episode",
         ),
         ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
         ({"scheme": "distance", "source": [50]}, "needs both source=… and within=…"),
@@ -317,6 +317,11 @@ def test_later_splits_are_removed_and_others_made_in_one_go(made, tmp_path):
     assert list(copy.info["splits"]) == ["low", "source", "target"]
     assert list(ibdata.split(made.path, remove=["random", "source", "target"]).info["splits"]) == ["low"]
     assert ibdata.validate(made.path) == []
+
+
+def test_one_setpoint_and_one_name_need_no_list(made):
+    assert ibdata.split(made.path, source=50, target=np.int64(75)).splits.keys() > {"source", "target"}
+    assert "source" not in ibdata.split(made.path, remove="source").splits
 
 
 def test_every_scheme_has_a_function_with_its_options():
