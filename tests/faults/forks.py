@@ -24,10 +24,11 @@ def load(config: str) -> None:
     """Import and compile what a run needs."""
     import ibdata.cli.generate
     import ibdata.cli.validate
-    from ibdata.generation import estimate, generate, local, warm_up
+    from ibdata.experiment import load as load_experiment
+    from ibdata.generation import estimate, local, warm_up
 
     assert all((ibdata.cli.generate, ibdata.cli.validate, estimate, local))
-    warm_up.warm_up(generate.resolve(config))
+    warm_up.warm_up(load_experiment(config))
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
             thread.join()
