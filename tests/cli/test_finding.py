@@ -12,7 +12,7 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import cli
-from ibdata.experiment.shipped import shipped
+from ibdata.experiment.shipped import shipped, suites
 
 PLAIN = {
     "name": "tiny",
@@ -48,7 +48,7 @@ def test_no_summary_of_a_command_is_cut(run, monkeypatch):
 def test_configs_are_listed_with_rows_and_descriptions(run):
     code, out, _ = run("configs")
     lines = out.splitlines()
-    assert (code, len(lines)) == (0, 2 + len(shipped()))
+    assert (code, len(lines)) == (0, 1 + len(suites()) + len(shipped()))
     assert any(line.split()[:3] == ["siemens-offline/", "1,600,000", "A"] for line in lines)
     listed = json.loads(run("configs", "--json")[1])["configs"]
     assert {each["name"]: each["rows"] for each in listed}["transfer"] == 20_000
