@@ -91,7 +91,7 @@ def export(
     if history is None:
         history = getattr(format, "HISTORY", 1)
     if history < 1:
-        raise UsageError(f"history: found {history}, expected at least 1")
+        raise UsageError(f"history: found {history}, expected a whole number of at least 1")
     if not 0 < reward_scale < math.inf:
         raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
     if verify and not hasattr(format, "verify"):

@@ -47,6 +47,7 @@ def test_shards_do_not_change_the_root(describe, dataset, tmp_path, shard_rows):
     assert made.manifest["shards"][0]["rows"] == {1: 40, 130: 120, 1_000_000: 480}[shard_rows]
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_root(declared, dataset, tmp_path):
     assert ibdata.generate(declared, tmp_path / "two", workers=2).content_root == dataset.content_root
 

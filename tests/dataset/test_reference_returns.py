@@ -46,6 +46,7 @@ def test_every_policy_has_a_return_at_every_setpoint(settings):
         assert r.mean_return < r.mean_reward < 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dynamics", "start", "steps", "discount", "policy", "setpoint"),
     [

@@ -114,6 +114,7 @@ def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
     assert_followed(state, after)
 
 
+@pytest.mark.slow
 @variants
 @settings(derandomize=True, deadline=None, max_examples=60)
 @given(

@@ -56,6 +56,7 @@ WRITERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 def test_without_locks_nothing_is_written_and_the_line_says_why(no_locks, writer):
     for seed, name in enumerate(["d", "other"]):

@@ -170,6 +170,7 @@ def test_hidden_parquet_and_folders_in_data_are_not_taken_along(here, name):
     assert contents(here) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prefix", [".nfs", ".fuse_hidden"])
 def test_open_files_on_a_network_are_left_for_the_next_time(here, monkeypatch, prefix):
     """As on NFS, where an open file that is removed gets another name, and its folder stays."""

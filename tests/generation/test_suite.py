@@ -32,15 +32,17 @@ def two():
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suite", suites())
 def test_every_experiment_of_a_shipped_suite_makes_a_valid_dataset(suite):
     made = ibdata.generate_all(suite, workers=1, overrides=SMALL)
     assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
     for name, dataset in made.items():
+        experiment = ibdata.load(f"{suite}/{name}")
         assert dataset.path == Path("data") / suite / name
         assert validate(dataset.path) == []
-        assert len(dataset) == 20
-        assert set(dataset.to_pandas(["policy"])["policy"]) == {name}
+        assert len(dataset) == 20 * len(experiment.cells)
+        assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
 
 
 def test_the_batch_of_depeweg_makes_a_valid_dataset():

@@ -72,6 +72,7 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
     assert ibdata.reproduce(merged.path, 7) == (7, [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "damage", ["first shard", "last shard", "meta/experiment-00001.yaml", manifest.PATH, "stats"]
 )
@@ -161,6 +162,7 @@ def test_a_dataset_more_is_one_comparison_more(make, tmp_path, monkeypatch):
     assert len(asked) <= 2 * len(made)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["both\n", "Both", "a b", "x" * 65])
 def test_a_folder_name_that_names_no_dataset_gives_another_name(make, tmp_path, name):
     merged = ibdata.merge([make("a").path, make("b", seed=1).path], tmp_path / name)

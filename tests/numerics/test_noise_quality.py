@@ -187,6 +187,7 @@ def passed(x, law, alpha):
     return abs(mean) < allowed(alpha), abs(sd) < allowed(alpha), distance < critical_distance(x.size, alpha)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECOVERED)
 def test_noise_recovered_from_a_dataset_follows_its_law(recovered, name):
     assert recovered[name].size > 100_000
@@ -299,6 +300,7 @@ def test_a_variable_does_not_depend_on_itself_in_the_20_steps_before(series, nam
     assert max(correlation(x[..., lag:], x[..., :-lag]) for lag in range(1, 21)) < SIGMAS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SERIES)
 def test_a_variable_does_not_depend_on_neighbouring_episodes_setpoints_and_seeds(series, other_seed, name):
     x, other = series[name], other_seed[name]

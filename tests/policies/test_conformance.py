@@ -145,6 +145,7 @@ def test_a_policy_stands_under_its_own_kind(kind, options):
     assert POLICIES[kind](**options).kind == kind
 
 
+@pytest.mark.slow
 @policies
 def test_a_policy_passes_the_checks_that_are_published_for_everybody(policy):
     check_policy(policy)

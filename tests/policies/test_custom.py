@@ -449,6 +449,7 @@ def remembering(mine):
     sys.modules.pop("remembering", None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [

@@ -140,6 +140,7 @@ def is_one_dataset(url):
     return names() == sorted([*listed, manifest.PATH]) and rows == len(dataset) and ibdata.validate(url) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("puts", "torn"), [(0, True), *itertools.product((1, 5, 9), (False, True))])
 def test_an_upload_is_resumed_here_and_begun_again_on_another_machine(url, machine, monkeypatch, puts, torn):
     root = made("plain").content_root

@@ -147,6 +147,7 @@ def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what, quick):
     assert [(p.path, p.rule) for p in validate(copied, quick)] == [(path, "file")]
 
 
+@pytest.mark.slow
 def test_a_dataset_of_symbolic_links_is_valid_and_there_is_nothing_to_repair(copied, ibdata, tmp_path):
     """As Hugging Face's cache, DVC and git-annex keep what was downloaded."""
     blobs = tmp_path / "blobs"
