@@ -34,7 +34,7 @@ class Dataset:
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
     If the dataset is replaced after it was opened, reading raises ReplacedError. Files at a URL are copied to
-    a temporary folder when they are first needed; the folder is removed when the process ends.
+    a temporary folder of this process when first needed. Functions that take a folder take a Dataset too.
 
     Args:
         path: The folder, or a URL such as s3://bucket/name.
@@ -62,12 +62,14 @@ class Dataset:
             break
 
     def __repr__(self) -> str:
-        counts = self.info_model.counts
-        rows, episodes = counted(counts.rows, "row"), counted(counts.episodes, "episode")
-        return f"<ibdata.Dataset {self.place}: {rows}, {episodes}>"
+        n = self.info_model.counts
+        return f"<ibdata.Dataset {self.place}: {counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}>"
 
     def _repr_html_(self) -> str:
         return overview(self)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     def __len__(self) -> int:
         return self.manifest_model.rows
@@ -195,8 +197,9 @@ class Dataset:
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
-        parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
-        return chain.from_iterable(parts)
+        return chain.from_iterable(
+            rows_in(self.shard_batches(n, names, batch_rows), runs) for n, runs in shards
+        )
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
@@ -253,8 +256,7 @@ class Dataset:
             raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
         if pad not in ("repeat", "drop"):
             raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
-        names = array_columns(self.info_model.groups)
-        table = self.table(names, split, setpoint=setpoint, policy=policy)
+        table = self.table(array_columns(self.info_model.groups), split, setpoint=setpoint, policy=policy)
         return arrays_of(table, self.info_model.groups, history, pad == "drop")
 
     @cached_property

@@ -213,3 +213,8 @@ def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
         check=False,
     )
     assert (child.returncode, child.stdout, child.stderr) == (0, "", "")
+
+
+def test_functions_that_take_a_folder_take_a_dataset(dataset):
+    assert ibdata.validate(dataset) == []
+    assert ibdata.reproduce(dataset, episodes=1)[1] == []
