@@ -197,9 +197,8 @@ class Dataset:
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
-        return chain.from_iterable(
-            rows_in(self.shard_batches(n, names, batch_rows), runs) for n, runs in shards
-        )
+        parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
+        return chain.from_iterable(parts)
 
     def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
@@ -244,9 +243,8 @@ class Dataset:
             policy: As in `table`.
 
         Returns:
-            observations and next_observations (N, 6 · history), of setpoint, velocity, gain, shift, fatigue
-            and consumption; actions (N, 3); rewards (N,); terminated and truncated (N,) bool; episode and
-            step (N,).
+            observations and next_observations (N, 6 · history), actions (N, 3), and rewards, terminated,
+            truncated, episode and step (N,).
 
         Raises:
             UsageError: An argument is invalid, or the dataset has no such split, setpoint or policy.

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -192,4 +193,7 @@ def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path
     with pytest.raises(KeyboardInterrupt) as error:
         ibdata.generate(experiment, folder, workers=2)
     del error  # with the traceback go the workers
-    assert list(folder.iterdir()) == []
+    left = sorted(folder.rglob("*"))
+    assert not [path for path in left if path.name.startswith(".tmp-")]
+    time.sleep(0.5)
+    assert sorted(folder.rglob("*")) == left

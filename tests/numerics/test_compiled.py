@@ -278,10 +278,11 @@ def test_a_dataset_is_checked_where_the_cache_is_full(ibdata, tmp_path):
     assert [line[:17] for line in checked.stderr.splitlines()] == ["ibdata: compiling"]
 
 
-def test_code_that_is_not_kept_is_announced_as_such(ibdata, unwritable, tmp_path):
+def test_code_that_is_not_kept_is_announced_as_such(command, unwritable, tmp_path):
     (tmp_path / "tiny.yaml").write_text("name: tiny\nsetpoints: 70\npolicies: [{kind: random}]\nsteps: 10\n")
     env = {**os.environ, **{name: str(value) for name, value in unwritable.items()}}
-    made = ibdata("generate", "--config", "tiny.yaml", "--out", "tiny", "-q", env=env)
+    words = [command, "generate", "--config", "tiny.yaml", "--out", "tiny", "-q"]
+    made = subprocess.run(words, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300)
     assert made.returncode == 0
     assert "no cache folder that only this user can write to; set IBDATA_CACHE_DIR" in made.stderr
 
