@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
 URL = re.compile(
-    r"(?P<scheme>[a-z][a-z0-9+.-]+:/{1,2})"  # a single slash if the URL was treated as a path
+    r"(?P<scheme>[a-z][a-z0-9+.-]{1,30}:/{1,2})"  # a single slash if the URL was treated as a path
     r"(?P<place>[^\s?#'\"]*)"
     r"(?P<query>\?[^\s'\"]*[^\s'\":,;])?",
     re.IGNORECASE,
