@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -78,7 +79,7 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
     from ibdata.generation.generate import generate
 
     report = Path(folder) / manifest.REPORT
-    had_report = report.is_file()
+    had_report = os.path.isfile(report)  # False too where the path is too long
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start

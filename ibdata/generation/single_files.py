@@ -30,25 +30,27 @@ def place_single_files(new: Path, folder: Path) -> None:
     old = {file.path: file.sha256 for files in lists for file in files}
     for path in (manifest.CARD, manifest.REPORT):
         if path not in listed and path in old:
+            _keep_edited(folder, path, old[path])
             (folder / path).unlink(missing_ok=True)  # of the dataset that was replaced
         elif path in listed and file_sha256(new / path) == listed[path].sha256:
-            if path == manifest.CARD:
-                _keep_edited(folder, old.get(path), (new / path).read_bytes())
+            _keep_edited(folder, path, old.get(path), (new / path).read_bytes())
             (new / path).replace(folder / path)
     sync_folder(folder)
 
 
-def _keep_edited(folder: Path, sha256: str | None, made: bytes) -> None:
-    """Keep the text of a card under another name unless it is the old one, which has this SHA-256.
+def _keep_edited(folder: Path, name: str, sha256: str | None, made: bytes = b"") -> None:
+    """Keep a card or report under another name unless it is the old one, which has this SHA-256.
 
-    A card that is only damaged is not kept. A line on stderr says where an edited one is.
+    A card that is only damaged, when compared with the one that was `made`, is not kept. A line on stderr
+    says where an edited one is.
     """
-    path = folder / manifest.CARD
+    path = folder / name
     if path.is_symlink() or file_sha256(path) in (None, sha256):
         return
     found = path.read_bytes()
-    if has_other_text(found, made):
-        names = ("README-edited.md" if i == 1 else f"README-edited-{i}.md" for i in count(1))
+    if name != manifest.CARD or has_other_text(found, made):
+        stem, end = path.stem, path.suffix
+        names = (f"{stem}-edited{end}" if i == 1 else f"{stem}-edited-{i}{end}" for i in count(1))
         name = next(name for name in names if create_or_compare(folder, name, found))
         told = f"ibdata: {path}: found a text that ibdata did not write; it is now in {name}"
         print(printable(told), file=sys.stderr, flush=True)

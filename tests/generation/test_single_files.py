@@ -104,7 +104,8 @@ def test_texts_that_were_kept_are_not_kept_again_and_not_overwritten(here):
     }
 
 
-def test_a_card_that_is_edited_while_a_replacement_is_interrupted_is_kept(here, monkeypatch):
+@pytest.mark.parametrize("name", [manifest.CARD, manifest.REPORT])
+def test_what_is_edited_while_a_replacement_is_interrupted_is_kept(here, monkeypatch, name):
     def killed(*_):
         raise KeyboardInterrupt
 
@@ -112,9 +113,9 @@ def test_a_card_that_is_edited_while_a_replacement_is_interrupted_is_kept(here, 
         patched.setattr(replacement, "place_single_files", killed)
         with pytest.raises(KeyboardInterrupt):
             WRITERS["overwrite"]()
-    text = edit(here / "README.md")
+    text = edit(here / name)
     ibdata.repair(here, workers=1)
-    assert (here / "README-edited.md").read_bytes() == text
+    assert (here / name.replace(".", "-edited.")).read_bytes() == text
     assert ibdata.validate(here) == []
 
 
