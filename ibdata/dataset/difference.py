@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from ibdata.dataset.opened import Place, opened
 from ibdata.dataset.reader import Dataset
 
 
-def difference(a: Dataset | str | os.PathLike[str], b: Dataset | str | os.PathLike[str]) -> list[str]:
+def difference(a: Place, b: Place) -> list[str]:
     """Compare the content of two datasets.
 
     Args:
@@ -25,7 +25,7 @@ def difference(a: Dataset | str | os.PathLike[str], b: Dataset | str | os.PathLi
     Raises:
         DatasetError: A file is missing or damaged, or a folder holds no dataset.
     """
-    a, b = (each if isinstance(each, Dataset) else Dataset(each) for each in (a, b))
+    a, b = map(opened, (a, b))
     if a.content_root == b.content_root:
         return []
     lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]

@@ -13,10 +13,10 @@ from ibdata.dynamics import VARIANTS, Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment import ID
-from ibdata.errors import ConfigError
+from ibdata.errors import ConfigError, suggestion
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
-from ibdata.experiment.messages import problems, shown, suggestion
+from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies import OBSERVATION

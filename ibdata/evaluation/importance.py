@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.opened import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import policy_of
 from ibdata.evaluation.recorded import parts_of, read
-from ibdata.evaluation.states import Place
 from ibdata.experiment.custom_code import consented_spec
 from ibdata.numerics.confidence import estimate
 from ibdata.validation.consistency import refuse_other_plan
@@ -125,7 +124,7 @@ def importance(
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     wanted = policy_of(target, history, allow_code)
-    ds = ds if isinstance(ds, Dataset) else Dataset(ds)
+    ds = opened(ds)
     spec = consented_spec(ds.path, ds.manifest_model, allow_code)
     refuse_other_plan(spec, ds.manifest_model)
     chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)

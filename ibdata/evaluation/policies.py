@@ -10,10 +10,10 @@ from typing import Any
 
 from pydantic import ConfigDict
 
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.custom_code import customs_in
-from ibdata.experiment.messages import shown, suggestion
+from ibdata.experiment.messages import shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.opened import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment
@@ -21,7 +20,6 @@ from ibdata.simulation.rollout import PART_ROWS
 from ibdata.simulation.variables import Table, layout
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 
-Place = Dataset | str | os.PathLike[str]
 BATCH_ROWS = 65_536
 
 
@@ -53,7 +51,7 @@ class Source:
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
     def __init__(self, ds: Place) -> None:
-        ds = ds if isinstance(ds, Dataset) else Dataset(ds)
+        ds = opened(ds)
         self._ds, self._spec = ds, spec_in(ds.path, ds.manifest_model)
         refuse_other_data_version(ds.path, self._spec, ds.manifest_model)
         refuse_other_plan(self._spec, ds.manifest_model)

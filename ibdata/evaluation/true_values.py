@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.opened import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
-from ibdata.evaluation.states import Place, Source
+from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round

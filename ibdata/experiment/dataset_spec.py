@@ -18,6 +18,7 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
+from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
 
@@ -120,15 +121,17 @@ class DatasetSpec:
     @property
     def code_targets(self) -> list[str]:
         """The `package.module:name` of every custom policy, including those of which another is made."""
-        policies = (policy for e in self.experiments for outer in e.policies for policy in outer.everywhere())
-        found = (policy.code_target for policy in policies)
+        found = (policy.code_target for policy in self._policies())
         return list(dict.fromkeys(target for target in found if target is not None))
 
     @property
     def weights(self) -> dict[str, bytes]:
         """The files of the weights of all networks, by the names that they have in a dataset."""
-        policies = (policy for e in self.experiments for outer in e.policies for policy in outer.everywhere())
-        return {p.file: p.weights.data for p in policies if isinstance(p, Network)}
+        return {p.file: p.weights.data for p in self._policies() if isinstance(p, Network)}
+
+    def _policies(self) -> Iterator[Policy]:
+        """All policies, and those of which they are made."""
+        return (each for e in self.experiments for policy in e.policies for each in policy.everywhere())
 
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""

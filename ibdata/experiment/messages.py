@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
-from ibdata.errors import Loc, Problems
-from ibdata.errors import suggestion as suggestion
+from ibdata.errors import Loc, Problems, suggestion
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
-from ibdata.errors import ConfigError, Loc, Problems
+from ibdata.errors import ConfigError, Loc, Problems, suggestion
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import BurnIn, Output, Split, Start
-from ibdata.experiment.messages import problems, shown, suggestion
+from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.scalars import WHOLE, FileName, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values

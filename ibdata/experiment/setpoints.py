@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ibdata.experiment.messages import shown, suggestion
+from ibdata.errors import suggestion
+from ibdata.experiment.messages import shown
 from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
 from ibdata.numerics.naming import exact
 from ibdata.policies.base import FrozenModel, NormalSingle

@@ -6,8 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from ibdata.errors import UsageError
-from ibdata.experiment.messages import suggestion
+from ibdata.errors import UsageError, suggestion
 
 
 def _root() -> Path:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, suggestion
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import EpisodeRange, Split
-from ibdata.experiment.messages import suggestion
 from ibdata.numerics.naming import counted, exact
 
 Splits = dict[str, Split]

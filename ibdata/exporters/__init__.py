@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.opened import Place
     from ibdata.exporters._view import Block as Block
     from ibdata.exporters._view import View as View
 
@@ -44,7 +44,7 @@ class Exported(NamedTuple):
 
 
 def export(
-    dataset: Dataset | str | os.PathLike[str],
+    dataset: Place,
     to: str,
     out: str | os.PathLike[str],
     *,
@@ -79,7 +79,7 @@ def export(
         DatasetError: The dataset is damaged.
         IbdataError: The system refuses to write, or `verify` reads other values than were written.
     """
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.opened import opened
     from ibdata.errors import UsageError
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
@@ -96,7 +96,7 @@ def export(
         raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
     if verify and not hasattr(format, "verify"):
         raise UsageError(f"the format {to} has no function to verify an export; leave out --verify")
-    source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    source = opened(dataset)
     view = View(source, split, history, reward_scale, progress)
     refuse_too_much("history", view.history_bytes)
     if view.rows == 0:
@@ -128,8 +128,7 @@ def __getattr__(name: str) -> Any:
 
 def _format(to: str) -> Any:
     """The module of a format."""
-    from ibdata.errors import IbdataError, UsageError
-    from ibdata.experiment.messages import suggestion
+    from ibdata.errors import IbdataError, UsageError, suggestion
 
     if to in FORMATS:
         return import_module(f"{__name__}.{to}")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from ibdata.dataset.opened import Place, opened
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.messages import suggestion
 from ibdata.experiment.scalars import SplitName
 from ibdata.experiment.split_schemes import Splits
 from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
@@ -21,7 +21,7 @@ from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, p
 
 
 def split(
-    folder: str | os.PathLike[str] | Dataset,
+    folder: Place,
     by: str | None = None,
     *,
     scheme: str | None = None,
@@ -72,7 +72,7 @@ def split(
         UsageError: An argument is invalid, or is one that the scheme does not use.
         DatasetError: The dataset is damaged.
     """
-    dataset = folder if isinstance(folder, Dataset) else Dataset(folder)
+    dataset = opened(folder)
     spec = spec_in(dataset.path, dataset.manifest_model)
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}

@@ -13,6 +13,7 @@ from ibdata.errors import IbdataError, UsageError
 from ibdata.system.object_store import refuse_url
 
 if TYPE_CHECKING:
+    from ibdata.dataset.opened import Place
     from ibdata.dataset.reader import Dataset
     from ibdata.plots.summary import Summary
 
@@ -75,7 +76,7 @@ def figure(
 
 
 def plot(
-    dataset: Dataset | str | os.PathLike[str],
+    dataset: Place,
     out: str | os.PathLike[str] | None = None,
     form: str = "png",
     overwrite: bool = False,
@@ -120,11 +121,11 @@ def drawn(dataset: Dataset) -> dict[str, bytes]:
     return _drawn(_summary(dataset), "png")
 
 
-def _summary(dataset: Dataset | str | os.PathLike[str], progress: bool | None = False) -> Summary:
-    from ibdata.dataset.reader import Dataset
+def _summary(dataset: Place, progress: bool | None = False) -> Summary:
+    from ibdata.dataset.opened import opened
     from ibdata.plots.summary import Summary
 
-    return Summary(dataset if isinstance(dataset, Dataset) else Dataset(dataset), progress)
+    return Summary(opened(dataset), progress)
 
 
 def _folder_name(dataset: Dataset) -> str:

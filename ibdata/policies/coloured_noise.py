@@ -12,7 +12,6 @@ from ibdata.numerics.circle import cosine, sine
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import pow
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.constant import Constant
 from ibdata.policies.given import Decision, Given, Steps
@@ -65,15 +64,14 @@ class ColouredNoise(Wrapper):
         return 3 * self.period
 
     def decide(self, given: Given) -> Decision:
-        chosen, own = self.base.decide(self.for_base(given)), self.own(given)
-        base = applied(chosen.actions)
+        (base, memory), own = self.base_action(given), self.own(given)
         noise = own.memory
         if (given.step == 0).any():
             noise = noise.copy()
             _draw(given.step, own.episode_uniforms, self.beta, noise)
         action = np.empty(base.shape)
         _act(base, noise, given.step, self.scale, action)
-        return Decision(action, self.joined(chosen.memory, noise))
+        return Decision(action, self.joined(memory, noise))
 
 
 @compiled

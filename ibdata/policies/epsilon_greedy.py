@@ -10,7 +10,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats, NormalDouble, is_deterministic
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
@@ -56,11 +55,10 @@ class EpsilonGreedy(Wrapper):
         return self.base.is_short
 
     def decide(self, given: Given) -> Decision:
-        chosen = self.base.decide(self.for_base(given))
-        base = applied(chosen.actions)
+        base, memory = self.base_action(given)
         action = np.empty(base.shape)
         _act(base, self.own(given).uniforms, self.epsilon, self.per_dimension, action)
-        return Decision(action, chosen.memory)
+        return Decision(action, memory)
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,) of actions.
@@ -70,11 +68,10 @@ class EpsilonGreedy(Wrapper):
         elsewhere. If the base is random, it is the log density of the mixture.
         """
         out = np.empty(len(action))
-        seen = self.for_base(given)
         if is_deterministic(self.base):
-            _log_prob(applied(self.base.decide(seen).actions), action, self.epsilon, self.per_dimension, out)
+            _log_prob(self.base_action(given)[0], action, self.epsilon, self.per_dimension, out)
         else:
-            _log_mixture(self.base.log_density(seen, action), action, self.epsilon, out)
+            _log_mixture(self.base.log_density(self.for_base(given), action), action, self.epsilon, out)
         return out
 
     def supports(self, step: int) -> tuple[Support, ...] | None:
@@ -88,13 +85,13 @@ class EpsilonGreedy(Wrapper):
         return tuple(support | each(INSIDE) for support in base)
 
     def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        seen, edges = self.for_base(given), super().atoms(given, action)
+        edges = super().atoms(given, action)
         if self.epsilon == 1.0:
             return edges
         if self.per_dimension:
-            kept: npt.NDArray[np.bool_] = action == applied(self.base.decide(seen).actions)
+            kept: npt.NDArray[np.bool_] = action == self.base_action(given)[0]
             return kept | edges
-        return self.base.atoms(seen, action) | edges
+        return self.base.atoms(self.for_base(given), action) | edges
 
     @model_validator(mode="after")
     def _check(self) -> EpsilonGreedy:

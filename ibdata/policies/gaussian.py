@@ -11,7 +11,6 @@ from pydantic import Field
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.support import EDGES, INSIDE, Support, each
@@ -47,16 +46,15 @@ class Gaussian(Wrapper):
         return self.base.is_short
 
     def decide(self, given: Given) -> Decision:
-        chosen = self.base.decide(self.for_base(given))
-        base = applied(chosen.actions)
+        base, memory = self.base_action(given)
         action = np.empty(base.shape)
         _act(base, self.own(given).uniforms, self.scale, action)
-        return Decision(action, chosen.memory)
+        return Decision(action, memory)
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
         out = np.empty(len(action))
-        log_clipped_normal(applied(self.base.decide(self.for_base(given)).actions), action, self.scale, out)
+        log_clipped_normal(self.base_action(given)[0], action, self.scale, out)
         return out
 
 

@@ -10,7 +10,6 @@ from pydantic import Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats
 from ibdata.policies.constant import Constant
 from ibdata.policies.gaussian import log_clipped_normal
@@ -49,15 +48,14 @@ class OrnsteinUhlenbeck(Wrapper):
     )
 
     def decide(self, given: Given) -> Decision:
-        chosen, own = self.base.decide(self.for_base(given)), self.own(given)
-        base = applied(chosen.actions)
+        (base, memory), own = self.base_action(given), self.own(given)
         x, action = np.empty(base.shape), np.empty(base.shape)
         _act(base, own.memory, own.uniforms, self.theta, self.sigma, x, action)
-        return Decision(action, self.joined(chosen.memory, x))
+        return Decision(action, self.joined(memory, x))
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
-        base = applied(self.base.decide(self.for_base(given)).actions)
+        base, _ = self.base_action(given)
         out = np.empty(len(action))
         log_clipped_normal(base + (1.0 - self.theta) * self.own(given).memory, action, self.sigma, out)
         return out

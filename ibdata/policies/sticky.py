@@ -10,7 +10,6 @@ from pydantic import Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Floats, is_deterministic
 from ibdata.policies.epsilon_greedy import Probability, log_share
 from ibdata.policies.given import Decision, Given
@@ -41,10 +40,10 @@ class Sticky(Wrapper):
         return max(1, self.base.history_length)
 
     def decide(self, given: Given) -> Decision:
-        chosen = self.base.decide(self.for_base(given))
+        base, memory = self.base_action(given)
         repeats = (self.own(given).uniforms[:, 0] < self.kappa) & (given.step > 0)
-        actions = np.where(repeats[:, None], given.actions[:, 0], applied(chosen.actions))
-        return Decision(actions, chosen.memory)
+        actions = np.where(repeats[:, None], given.actions[:, 0], base)
+        return Decision(actions, memory)
 
     def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
         """Return the log density (n,) of actions.

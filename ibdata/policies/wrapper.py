@@ -9,7 +9,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator
 
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, History, Policy, is_deterministic
+from ibdata.policies.base import Floats, Policy, is_deterministic
 from ibdata.policies.given import Given
 
 
@@ -93,10 +93,10 @@ class Wrapper(Policy):
         """Join the memory of the base with the policy's own."""
         return np.concatenate([base, own], axis=1) if self.base.memory_size else own
 
-    def split(self, history: History, u: Floats) -> tuple[npt.NDArray[np.float32], Floats]:
-        """Return the base's action (n, 3), clipped and rounded, and the policy's own random numbers."""
-        n = self.base.uniforms_per_step
-        return applied(self.base.act(history, np.ascontiguousarray(u[:, :n]))), np.ascontiguousarray(u[:, n:])
+    def base_action(self, given: Given) -> tuple[npt.NDArray[np.float32], npt.ArrayLike]:
+        """Return the base's actions (n, 3), clipped and rounded, and its memory."""
+        chosen = self.base.decide(self.for_base(given))
+        return applied(chosen.actions), chosen.memory
 
 
 def part_of(policy: Policy, given: Given) -> Given:

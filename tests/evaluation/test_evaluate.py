@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import pytest
+from helpers.watching import Watching
 
 from ibdata import evaluate, generate
 from ibdata.dataset.reference_returns import scale
@@ -18,7 +17,6 @@ from ibdata.evaluation.play import EvaluationBlock
 from ibdata.experiment import Experiment
 from ibdata.numerics.exact import exponential, normal
 from ibdata.numerics.random import Purpose, integers, stream_key, uniform
-from ibdata.policies import Policy
 from ibdata.policies.checked import PolicyError
 
 FEW_STEPS = {"burn_in": [1, 2]}
@@ -35,25 +33,6 @@ ADDRESSES = {
     ENVIRONMENT: "de83d400",
     POLICY: "ad3c2f08",
 }
-
-
-class Watching(Policy):
-    """Does nothing, and keeps what it sees. Policies of ibdata are asked once at every step."""
-
-    kind: Literal["watching"] = "watching"
-    frames: int = 1
-
-    @property
-    def history_length(self):
-        return self.frames
-
-    @cached_property
-    def seen(self):
-        return []
-
-    def act(self, history, u):
-        self.seen.append(history.copy())
-        return np.zeros((len(history), 3))
 
 
 class Predicting:

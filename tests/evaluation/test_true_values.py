@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
 from helpers import by_hand
+from helpers.watching import Watching
 
 import ibdata
 from ibdata import state_at, true_values
@@ -37,25 +37,6 @@ class Recalling(Policy):
         self.given.append(given.apply(np.copy))
         added = np.stack([np.ones(len(given.step)), given.actions[:, 0, 0]], axis=1)
         return Decision(np.zeros((len(given.step), 3)), given.memory + added)
-
-
-class Watching(Policy):
-    """Does nothing, and keeps what it sees. Policies of ibdata are asked once at every step."""
-
-    kind: Literal["watching"] = "watching"
-    frames: int = 1
-
-    @property
-    def history_length(self):
-        return self.frames
-
-    @cached_property
-    def seen(self):
-        return []
-
-    def act(self, history, u):
-        self.seen.append(history.copy())
-        return np.zeros((len(history), 3))
 
 
 def branches(ds, rows, policy, actions=None, **settings):

@@ -20,7 +20,7 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def folder():
-    """Two experiments, and what is none."""
+    """A folder with two experiments and other files."""
     made = Path("two")
     made.mkdir()
     for file, name in (("b", "first"), ("a", "second")):
