@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from ibdata.dynamics import State
-from ibdata.dynamics.state import checked_state
 from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation, checked_actions
-from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
 from ibdata.simulation import kernel
 from ibdata.simulation.episodes import NO_PAST, NO_ROWS, Episodes, Past
@@ -57,26 +55,6 @@ class Lane(Simulation):
         numbers = unpack(self._form, self._out)  # type: ignore[arg-type]  # an array is a buffer
         info = dict(zip(self._latent, numbers))  # noqa: B905  # the reward is left over
         return self.seen.ravel().copy(), numbers[-1] * self._reward_scale, info
-
-    def set_state(self, given: State) -> None:
-        """Go on from a state of one lane. Raises UsageError if it is no such state."""
-        if not isinstance(given, State):
-            raise UsageError(
-                f"set_state: found {type(given).__name__}, expected a State as of ibdata.state_at"
-            )
-        try:
-            state = checked_state(given)
-        except ValueError as error:
-            raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
-        moves = state.drift_left >= 0
-        if len(moves) != 1:
-            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected one")
-        if moves[0] != self.settings.drifting:
-            found, option = ("a moving", '"drifting"') if moves[0] else ("a constant", "a number")
-            raise UsageError(
-                f"set_state: found a state of {found} setpoint; make the environment with setpoint={option}"
-            )
-        self.place(self.everyone, state, Past.of(state, self.settings.history))
 
 
 def checked_action(given: Any) -> Action:

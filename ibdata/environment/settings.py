@@ -55,6 +55,7 @@ class Settings(FrozenModel):
     start: Start = "default"
     history: Annotated[int, Field(strict=True, ge=1, le=MAX_FRAMES), WHOLE, BeforeValidator(_number)] = 1
     reward_scale: Annotated[Real, Field(gt=0.0), BeforeValidator(_number)] = 1.0
+    discrete_actions: Annotated[bool, Field(strict=True), BeforeValidator(_number)] = False
 
     @cached_property
     def variant(self) -> Variant:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.variables import VARIABLES, rows
+from ibdata.environment.fitting_state import fitting_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
@@ -49,6 +50,16 @@ class Simulation:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
         self.place(which, *self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history))
+
+    def replay(self, which: Indices, draw: episodes.Draw, start: Any, setpoints: episodes.Floats) -> None:
+        """Begin episodes of a dataset in these lanes (k,), with their start and setpoints (k,)."""
+        own = self._episodes._replace(start=start)
+        self.place(which, *own.begin(draw, np.arange(len(which)), setpoints, self.settings.history))
+
+    def set_state(self, given: State, which: Indices) -> None:
+        """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
+        state = fitting_state(given, len(which), self.settings.drifting)
+        self.place(which, state, Past.of(state, self.settings.history))
 
     def place(self, which: Indices, state: State, past: Past) -> None:
         """Put these lanes into the states of k lanes that have this past."""

@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State
+from ibdata.environment.discrete import discrete_action
 from ibdata.environment.lane import Lane, checked_action
+from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices
 from ibdata.environment.spaces import spaces
@@ -36,6 +38,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
         history: the number of observations returned together; those before the first one repeat it.
         reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
+        discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
+            velocity, gain and shift: 0 is (-1, -1, -1), 1 is (-1, -1, 0), 26 is (1, 1, 1).
         render_mode: "rgb_array" or None.
 
     Raises:
@@ -53,15 +57,23 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         history: int = 1,
         reward_scale: float = 1.0,
         render_mode: str | None = None,
+        discrete_actions: bool = False,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
         given = settings(
-            setpoint=setpoint, dynamics=dynamics, start=start, history=history, reward_scale=reward_scale
+            setpoint=setpoint,
+            dynamics=dynamics,
+            start=start,
+            history=history,
+            reward_scale=reward_scale,
+            discrete_actions=discrete_actions,
         )
         self.render_mode = render_mode
         self.observation_space, self.action_space = spaces(given)
+        self._checked = discrete_action if discrete_actions else checked_action
         self._lane = Lane(given)
+        self._replayed: Noise | None = None  # in place of np_random
         self._began = False
         self._seen: list[dict[str, Any]] = []  # of the episode, for the picture
 
@@ -72,9 +84,26 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode. Returns the first observation and the hidden state."""
+        """Begin an episode. Returns the first observation and the hidden state.
+
+        Args:
+            seed: seeds `np_random`.
+            options: {"dataset": ds, "episode": i} begins as episode i of a dataset, a `Dataset` or its place,
+                with its setpoint and after its burn-in. Its random numbers replace those of `np_random` in
+                all steps until the next `reset` or `set_state`. So its actions give its rows again, and
+                other actions meet the same noise.
+
+        Raises:
+            UsageError: There is no such episode, or `dynamics` or `setpoint` do not fit to it.
+            DatasetError: This ibdata cannot simulate the dataset again.
+        """
+        replay = Replay.asked_for(options, self._lane.settings, 1)
         super().reset(seed=seed)
-        self._lane.reset(self._lane.everyone, self._draw)
+        self._replayed = None
+        if replay is None:
+            self._lane.reset(self._lane.everyone, self._draw)
+        else:
+            [self._replayed] = replay.begin(self._lane, self._lane.everyone)
         return self._begin()
 
     def set_state(self, state: State) -> tuple[Observation, dict[str, Any]]:
@@ -94,7 +123,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             UsageError: It is no such state, or its setpoint moves and that of the environment does not, or
                 the reverse.
         """
-        self._lane.set_state(state)
+        self._lane.set_state(state, self._lane.everyone)
+        self._replayed = None
         return self._begin()
 
     def _begin(self) -> tuple[Observation, dict[str, Any]]:
@@ -108,8 +138,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         """Advance by one step. Returns the observation, the reward, False, False and the hidden state."""
         if not self._began:
             raise gym.error.ResetNeeded("step: found no episode, expected reset() before")
-        lane, proposed = self._lane, checked_action(action)
-        raw = self.np_random.bit_generator.random_raw(lane.draws)
+        lane, proposed = self._lane, self._checked(action)
+        raw = (self._replayed or self.np_random.bit_generator).random_raw(lane.draws)
         seen, reward, info = lane.move(proposed, raw)
         if self.render_mode is not None:
             self._remember()
