@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
 from ibdata.errors import UsageError
+from ibdata.numerics.naming import counted
 
 Indices = npt.NDArray[np.int64]
 
@@ -25,7 +26,7 @@ def fitting_state(given: Any, lanes: int, drifting: bool) -> State:
     moves = state.drift_left >= 0
     if len(moves) != lanes:
         expected = "one" if lanes == 1 else lanes
-        raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected {expected}")
+        raise UsageError(f"set_state: found a state of {counted(len(moves), 'lane')}, expected {expected}")
     if (moves != drifting).any():
         found, option = ("a constant", "a number") if drifting else ("a moving", '"drifting"')
         raise UsageError(
