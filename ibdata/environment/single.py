@@ -29,7 +29,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     It never terminates; `gymnasium.make` adds a limit of steps, which truncates episodes. Observations are
     float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption, newest first. Actions are
     (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov state
-    under the names of a dataset's columns. All random numbers come from `np_random`.
+    under the names of a dataset's columns. Unless `reset` replays an episode of a dataset, all random numbers
+    come from `np_random`.
 
     Args:
         setpoint: a number, by default 50 (`ibdata.evaluate` has 70); "drifting" (starts at 50), or
@@ -94,7 +95,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
                 other actions meet the same noise.
 
         Raises:
-            UsageError: There is no such episode, or `dynamics` or `setpoint` do not fit to it.
+            UsageError: There is no such episode, or `dynamics` or `setpoint` do not fit it.
             DatasetError: This ibdata cannot simulate the dataset again.
         """
         replay = Replay.asked_for(options, self._lane.settings, 1)
@@ -110,7 +111,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         """Go on from a state instead of that of `reset`.
 
         The wrappers of `gymnasium.make` want a `reset` before, from which they count the steps; so
-        `env.reset(seed=0); env.unwrapped.set_state(state)`. Random numbers still come from `np_random`.
+        `env.reset(seed=0); env.unwrapped.set_state(state)`. Random numbers come from `np_random`.
 
         Args:
             state: A state of one lane, such as `ibdata.state_at` returns. Its setpoint replaces that of the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from helpers import ROOT
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
@@ -26,6 +28,11 @@ SETTINGS = (
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
 )
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread():
+    torch.set_num_threads(1)
 
 
 def ours(**given):
@@ -193,7 +200,6 @@ def test_their_monitor_and_normalisation_work_on_it():
 
 @pytest.mark.parametrize("kind", [SAC, PPO], ids=lambda kind: kind.__name__)
 def test_training_gives_the_same_network_as_over_their_loop(kind):
-    torch.set_num_threads(1)
     small = {"policy_kwargs": {"net_arch": [16]}, "batch_size": 32, "seed": 1, "device": "cpu"}
     small |= {"n_steps": 32, "n_epochs": 2} if kind is PPO else {"learning_starts": 60, "train_freq": 4}
     learned = []
@@ -231,3 +237,15 @@ def test_wrong_settings_are_one_line_and_the_extra_is_named_where_it_is_missing(
         "ibdata.errors.MissingError: ibdata.environment.sb3 needs the package stable-baselines3: "
         "pip install stable-baselines3, or 'ibdata[sb3]'"
     )
+
+
+def test_the_snippet_of_the_page_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
+    [block] = [
+        x for x in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S) if "stable_baselines3" in x
+    ]
+    names: dict = {}
+    monkeypatch.chdir(tmp_path)
+    exec(block.replace("10_000", "2_000"), names)
+    assert names["model"].num_timesteps == 64 * 32
+    assert list(tmp_path.iterdir()) == []
