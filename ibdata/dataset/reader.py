@@ -286,5 +286,5 @@ class Dataset:
         if not isinstance(split, str):
             raise UsageError(f"split: found {split!r}, expected the name of one split")
         if not self.splits:
-            raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
+            raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
         return str(known_of("split", split, list(self.splits))[0])

@@ -153,7 +153,7 @@ def _refuse_removal(dataset: Dataset, spec: DatasetSpec, remove: Sequence[str]) 
                 "removed"
             )
         if name not in spec.later:
-            known = f"one of {', '.join(spec.later)}" if spec.later else "none: no splits were made later"
+            known = f"one of {', '.join(spec.later)}" if spec.later else "no name: no splits were made later"
             raise UsageError(
                 f"split: found {name!r} to be removed, expected {known}{suggestion(name, spec.later)}"
             )

@@ -301,7 +301,7 @@ def test_plain_is_json():
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
         (
             {"history": {"safe": 2}, "policy": "safe"},
-            "history: found 'safe', expected none: any other policy",
+            "history: found 'safe', expected no label: any other policy",
         ),
         (
             {"history": {"x": 2}, "policy": {"y": len}},
