@@ -76,7 +76,7 @@ class Dataset:
 
     @property
     def content_root(self) -> str:
-        """The hex SHA-256 that names the content; it does not depend on files and encodings."""
+        """The hex SHA-256 that identifies the content; it does not depend on files or encodings."""
         return self.manifest_model.content_root
 
     @cached_property

@@ -163,7 +163,7 @@ def evaluate(
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     policies = policies_of(policy, history, allow_code)
     if not policies:
-        raise UsageError("policy: found none, expected at least one")
+        raise UsageError("policy: found no policy, expected at least one")
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {

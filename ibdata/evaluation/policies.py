@@ -82,7 +82,7 @@ def policies_of(
         found[name] = policy
     for name in lengths.keys() - taking:
         one = f"one of {', '.join(taking)}" if taking else "no label"
-        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own history length")
+        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own number")
     return found
 
 

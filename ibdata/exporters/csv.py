@@ -1,5 +1,5 @@
-"""CSV with a header, the columns of the dataset and one row per transition. The decimals give the same floats
-again. With a history, earlier observations follow in columns such as obs_velocity_lag_1. Compressed if
+"""CSV with a header, the columns of the dataset and one row per transition. The decimals identify every float
+exactly. With a history, earlier observations follow in columns such as obs_velocity_lag_1. Compressed if
 `--out` ends in .gz. Written in constant memory.
 """
 

@@ -65,7 +65,7 @@ def _index(view: View) -> Array:
         if len(setpoints) > 1:
             found = ", ".join(exact(p) for p in sorted(setpoints)[:5])
             raise UsageError(
-                f"neorl: found the setpoints {found}, expected a single setpoint; use --split, see ibdata split"
+                f"neorl: found the setpoints {found}, expected one setpoint; use --split, see ibdata split"
             )
         last = table["truncated"].to_numpy() | table["terminated"].to_numpy()
         ends.append(np.flatnonzero(last) + 1 + rows)

@@ -314,7 +314,7 @@ def test_plain_is_json():
         ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
         ({"policy": {"": "safe"}}, "policy: found the label '', expected a name"),
         ({"policy": {"mine": 3}}, "policy: found 3, expected an object with act"),
-        ({"policy": []}, "policy: found none, expected at least one"),
+        ({"policy": []}, "policy: found no policy, expected at least one"),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
         (
             {"policy": 3},
