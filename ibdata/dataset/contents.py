@@ -56,7 +56,7 @@ class Contents:
 
     @property
     def content_root(self) -> str:
-        """The hex SHA-256 that names the content; it does not depend on files and encodings."""
+        """The hex SHA-256 that identifies the content; it does not depend on files or encodings."""
         return self.manifest_model.content_root
 
     @cached_property
@@ -129,5 +129,5 @@ class Contents:
         if not isinstance(split, str):
             raise UsageError(f"split: found {split!r}, expected the name of one split")
         if not self.splits:
-            raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
+            raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
         return str(known_of("split", split, list(self.splits))[0])

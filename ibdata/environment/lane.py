@@ -85,7 +85,7 @@ class Lane(Simulation):
             raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
         moves = state.drift_left >= 0
         if len(moves) != 1:
-            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected one")
+            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected a state of one lane")
         if moves[0] != self.settings.drifting:
             found, option = ("a moving", '"drifting"') if moves[0] else ("a constant", "a number")
             raise UsageError(

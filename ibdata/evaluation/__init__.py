@@ -179,7 +179,7 @@ def evaluate(
             "variables; leave it out, or give a function, a module or an object"
         )
     if not policies:
-        raise UsageError("policy: found none, expected at least one")
+        raise UsageError("policy: found no policy, expected at least one")
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {

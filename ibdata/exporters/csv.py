@@ -1,7 +1,7 @@
-"""CSV with a header, the columns of the dataset and one row per transition. The decimals give the same floats
-again. With a history, earlier observations follow in columns such as obs_velocity_lag_1. A view replaces the
-observations by its frames, whose names are in the header. Compressed if `--out` ends in .gz. Written in
-constant memory.
+"""CSV with a header, the columns of the dataset and one row per transition. The decimals identify every float
+exactly. With a history, earlier observations follow in columns such as obs_velocity_lag_1. A view replaces
+the observations by its frames, whose names are in the header. Compressed if `--out` ends in .gz. Written
+in constant memory.
 """
 
 from __future__ import annotations

@@ -62,6 +62,6 @@ def _index(view: View) -> Array:
     if len(setpoints) > 1:
         found = ", ".join(exact(p) for p in setpoints[:5])
         raise UsageError(
-            f"neorl: found the setpoints {found}, expected one only; use --split, see ibdata split"
+            f"neorl: found the setpoints {found}, expected one setpoint; use --split, see ibdata split"
         )
     return np.cumsum(view.lengths)
