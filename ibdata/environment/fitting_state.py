@@ -25,8 +25,9 @@ def fitting_state(given: Any, lanes: int, drifting: bool) -> State:
         raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
     moves = state.drift_left >= 0
     if len(moves) != lanes:
-        expected = "one" if lanes == 1 else lanes
-        raise UsageError(f"set_state: found a state of {counted(len(moves), 'lane')}, expected {expected}")
+        expected = "one lane" if lanes == 1 else f"{lanes} lanes"
+        found = counted(len(moves), "lane")
+        raise UsageError(f"set_state: found a state of {found}, expected a state of {expected}")
     if (moves != drifting).any():
         found, option = ("a constant", "a number") if drifting else ("a moving", '"drifting"')
         raise UsageError(

@@ -95,7 +95,8 @@ class Replay(NamedTuple):
         out = {}
         for experiment, own, numbers in self.addresses.by_experiment(self.episodes[which]):
             indices, keys, setpoints = addressed(experiment, numbers)
-            simulation.replay(which[own], _draw(indices, keys), experiment.start, setpoints)
+            asked = self.episodes[which[own]]
+            simulation.replay(which[own], _draw(indices, keys), experiment.start, setpoints, asked)
             for lane, index, key in zip(own.tolist(), indices.tolist(), keys, strict=True):
                 out[lane] = Noise(index, key, experiment.drifting)
         return [out[lane] for lane in range(len(which))]

@@ -147,6 +147,7 @@ class _Lane:
 
 
 def _each(info: dict[str, Any]) -> Infos:
-    """The hidden state of each lane, from that of all lanes."""
-    hidden = {name: values.tolist() for name, values in info.items() if name.startswith("latent_")}
-    return [dict(zip(hidden, row, strict=True)) for row in zip(*hidden.values(), strict=True)]
+    """What the agent is not meant to see in each lane, from that of all lanes."""
+    names = [name for name in info if not name.startswith(("_", "final_"))]
+    rows = zip(*(info[name].tolist() for name in names), strict=True)
+    return [dict(zip(names, row, strict=True)) for row in rows]

@@ -39,6 +39,11 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
         history: the number of observations returned together; those before the first one repeat it.
         reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
+        observe: "classic" for these six variables, "markov" for the whole state, or a list of columns; this
+            and the following are options of a view (docs/views.md).
+        actions: whether each frame also has the action of the step before.
+        reward: "classic", "delta", or weights such as {"consumption": 1, "fatigue": 1}.
+        imperfections: delay, noise, quantisation and missing values of columns.
         discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
             velocity, gain and shift: 0 is (-1, -1, -1), 1 is (-1, -1, 0), 26 is (1, 1, 1).
         render_mode: "rgb_array" or None.
@@ -57,6 +62,10 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         start: Any = "default",
         history: int = 1,
         reward_scale: float = 1.0,
+        observe: Any = "classic",
+        actions: bool = False,
+        reward: Any = "classic",
+        imperfections: Any = None,
         render_mode: str | None = None,
         discrete_actions: bool = False,
     ) -> None:
@@ -68,6 +77,10 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             start=start,
             history=history,
             reward_scale=reward_scale,
+            observe=observe,
+            actions=actions,
+            reward=reward,
+            imperfections=imperfections,
             discrete_actions=discrete_actions,
         )
         self.render_mode = render_mode

@@ -61,6 +61,10 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         start: Any = "default",
         history: int = 1,
         reward_scale: float = 1.0,
+        observe: Any = "classic",
+        actions: bool = False,
+        reward: Any = "classic",
+        imperfections: Any = None,
         discrete_actions: bool = False,
     ) -> None:
         mode = getattr(autoreset_mode, "value", autoreset_mode)
@@ -74,6 +78,10 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             start=start,
             history=history,
             reward_scale=reward_scale,
+            observe=observe,
+            actions=actions,
+            reward=reward,
+            imperfections=imperfections,
             discrete_actions=discrete_actions,
         )
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}

@@ -18,11 +18,12 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
-from ibdata.evaluation.policies import policies_of
+from ibdata.evaluation.policies import Acting, policies_of
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
+from ibdata.views.options import view_options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,6 +127,10 @@ def evaluate(
     history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
     progress: bool | None = False,
+    observe: str | Sequence[str] = "classic",
+    actions: bool = False,
+    reward: str | Mapping[str, float] = "classic",
+    imperfections: Mapping[str, Any] | None = None,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -151,6 +156,11 @@ def evaluate(
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
+        observe: what objects see in place of the six observed variables; this and the following are options
+            of a view (docs/views.md). Policies of other kinds always see those variables.
+        actions: whether objects also see the action of the step before.
+        reward: the reward; there are scores only for the classic one.
+        imperfections: how imperfectly the values that objects see are measured.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -162,8 +172,14 @@ def evaluate(
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     policies = policies_of(policy, history, allow_code)
+    view = view_options(observe, actions, reward, imperfections=imperfections)
+    if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
+        raise UsageError(
+            "observe: found a view, but no object that could see it: policies of ibdata see the six observed "
+            "variables; leave it out, or give a function, a module or an object"
+        )
     if not policies:
-        raise UsageError("policy: found none, expected at least one")
+        raise UsageError("policy: found no policy, expected at least one")
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {
@@ -184,9 +200,9 @@ def evaluate(
     )  # of any class
     vars(experiment)["labels"] = labels
     with bar(progress, experiment.rows, "steps") as advance:
-        played = episodes_of(experiment, float(discount), advance)
+        played = episodes_of(experiment, float(discount), advance, view)
     scale = None
-    if not experiment.drifting:
+    if not experiment.drifting and view.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
@@ -200,7 +216,7 @@ def evaluate(
         for a, b in combinations(range(len(labels)), 2)
         for p, part in _parts(points)
     ]
-    text, missing = scale.text if scale else None, list(notes(experiment, points, scale))
+    text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
     return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing)
 
 

@@ -247,7 +247,9 @@ def test_lanes_that_are_not_there_are_refused_in_one_line(lanes):
     many = IndustrialBenchmarkVectorEnv(LANES)
     with pytest.raises(UsageError, match=r"^lanes: found .*, expected different whole numbers from 0 to 2$"):
         many.set_state(ibdata.dynamics.initial_state([70.0]), lanes)
-    with pytest.raises(UsageError, match=r"^set_state: found a state of 1 lane, expected 3$"):
+    with pytest.raises(
+        UsageError, match=r"^set_state: found a state of 1 lane, expected a state of 3 lanes$"
+    ):
         many.set_state(ibdata.dynamics.initial_state([70.0]))
 
 
