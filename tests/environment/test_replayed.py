@@ -118,6 +118,56 @@ def test_other_actions_meet_the_noise_of_the_episode(played):
         assert info["latent_mu_v"] == state.mu_v[0]
 
 
+@pytest.mark.parametrize(
+    "view",
+    [
+        {"observe": "markov", "reward": "delta"},
+        {
+            "observe": ["latent_mu_g", "obs_fatigue"],
+            "actions": True,
+            "reward": {"consumption": 1, "fatigue": 1},
+        },
+        {
+            "actions": True,
+            "reward": "delta",
+            "reward_scale": 0.1,
+            "imperfections": {
+                "delay": {"obs_fatigue": 3},
+                "noise": {"obs_consumption": 5.0},
+                "missing": {"obs_consumption": 0.3, "obs_gain": 0.1},
+                "mask": True,
+                "seed": 4,
+            },
+        },
+    ],
+    ids=str,
+)
+def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has(played, view):
+    arrays = played.arrays(history=FRAMES, **view)
+    actions = played.arrays()["actions"].reshape(12, 40, 3)
+    for simulation in (Simulation(settings_of(played, **view), 12), Lane(settings_of(played, **view))):
+        episodes = range(simulation.n) if simulation.n > 1 else [7]
+        noises, shown = begun(simulation, played, episodes), {}
+        for t in range(40):
+            before = simulation.observations()
+            drawn = np.array([noise.random_raw(8 + 4 * simulation.settings.drifting) for noise in noises])
+            if isinstance(simulation, Lane):
+                seen, reward, _ = simulation.move(tuple(actions[7, t].tolist()), drawn[0])
+                after, rewards = seen[None], [reward]
+            else:
+                taken = iter(np.split(drawn, [8], axis=1))
+                simulation.step(simulation.everyone, actions[:, t], lambda *_, taken=taken: next(taken))
+                after, rewards = simulation.observations(), simulation.rewards()
+            shown |= {(e, t): (before[i], after[i], rewards[i]) for i, e in enumerate(episodes)}
+        rows = [row for row, e in enumerate(arrays["episode"]) if e in episodes]
+        assert len(rows) >= 39 * len(episodes)
+        for row in rows:
+            before, after, reward = shown[arrays["episode"][row], arrays["step"][row]]
+            np.testing.assert_array_equal(before, arrays["observations"][row])
+            np.testing.assert_array_equal(after, arrays["next_observations"][row])
+            assert np.float32(reward) == arrays["rewards"][row]
+
+
 def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
     """A longer dataset of the same cells has the same rows first."""
     short, long = (

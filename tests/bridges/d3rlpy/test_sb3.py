@@ -27,6 +27,7 @@ SETTINGS = (
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
+    {"actions": True, "reward": "delta", "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True}},
 )
 
 
