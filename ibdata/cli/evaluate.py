@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @click.option(
     "--reward",
     default="classic",
-    metavar="WHAT",
+    metavar="REWARD",
     help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
 )
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
