@@ -139,5 +139,7 @@ def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
             axis.tick_params(labelbottom=True)
             axis.title.set_fontsize(9)
     axes[0, 0].legend(fontsize=7)
+    done = sum(line.algorithm != BEHAVIOUR for line in lines)
+    figure.suptitle(f"{done} of {sum(run.algorithm != BEHAVIOUR for run in plan)} runs", fontsize=9)
     figure.supylabel("mean return / 100 of each seed")
     figure.savefig(PICTURE, dpi=110)
