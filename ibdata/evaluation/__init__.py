@@ -16,6 +16,8 @@ from ibdata.dataset import reference_returns
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import ConfigError, UsageError
+from ibdata.evaluation.against import BaselineResult, baselines_of, results_of
+from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
 from ibdata.evaluation.policies import policies_of
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Floats = npt.NDArray[np.float64]
+EPISODES = 100
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
@@ -70,7 +73,8 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `notes` says why errors or scores are missing, a line for each reason.
+    `notes` says why errors or scores are missing, a line for each reason. `baselines` are those of the set
+    that the policies are compared with.
     """
 
     results: list[Result]
@@ -80,11 +84,14 @@ class Evaluation(Tabular):
     steps: int
     discount: float
     notes: list[str]
+    baselines: list[BaselineResult] = dataclasses.field(default_factory=list)
 
     def tables(self) -> list[Table]:
         """The results and, if there are several policies, their differences."""
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
         shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
+        if self.baselines:
+            shown.append(Table(BaselineResult._fields, self.baselines))
         if self.differences:
             shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
         return shown
@@ -104,6 +111,7 @@ class Evaluation(Tabular):
             "steps": self.steps,
             "discount": self.discount,
             "notes": self.notes,
+            **({"baselines": [each._asdict() for each in self.baselines]} if self.baselines else {}),
         }
 
 
@@ -119,12 +127,13 @@ def evaluate(
     *,
     steps: int = 100,
     discount: float = 0.97,
-    episodes: int = 100,
+    episodes: int | None = None,
     start: Any = "default",
     dynamics: Any = "siemens",
     seed: int = 0,
     history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
+    against: str | None = None,
     progress: bool | None = False,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
@@ -143,13 +152,15 @@ def evaluate(
             {"drifting": [50, 70]} for the values at the start. There is no score for drifting setpoints.
         steps: steps per episode.
         discount: the discount factor, in [0, 1].
-        episodes: episodes per policy and setpoint.
+        episodes: episodes per policy and setpoint, by default 100, or 200 with `against`.
         start: the start state, as in an experiment.
         dynamics: the dynamics, as in an experiment.
         seed: the seed of all random numbers.
         history: the number of observations that an object sees, if it has no attribute `history_length`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
+        against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
+            with the policies. The other arguments but `policy` must be the default ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
@@ -164,6 +175,8 @@ def evaluate(
     policies = policies_of(policy, history, allow_code)
     if not policies:
         raise UsageError("policy: found none, expected at least one")
+    if episodes is None:
+        episodes = EPISODES if against is None else SETTINGS["episodes"]
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {
@@ -183,6 +196,7 @@ def evaluate(
         **{**options, "policies": list(policies.values())}
     )  # of any class
     vars(experiment)["labels"] = labels
+    baselines = [] if against is None else baselines_of(against, experiment, float(discount))
     with bar(progress, experiment.rows, "steps") as advance:
         played = episodes_of(experiment, float(discount), advance)
     scale = None
@@ -200,8 +214,15 @@ def evaluate(
         for a, b in combinations(range(len(labels)), 2)
         for p, part in _parts(points)
     ]
+    differences += [
+        _difference(name, line.label, points[0], played.discounted[i] - line.values)
+        for i, name in enumerate(labels)
+        for line in baselines
+        if line.values is not None
+    ]
     text, missing = scale.text if scale else None, list(notes(experiment, points, scale))
-    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing)
+    known = results_of(baselines)
+    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing, known)
 
 
 def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
@@ -248,18 +269,8 @@ def _overall(label: str, rows: list[Result], values: Floats) -> Result:
         sum(getattr(row, name) for row in rows) / len(rows) for name in ("mean_reward", "clipped")
     )
     p10 = float(np.quantile(values, 0.1))
-    return Result(
-        label,
-        None,
-        values.size,
-        *estimate(list(values)),
-        p10,
-        reward,
-        _mean(scores),
-        error,
-        _mean(experts),
-        clipped,
-    )
+    both = _mean(scores), error, _mean(experts)
+    return Result(label, None, values.size, *estimate(list(values)), p10, reward, *both, clipped)
 
 
 def _mean(scores: list[float | None]) -> float | None:

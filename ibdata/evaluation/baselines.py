@@ -57,6 +57,11 @@ class Baseline(JsonObject):
         return self.set, self.algorithm, self.seed
 
     @property
+    def label(self) -> str:
+        """The algorithm and the seed."""
+        return self.algorithm if self.seed is None else f"{self.algorithm} seed {self.seed}"
+
+    @property
     def values(self) -> Floats | None:
         """The returns (episodes,)."""
         if self.returns is None:
