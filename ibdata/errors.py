@@ -69,7 +69,7 @@ class IbdataError(ValueError):
     """Base class of ibdata's exceptions. Credentials in URLs are removed from the message.
 
     A message is written with the options of the command line, such as --overwrite, and the command line
-    prints it so. `str` names them as Python does, such as overwrite=True.
+    prints these. `str` gives the message with the arguments of Python, such as overwrite=True.
     """
 
     exit_code = 1

@@ -10,7 +10,7 @@ from helpers import ROOT
 
 PACKAGE = ROOT / "ibdata"
 LONGEST = 290  # lines; most files have fewer than 200
-AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "version"}
+AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "variables", "version"}
 SCRIPTS = [path for path in (ROOT / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")]
 DOCUMENTS = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
 

@@ -34,8 +34,8 @@ from ibdata.errors import UsageError
     type=float,
     nargs=3,
     metavar="DV DG DH",
-    help="The first action of every branch, for its value, clipped to [-1, 1]; default: the policy's own, "
-    "for the state's value.",
+    help="The first action of every branch, clipped to [-1, 1]; the result is then the value of this action. "
+    "By default the policy acts from the start; the result is then the value of the state.",
 )
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per branch.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")

@@ -15,6 +15,7 @@ from ibdata.cli._shared import (
     print_table,
     quiet_option,
     say,
+    yaml_value,
 )
 from ibdata.numerics.naming import exact
 
@@ -58,6 +59,12 @@ if TYPE_CHECKING:
     metavar="D",
     help="Dynamics: siemens, paper, or '{base: …, field: value}'.",
 )
+@click.option(
+    "--reward",
+    default="classic",
+    metavar="WHAT",
+    help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
+)
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
 @click.option(
     "--against",
@@ -73,6 +80,7 @@ def command(
     setpoints: tuple[str, ...],
     start: str,
     dynamics: str,
+    reward: str,
     quiet: bool,
     as_json: bool,
     **settings: Any,
@@ -88,12 +96,13 @@ def command(
     """
     from ibdata.evaluation import evaluate
 
-    points = [_value("--setpoint", text) for text in setpoints]
+    points = [yaml_value("--setpoint", text) for text in setpoints]
     evaluation = evaluate(
         list(policies),
         points if len(points) > 1 else points[0],
-        start=_value("--start", start),
-        dynamics=_value("--dynamics", dynamics),
+        start=yaml_value("--start", start),
+        dynamics=yaml_value("--dynamics", dynamics),
+        reward=yaml_value("--reward", reward),
         progress=False if quiet else None,
         **settings,
     )
@@ -101,17 +110,6 @@ def command(
         print_json(evaluation.plain())
         return
     _print(evaluation)
-
-
-def _value(option: str, text: str) -> Any:
-    """The value of an option, which is YAML."""
-    from ibdata.errors import UsageError
-    from ibdata.experiment.yaml import Document, StrictYamlError
-
-    try:
-        return Document(text).data
-    except StrictYamlError as error:
-        raise UsageError(f"{option} {text}: {error.message}") from None
 
 
 def _print(evaluation: Evaluation) -> None:

@@ -19,8 +19,14 @@ from ibdata.cli._shared import (
     say_all,
     summaries,
 )
+from ibdata.cli._views import as_keywords, view_options
 from ibdata.exporters import FORMATS, added_formats
 from ibdata.numerics.naming import counted
+
+
+def _left_out(rows: int) -> str:
+    why = "the last of each episode; generate with output: {latent: next} to keep them"
+    return f"{counted(rows, 'row')}, {why}"
 
 
 def _formats() -> list[tuple[str, str]]:
@@ -51,6 +57,7 @@ def _formats() -> list[tuple[str, str]]:
     help="Observations to stack, newest first; default 1, or 30 for neorl.",
 )
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
+@view_options
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
 @quiet_option
@@ -62,6 +69,10 @@ def command(
     split: str | None,
     history: int | None,
     reward_scale: float,
+    observe: str,
+    actions: bool,
+    reward: str,
+    imperfections: str | None,
     id: str | None,
     verify: bool,
     quiet: bool,
@@ -75,6 +86,7 @@ def command(
     \b
     ibdata export data/random --to minari --out minari-datasets
     ibdata export data/transfer --to npz --out t.npz --split target --history 10
+    ibdata export data/random --to csv --out m.csv --observe markov --reward delta
     """
     from ibdata.exporters import export
 
@@ -88,6 +100,7 @@ def command(
         id=id,
         verify=verify,
         progress=False if quiet else None,
+        **as_keywords(observe, actions, reward, imperfections),
     )
     if as_json:
         print_json(made._asdict())
@@ -97,6 +110,7 @@ def command(
             ("export", made.path),
             ("rows", f"{made.rows:,} in {counted(made.episodes, 'episode')}"),
             ("format", made.format),
+            *([("left out", _left_out(made.left_out))] if made.left_out else []),
         ]
     )
     say()

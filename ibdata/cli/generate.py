@@ -33,7 +33,7 @@ from ibdata.cli._shared import (
     "config_option",
     metavar="CONFIG",
     shell_complete=configs,
-    help="As the argument CONFIG.",
+    help="Same as the argument CONFIG.",
 )
 @click.option(
     "--out",

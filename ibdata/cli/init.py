@@ -13,7 +13,7 @@ from ibdata.cli._shared import LocalPath, json_option, print_json, say
 @click.argument("file", metavar="[FILE]", default="experiment.yaml", type=LocalPath())
 @json_option
 def command(file: Path, as_json: bool) -> None:
-    """Write an example experiment with comments, to be edited.
+    """Write an example experiment with comments, for you to edit.
 
     FILE is experiment.yaml by default; an existing file is not changed.
 

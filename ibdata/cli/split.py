@@ -49,7 +49,7 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 @click.option(
     "--by",
     type=click.Choice(list(OPTIONS)),
-    help="The property that decides the split of an episode; default: what the other options belong to.",
+    help="The property that decides the split of an episode; default: the one that the other options imply.",
 )
 @click.option(
     "--scheme",
@@ -59,7 +59,7 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 @click.option("--source", type=float, multiple=True, metavar="P", help="A source setpoint; may be repeated.")
 @click.option("--target", type=float, multiple=True, metavar="P", help="A target setpoint; may be repeated.")
 @click.option("--shots", type=int, metavar="N", help="Episodes per policy and target setpoint; default: all.")
-@click.option("--transitions", type=int, metavar="N", help="As --shots, but as a number of rows.")
+@click.option("--transitions", type=int, metavar="N", help="Like --shots, but a number of rows.")
 @click.option(
     "--within",
     type=float,

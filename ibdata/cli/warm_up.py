@@ -10,7 +10,7 @@ from ibdata.cli._shared import json_option, print_json, say
 @click.command("warm-up")
 @json_option
 def command(as_json: bool) -> None:
-    """Compile the simulator ahead, for CI and container images.
+    """Compile the simulator in advance, for CI and container images.
 
     Otherwise the first command that simulates compiles it. The machine code is kept in $IBDATA_CACHE_DIR, or
     else in ~/.cache/ibdata.

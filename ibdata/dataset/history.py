@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
 Array = npt.NDArray[Any]
-INDICES = ("episode", "step", "terminated", "truncated")
-ROLES = ("observation", "action", "reward", "next_observation")
 
 
 def stacked(observations: Array, after: Array, step: Array, history: int) -> tuple[Array, Array]:
@@ -22,13 +18,13 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
     The results are copies: views would have negative strides, which PyTorch refuses.
 
     Args:
-        observations: (N, 6), of whole episodes in order.
-        after: The next observations (N, 6).
+        observations: (N, k), of whole episodes in order; k is 6 unless a view shows other frames.
+        after: The next observations (N, k).
         step: The step of each row within its episode (N,).
         history: How many observations to stack. Before the start of an episode, its first one is repeated.
 
     Returns:
-        The histories of the observations and of the next observations, both (N, 6 · history).
+        The histories of the observations and of the next observations, both (N, k · history).
 
     >>> o = np.array([[1.0], [2.0], [5.0]]); n = np.array([[2.0], [3.0], [6.0]])
     >>> now, later = stacked(o, n, np.array([0, 1, 0]), 2)
@@ -47,7 +43,7 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
 
 
 def _windows(observations: Array, last: Array, history: int) -> Array:
-    """The histories (steps + 1, 6 · history) of an episode's observations and of its last next observation.
+    """The histories (steps + 1, k · history) of an episode's observations and of its last next observation.
 
     The frames are reversed in memory, so that each window begins with its newest frame.
     """
@@ -56,32 +52,3 @@ def _windows(observations: Array, last: Array, history: int) -> Array:
     )
     windows = sliding_window_view(frames.reshape(-1), history * frames.shape[1])[:: frames.shape[1]]
     return windows[::-1]
-
-
-def array_columns(groups: Mapping[str, list[str]]) -> list[str]:
-    """The columns from which `arrays_of` makes arrays; `groups` are the columns of each role."""
-    return [*INDICES, *(name for role in ROLES for name in groups[role])]
-
-
-def arrays_of(table: pa.Table, groups: Mapping[str, list[str]], history: int, drop: bool) -> dict[str, Array]:
-    """The rows of whole episodes as the arrays that `Dataset.arrays` describes.
-
-    `drop` leaves out the rows with fewer observations before them.
-    """
-
-    def stack(role: str) -> Array:
-        return np.stack([table[name].to_numpy() for name in groups[role]], axis=1)
-
-    out = {name: table[name].to_numpy() for name in INDICES}
-    observations, after = stacked(stack("observation"), stack("next_observation"), out["step"], history)
-    arrays = {
-        "observations": observations,
-        "actions": stack("action"),
-        "rewards": table["reward"].to_numpy(),
-        "next_observations": after,
-        **out,
-    }
-    if not drop or history == 1:
-        return arrays
-    whole = out["step"] >= history - 1
-    return {name: array[whole] for name, array in arrays.items()}

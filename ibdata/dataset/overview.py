@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ibdata.dataset.tabular import Table, Tabular, as_html
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.contents import Contents
 
 
 class Splits(Tabular, dict[str, dict[str, Any]]):
@@ -22,7 +22,7 @@ class Splits(Tabular, dict[str, dict[str, Any]]):
         return [Table(("split", "episodes", "rows", "kind"), rows, () if rows else ["no splits"])]
 
 
-def overview(dataset: Dataset) -> str:
+def overview(dataset: Contents) -> str:
     """A dataset and its splits as HTML."""
     info, episodes = dataset.info_model, dataset.episode_table
     row = {

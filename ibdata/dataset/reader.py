@@ -5,32 +5,27 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
 from itertools import chain
-from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
-from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.history import array_columns, arrays_of
-from ibdata.dataset.models import Info, Manifest, Stats
-from ibdata.dataset.overview import Splits, overview
-from ibdata.dataset.returns import Returns, behaviour_returns
+from ibdata.dataset.contents import Contents
 from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, selected_runs
+from ibdata.dataset.transitions import needed
+from ibdata.dataset.viewed import arrays_of, batches_of, checked_history, windows_of
+from ibdata.dataset.windows import Windows
 from ibdata.errors import DatasetError, UsageError
-from ibdata.numerics.naming import counted
-from ibdata.system import object_store
+from ibdata.views.options import ViewKeywords, view_options
 
 if TYPE_CHECKING:
     import pandas as pd
+    from typing_extensions import Unpack
 
-TRIES = 5
 
-
-class Dataset:
+class Dataset(Contents):
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
     If the dataset is replaced after it was opened, reading raises ReplacedError. Files at a URL are copied to
@@ -46,98 +41,6 @@ class Dataset:
     Raises:
         DatasetError: There is no finished dataset, or its manifest is damaged.
     """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = object_store.local_copy(path)
-        self.place = object_store.name_of(self.path)
-        self.manifest_model: Manifest
-        for _ in range(TRIES):  # until manifest and info are of one dataset
-            self.manifest_model = manifest.read(self.path)
-            try:
-                self.info_model  # noqa: B018  # kept
-            except manifest.ReplacedError:
-                continue
-            except DatasetError:
-                pass  # `info` raises it again
-            break
-
-    def __repr__(self) -> str:
-        n = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}>"
-
-    def _repr_html_(self) -> str:
-        return overview(self)
-
-    def __fspath__(self) -> str:
-        return str(self.path)
-
-    def __len__(self) -> int:
-        return self.manifest_model.rows
-
-    @property
-    def content_root(self) -> str:
-        """The hex SHA-256 that names the content; it does not depend on files and encodings."""
-        return self.manifest_model.content_root
-
-    @cached_property
-    def manifest(self) -> dict[str, Any]:
-        """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
-        return self.manifest_model.plain()
-
-    @cached_property
-    def info(self) -> dict[str, Any]:
-        """meta/info.json: columns with roles, units and bounds; counts; splits."""
-        return self.info_model.plain()
-
-    @cached_property
-    def info_model(self) -> Info:
-        """`info` as a model."""
-        return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
-
-    @property
-    def splits(self) -> Splits:
-        """For each split its numbers of episodes and rows, and its files; None for files if it has none."""
-        return Splits({name: split.plain() for name, split in self.info_model.splits.items()})
-
-    def statistics(self, split: str | None = None) -> dict[str, Any]:
-        """Statistics of the float columns.
-
-        Args:
-            split: Only the rows of this split; by default all rows.
-
-        Returns:
-            For each column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
-
-        Raises:
-            UsageError: The dataset has no such split.
-            DatasetError: meta/stats.json is missing or damaged.
-        """
-        stats = manifest.read_json(self.path, self.manifest_model, "meta/stats.json", Stats)
-        columns = stats.all if split is None else stats.splits[self._known(split)]
-        return {name: column.plain() for name, column in columns.items()}
-
-    @cached_property
-    def episodes(self) -> pd.DataFrame:
-        """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
-        return frame
-
-    @property
-    def digests(self) -> list[bytes]:
-        """The content digest of each episode, in order."""
-        digests: list[bytes] = self.episode_table["digest"].to_pylist()
-        return digests
-
-    def returns(self) -> Returns:
-        """The undiscounted returns of the behaviour, by policy and setpoint.
-
-        Returns:
-            `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
-            mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
-            episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
-            default, uniform and {burn_in: [15, 64]}; for others, the score is None.
-        """
-        return behaviour_returns(self.episode_table, self.info_model)
 
     def table(
         self,
@@ -189,13 +92,24 @@ class Dataset:
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
+        **view: Unpack[ViewKeywords],
     ) -> Iterator[pa.RecordBatch]:
         """The rows in order, at most `batch_rows` at a time, in constant memory.
 
-        The other arguments and the errors are those of `table`. Raises UsageError if batch_rows is below 1.
+        The other arguments and the errors are those of `table`. With options of a view (docs/views.md), the
+        batches have the columns episode, step, those of the frame, the actions, the reward, the flags, and
+        `next_…` of the frame; then they are of whole episodes.
+
+        Raises UsageError if batch_rows is below 1, or if both columns and a view are given.
         """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
+        if view:
+            if columns is not None:
+                raise UsageError(
+                    "columns: found columns beside a view, which has its own; leave one of them out"
+                )
+            return batches_of(self, view_options(**view), split, setpoint, policy, batch_rows)
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
@@ -229,38 +143,73 @@ class Dataset:
         history: int = 1,
         split: str | None = None,
         pad: str = "repeat",
+        columns: Sequence[str] = (),
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
+        **view: Unpack[ViewKeywords],
     ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
 
         Args:
-            history: How many observations to stack, newest first.
+            history: How many frames to stack, newest first. A frame has the six observed variables, unless
+                the view shows others.
             split: As in `table`.
-            pad: For rows with fewer observations before them, "repeat" the first, or "drop" these rows.
+            pad: For rows with fewer frames before them, "repeat" the first, or "drop" these rows.
+            columns: Further columns of the dataset, such as action_log_prob and policy.
             setpoint: As in `table`.
             policy: As in `table`.
+            **view: The options of a view, see docs/views.md: observe, actions, reward, reward_scale,
+                imperfections.
 
         Returns:
-            observations and next_observations (N, 6 · history), actions (N, 3), and rewards, terminated,
-            truncated, episode and step (N,).
+            observations and next_observations (N, 6 · history), actions (N, 3), rewards, terminated,
+            truncated, episode and step (N,), and the further columns by name. If the view observes values
+            that the dataset does not have after the last row of an episode, that row is left out.
 
         Raises:
-            UsageError: An argument is invalid, or the dataset has no such split, setpoint or policy.
+            UsageError: An argument is invalid, or the dataset has no such split, column, setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
-        if not isinstance(history, Integral) or history < 1:
-            raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
-        if pad not in ("repeat", "drop"):
-            raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
-        table = self.table(array_columns(self.info_model.groups), split, setpoint=setpoint, policy=policy)
-        return arrays_of(table, self.info_model.groups, history, pad == "drop")
+        drop, options = checked_history(history, pad), view_options(**view)
+        names = needed(self.info_model, options)
+        more = self._columns(columns) if len(columns) else []
+        table = self.table(
+            [*names, *(x for x in more if x not in names)], split, setpoint=setpoint, policy=policy
+        )
+        return arrays_of(table, self.info_model, options, history, drop, more)
 
-    @cached_property
-    def episode_table(self) -> pa.Table:
-        """`episodes` as an Arrow table."""
-        return read_episodes(self.path, self.manifest_model)
+    def windows(
+        self,
+        history: int = 1,
+        split: str | None = None,
+        pad: str = "repeat",
+        folder: str | os.PathLike[str] | None = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        **view: Unpack[ViewKeywords],
+    ) -> Windows:
+        """The rows as `arrays` gives them, but stacked only when they are asked for.
+
+        For `torch.utils.data.DataLoader(windows, batch_size=256, shuffle=True, collate_fn=windows.collate)`.
+
+        Args:
+            history: As in `arrays`.
+            split: As in `table`.
+            pad: As in `arrays`.
+            folder: A folder to keep the values in, which are then mapped and take no memory. It is made if it
+                does not exist; if it holds the same windows, they are used.
+            setpoint: As in `table`.
+            policy: As in `table`.
+            **view: As in `arrays`.
+
+        Raises:
+            UsageError: As in `arrays`, or the folder holds something else.
+            DatasetError: A file is missing or damaged.
+        """
+        drop = checked_history(history, pad)
+        return windows_of(self, view_options(**view), history, drop, folder, split, setpoint, policy)
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column.name for column in self.info_model.columns]
@@ -280,11 +229,3 @@ class Dataset:
             shards = enumerate(self.manifest_model.shards)
             return [(number, None) for number, shard in shards if shard.path in known]
         return sorted(selected_runs(self.episode_table, split, setpoint, policy).items())
-
-    def _known(self, split: str) -> str:
-        """Return the split. Raises UsageError if the dataset does not have it."""
-        if not isinstance(split, str):
-            raise UsageError(f"split: found {split!r}, expected the name of one split")
-        if not self.splits:
-            raise UsageError(f"split: found {split!r}, expected none: the dataset declares no splits")
-        return str(known_of("split", split, list(self.splits))[0])

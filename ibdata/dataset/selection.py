@@ -19,10 +19,10 @@ Policy = str | Sequence[str] | None
 MOST_NAMES = 40  # in a message
 
 
-def selected_runs(
+def selected(
     episodes: pa.Table, split: str | None, setpoint: Setpoint, policy: Policy
-) -> dict[int, Runs]:
-    """The rows of the selected episodes in each shard, as runs start … stop - 1.
+) -> npt.NDArray[np.bool_]:
+    """Whether each episode is selected.
 
     Args:
         episodes: The table of episodes.
@@ -44,6 +44,14 @@ def selected_runs(
         names = labels.dictionary.to_pylist()
         chosen = known_of("policy", policy, names)
         inside &= np.isin(labels.indices.to_numpy(), [names.index(name) for name in chosen])
+    return inside
+
+
+def selected_runs(
+    episodes: pa.Table, split: str | None, setpoint: Setpoint, policy: Policy
+) -> dict[int, Runs]:
+    """The rows of the selected episodes in each shard, as runs start … stop - 1; see `selected`."""
+    inside = selected(episodes, split, setpoint, policy)
     found: dict[int, Runs] = {}
     columns = (episodes[name].to_numpy()[inside].tolist() for name in ("shard", "row_start", "row_stop"))
     for shard, start, stop in zip(*columns, strict=True):

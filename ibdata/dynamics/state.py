@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics.setpoint import NO_DRIFT
-from ibdata.dynamics.variables import FLOATS, INTEGERS, VARIABLES, of_role, rows
+from ibdata.variables import FLOATS, INTEGERS, VARIABLES, of_role, rows
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -28,7 +28,7 @@ UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
 class State(NamedTuple):
     """The Markov state of n lanes and the values derived from it.
 
-    `state.velocity`, and so on for every name in `ibdata.dynamics.variables`, is a view (n,) of a row;
+    `state.velocity`, and so on for every name in `ibdata.variables`, is a view (n,) of a row;
     `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. Writing to a view changes the state.
     """
 

@@ -22,9 +22,9 @@ from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, r
 from ibdata.dynamics.setpoint import NO_DRIFT, drift
 from ibdata.dynamics.state import COSTS, Noise, State, checked_noise, checked_state
 from ibdata.dynamics.steering import D_G, D_H, D_V, steer
-from ibdata.dynamics.variables import rows
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 from ibdata.numerics.compiled import inlined
+from ibdata.variables import rows
 
 SETPOINT, VELOCITY, GAIN, SHIFT = rows("setpoint", "velocity", "gain", "shift")
 CONSUMPTION, FATIGUE, REWARD = rows("consumption", "fatigue", "reward")

@@ -10,15 +10,16 @@ import numpy as np
 
 from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
-from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.settings import Settings
-from ibdata.environment.simulation import Float32s, Simulation, checked_actions
+from ibdata.environment.simulation import COSTS, Float32s, Simulation, checked_actions
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
+from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
 from ibdata.simulation.episodes import NO_PAST, NO_ROWS, Episodes, Past
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.simulation.variables import hidden, record_rows
+from ibdata.variables import VARIABLES
 
 Action = tuple[float, float, float]
 NOTHING = np.empty(0)
@@ -44,6 +45,7 @@ class Lane(Simulation):
         self._episodes = _Episode(*self._episodes)
         self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * settings.drifting  # random integers of a step
         self._parameters, self._reward_scale = self._episodes.parameters, settings.reward_scale
+        self._plain = self.window is None and self.view.reward.kind == "classic"
         wanted = (*hidden(settings.drifting), "reward")
         self._rows, self._out = record_rows(wanted), np.zeros(len(wanted))
         self._form = "".join("q" if VARIABLES[name].whole else "d" for name in wanted)
@@ -51,12 +53,25 @@ class Lane(Simulation):
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
         """Make a step; return observation, scaled reward, and hidden variables by column name."""
         (floats, integers), (dv, dg, dh) = self._state, action
+        if not self._plain:
+            self.costs_before[:] = self.seen[:, 0, COSTS]
         kernel.simulate_lane(
             floats, integers, dv, dg, dh, raw, self._parameters, self.seen, self._rows, self._out
         )
         numbers = unpack(self._form, self._out)  # type: ignore[arg-type]  # an array is a buffer
         info = dict(zip(self._latent, numbers))  # noqa: B905  # the reward is left over
-        return self.seen.ravel().copy(), numbers[-1] * self._reward_scale, info
+        if self._plain:
+            return self.seen.ravel().copy(), numbers[-1] * self._reward_scale, info
+        if self.window is not None:
+            rounded = np.empty((1, 3), dtype=np.float32)
+            clip_and_round(np.array([action]), rounded)
+            self.window.push(self.everyone, self.observed(), rounded)
+        return self.observations()[0], self.rewards()[0].item(), {**info, **self._true_values()}
+
+    def _true_values(self) -> dict[str, float]:
+        """The true values of imperfect measurements by name."""
+        observed = self.observed()[0].tolist() if self._clean else []
+        return {name: observed[i] for name, i in self._clean.items()}
 
     def set_state(self, given: State) -> None:
         """Go on from a state of one lane. Raises UsageError if it is no such state."""
@@ -70,13 +85,13 @@ class Lane(Simulation):
             raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
         moves = state.drift_left >= 0
         if len(moves) != 1:
-            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected one")
+            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected a state of one lane")
         if moves[0] != self.settings.drifting:
             found, option = ("a moving", '"drifting"') if moves[0] else ("a constant", "a number")
             raise UsageError(
                 f"set_state: found a state of {found} setpoint; make the environment with setpoint={option}"
             )
-        self.place(self.everyone, state, Past.of(state, self.settings.history))
+        self.place(self.everyone, state, Past.of(state, self.settings.history), np.zeros(1, dtype=np.int64))
 
 
 def checked_action(given: Any) -> Action:

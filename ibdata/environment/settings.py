@@ -1,8 +1,9 @@
-"""The settings of an environment: setpoint, dynamics, start, length of history, scale of the reward."""
+"""The settings of an environment: setpoint, dynamics, start, length of history, and what is seen of it."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -11,16 +12,16 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
-from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment import ID
-from ibdata.errors import ConfigError, suggestion
+from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
 from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
-from ibdata.policies import OBSERVATION
 from ibdata.policies.base import FrozenModel
+from ibdata.variables import VARIABLES
+from ibdata.views.options import ViewOptions, bounds_of, variable_of, view_options
 
 MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
@@ -55,11 +56,24 @@ class Settings(FrozenModel):
     start: Start = "default"
     history: Annotated[int, Field(strict=True, ge=1, le=MAX_FRAMES), WHOLE, BeforeValidator(_number)] = 1
     reward_scale: Annotated[Real, Field(gt=0.0), BeforeValidator(_number)] = 1.0
+    observe: Any = "classic"
+    actions: Any = False
+    reward: Any = "classic"
+    imperfections: Any = None
 
     @cached_property
     def variant(self) -> Variant:
         """The dynamics as a variant."""
         return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @cached_property
+    def view(self) -> ViewOptions:
+        """What is seen and rewarded. Raises UsageError if an option of the view is invalid."""
+        options = view_options(self.observe, self.actions, self.reward, self.reward_scale, self.imperfections)
+        for name in options.columns(self.drifting):
+            if VARIABLES[variable_of(name)].role == "drift" and not self.drifting:
+                raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")
+        return options
 
     @cached_property
     def first_setpoint(self) -> float:
@@ -73,12 +87,14 @@ class Settings(FrozenModel):
 
 
 def settings(**given: Any) -> Settings:
-    """Check the settings given; ConfigError with a line for each that is invalid."""
+    """Check the settings given. Raises ConfigError with a line for each that is invalid, or UsageError."""
     try:
-        return Settings.model_validate(given)
+        made = Settings.model_validate(given)
     except ValidationError as error:
         found = problems(error, Settings, given)
         raise ConfigError([f"{ID}: {problem.key}: {problem.message}" for problem in found]) from None
+    made.view  # noqa: B018  # refuses an invalid one
+    return made
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:
@@ -97,9 +113,8 @@ def consumption_bounds(variant: Variant) -> tuple[float, float]:
     return min(corners), max(corners)
 
 
-def observation_bounds(variant: Variant) -> tuple[list[float], list[float]]:
-    """Lowest and highest values of the six observed variables, in their order."""
-    bounds = [(VARIABLES[name].low, VARIABLES[name].high) for name in OBSERVATION[:-1]]
-    known = [(low, high) for low, high in bounds if low is not None and high is not None]
-    low, high = zip(*known, consumption_bounds(variant), strict=True)
-    return list(low), list(high)
+def frame_bounds(settings: Settings) -> tuple[list[float], list[float]]:
+    """The lowest and the highest values of a frame, in its order; infinite where there is no bound."""
+    bounds = bounds_of(settings.view, settings.drifting, consumption_bounds(settings.variant))
+    low, high = zip(*bounds, strict=True)
+    return [-math.inf if x is None else x for x in low], [math.inf if x is None else x for x in high]

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State, initial_state
-from ibdata.dynamics.variables import VARIABLES, rows
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
@@ -18,10 +17,14 @@ from ibdata.policies import OBSERVATION
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import episodes
 from ibdata.simulation.episodes import NO_PAST, Episodes, Past, put, take
-from ibdata.simulation.variables import hidden
+from ibdata.simulation.variables import hidden, record_rows
+from ibdata.variables import VARIABLES, rows
+from ibdata.views.options import variable_of
+from ibdata.views.window import Window
 
 Indices = npt.NDArray[np.int64]
 Float32s = npt.NDArray[np.float32]
+COSTS = [OBSERVATION.index("consumption"), OBSERVATION.index("fatigue")]
 DRAWN = (*OBSERVATION, "mu_v", "mu_g", "direction")
 Draw = Callable[[Indices, int], Raw]  # (lanes, count) -> (lanes, count) random 64-bit integers
 
@@ -34,11 +37,20 @@ class Simulation:
     """
 
     def __init__(self, settings: Settings, n: int) -> None:
-        self.settings, self.n = settings, n
+        self.settings, self.n, self.view = settings, n, settings.view
         self.everyone = np.arange(n)
         self.seen = np.zeros((n, settings.history, 6), dtype=np.float32)
         self._state = initial_state(np.full(n, settings.first_setpoint), drifting=settings.drifting)
         self._episodes = Episodes.of(settings.start, settings.drifting, settings.variant)
+        self.window = None
+        if not self.view.is_classic:
+            self.window = Window(self.view, settings.drifting, n, settings.history)
+        self.costs_before = self.seen[:, 0, COSTS].copy()  # consumption and fatigue before the last step
+        columns = self.view.columns(settings.drifting)
+        self._observed = record_rows([variable_of(name) for name in columns])
+        self._clean = {
+            f"clean_{name}": i for i, name in enumerate(columns) if name in self.view.imperfections.columns
+        }
         # Where the hidden variables lie in the state; views of it would not be its own in a copy of this.
         self._latent = {
             f"latent_{name}": (int(VARIABLES[name].whole), rows(name)[0])
@@ -48,12 +60,19 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
-        self.place(which, *self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history))
+        begun = self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history)
+        numbers = np.zeros(len(which), dtype=np.int64)
+        if self.view.imperfections:  # their random numbers have the address of an episode
+            numbers = (draw(which, 1)[:, 0] >> np.uint64(1)).astype(np.int64)
+        self.place(which, *begun, numbers)
 
-    def place(self, which: Indices, state: State, past: Past) -> None:
-        """Put these lanes into the states of k lanes that have this past."""
+    def place(self, which: Indices, state: State, past: Past, numbers: Indices) -> None:
+        """Put these lanes into the states of k lanes that have this past, as episodes with these numbers."""
         put(self._state, which, state)
         self.seen[which] = past.observations
+        self.costs_before[which] = self.seen[which, 0][:, COSTS]
+        if self.window is not None:
+            self.window.begin(which, self.observed()[which], numbers)
 
     def step(self, which: Indices, action: Float32s, draw: Draw) -> None:
         """Move these lanes by actions (k, 3)."""
@@ -61,26 +80,46 @@ class Simulation:
         everyone = len(which) == self.n
         state = self._state if everyone else take(self._state, which)
         seen = self.seen if everyone else self.seen[which]
+        self.costs_before[which] = seen[:, 0, COSTS]
         self._episodes.advance(state, action[None], raw, drift, Past(seen, NO_PAST.actions))
         if not everyone:
             put(self._state, which, state)
             self.seen[which] = seen
+        if self.window is not None:
+            self.window.push(which, self.observed()[which], action)
 
     def observations(self) -> Float32s:
-        """Return the observations (n, 6 · history), newest first; a new array each time."""
-        return self.seen.reshape(self.n, -1).copy()
+        """Return the observations (n, k · history), newest first; a new array each time."""
+        frames = self.seen if self.window is None else self.window.frames
+        return frames.reshape(self.n, -1).copy()
+
+    def observed(self) -> Float32s:
+        """The true values of the observed columns, (n, columns)."""
+        values: Float32s = (np.concatenate(self._state)[self._observed].T + 0.0).astype(np.float32)
+        return values
 
     def rewards(self) -> npt.NDArray[np.float64]:
         """The rewards (n,), scaled; a new array each time."""
-        return self._state.reward * self.settings.reward_scale
+        reward, scale = self.view.reward, self.settings.reward_scale
+        if reward.kind == "classic":
+            return self._state.reward * scale
+        before, after = self.costs_before.T, self.seen[:, 0, COSTS].T
+        return reward.of(tuple(before), tuple(after), scale).astype(np.float64)
 
     def drawn(self) -> dict[str, npt.NDArray[Any]]:
         """The variables that a picture of an episode shows, arrays (n,)."""
         return {name: getattr(self._state, name) for name in DRAWN}
 
     def latent(self) -> dict[str, npt.NDArray[Any]]:
-        """The hidden part of the Markov state by column name, arrays (n,), new ones each time."""
-        return {name: self._state[part][row].copy() for name, (part, row) in self._latent.items()}
+        """What the agent is not meant to see by name, arrays (n,), new ones each time.
+
+        These are the hidden part of the Markov state and the true values of imperfect measurements.
+        """
+        hidden = {name: self._state[part][row].copy() for name, (part, row) in self._latent.items()}
+        if not self._clean:
+            return hidden
+        observed = self.observed()
+        return {**hidden, **{name: observed[:, i].copy() for name, i in self._clean.items()}}
 
 
 def checked_actions(given: Any, used: npt.NDArray[np.bool_]) -> Float32s:

@@ -36,6 +36,11 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
         history: the number of observations returned together; those before the first one repeat it.
         reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
+        observe: "classic" for these six variables, "markov" for the whole state, or a list of columns; this
+            and the following are options of a view (docs/views.md).
+        actions: whether each frame also has the action of the step before.
+        reward: "classic", "delta", or weights such as {"consumption": 1, "fatigue": 1}.
+        imperfections: delay, noise, quantisation and missing values of columns.
         render_mode: "rgb_array" or None.
 
     Raises:
@@ -52,12 +57,24 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         start: Any = "default",
         history: int = 1,
         reward_scale: float = 1.0,
+        observe: Any = "classic",
+        actions: bool = False,
+        reward: Any = "classic",
+        imperfections: Any = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
         given = settings(
-            setpoint=setpoint, dynamics=dynamics, start=start, history=history, reward_scale=reward_scale
+            setpoint=setpoint,
+            dynamics=dynamics,
+            start=start,
+            history=history,
+            reward_scale=reward_scale,
+            observe=observe,
+            actions=actions,
+            reward=reward,
+            imperfections=imperfections,
         )
         self.render_mode = render_mode
         self.observation_space, self.action_space = spaces(given)

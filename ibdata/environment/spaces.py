@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ibdata.environment.settings import Settings, observation_bounds
+from ibdata.environment.settings import Settings, frame_bounds
 from ibdata.errors import MissingError
 
 try:
@@ -14,12 +14,11 @@ except ModuleNotFoundError:
 
 
 def spaces(settings: Settings) -> tuple[Box, Box]:
-    """The spaces of observations (6 · history,), newest first, and of actions (3,).
+    """The spaces of observations (k · history,), newest first, and of actions (3,).
 
     The bounds hold for every setpoint, so that a policy can be used at another one.
     """
     low, high = (  # rounding is monotonic, so rounded values stay within rounded bounds
-        np.tile(np.array(bounds, dtype=np.float32), settings.history)
-        for bounds in observation_bounds(settings.variant)
+        np.tile(np.array(bounds, dtype=np.float32), settings.history) for bounds in frame_bounds(settings)
     )
     return Box(low, high, dtype=np.float32), Box(-1.0, 1.0, (3,), np.float32)

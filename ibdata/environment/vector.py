@@ -57,6 +57,10 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         start: Any = "default",
         history: int = 1,
         reward_scale: float = 1.0,
+        observe: Any = "classic",
+        actions: bool = False,
+        reward: Any = "classic",
+        imperfections: Any = None,
     ) -> None:
         mode = getattr(autoreset_mode, "value", autoreset_mode)
         if mode not in MODES:
@@ -64,7 +68,15 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         if num_envs < 1:
             raise UsageError(f"num_envs: found {num_envs}, expected at least 1")
         given = settings(
-            setpoint=setpoint, dynamics=dynamics, start=start, history=history, reward_scale=reward_scale
+            setpoint=setpoint,
+            dynamics=dynamics,
+            start=start,
+            history=history,
+            reward_scale=reward_scale,
+            observe=observe,
+            actions=actions,
+            reward=reward,
+            imperfections=imperfections,
         )
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
         self.num_envs = num_envs

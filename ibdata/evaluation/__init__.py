@@ -2,123 +2,34 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED
-from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import ConfigError, UsageError
-from ibdata.evaluation.against import BaselineResult, baselines_of, results_of
+from ibdata.evaluation.against import baselines_of, results_of
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
-from ibdata.evaluation.policies import policies_of
+from ibdata.evaluation.policies import Acting, policies_of
+from ibdata.evaluation.results import Difference as Difference
+from ibdata.evaluation.results import Evaluation as Evaluation
+from ibdata.evaluation.results import Result as Result
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
-
-if TYPE_CHECKING:
-    import pandas as pd
+from ibdata.views.options import view_options
 
 Floats = npt.NDArray[np.float64]
-EPISODES = 100
 RETURN_BYTES = 16  # least memory per episode, for two sums
-
-
-class Result(NamedTuple):
-    """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
-
-    `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
-    are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
-    `score`, which is 100 for `optimized`, and `expert_score`, which is 100 for `expert`; `score_error` is the
-    standard error of `score`, without that of the scale. `clipped` is the share of the actions that were
-    clipped to [-1, 1]. Errors are None for one episode.
-    """
-
-    policy: str
-    setpoint: float | None
-    episodes: int
-    mean_return: float
-    standard_error: float | None
-    interval: tuple[float, float] | None
-    p10: float
-    mean_reward: float
-    score: float | None
-    score_error: float | None
-    expert_score: float | None
-    clipped: float
-
-
-class Difference(NamedTuple):
-    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
-
-    policy: str
-    less: str
-    setpoint: float | None
-    mean_difference: float
-    standard_error: float | None
-    interval: tuple[float, float] | None
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Evaluation(Tabular):
-    """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
-
-    `notes` says why errors or scores are missing, a line for each reason. `baselines` are those of the set
-    that the policies are compared with.
-    """
-
-    results: list[Result]
-    differences: list[Difference]
-    scale: str | None
-    returns: Floats  # (policies, setpoints, episodes)
-    steps: int
-    discount: float
-    notes: list[str]
-    baselines: list[BaselineResult] = dataclasses.field(default_factory=list)
-
-    def tables(self) -> list[Table]:
-        """The results and, if there are several policies, their differences."""
-        said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
-        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
-        if self.baselines:
-            shown.append(Table(BaselineResult._fields, self.baselines))
-        if self.differences:
-            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
-        return shown
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The results, a row each, as a pandas DataFrame; the setpoint is missing where it means all."""
-        import pandas as pd
-
-        return pd.DataFrame(self.results, columns=list(Result._fields))
-
-    def plain(self) -> dict[str, Any]:
-        """Everything but the returns of single episodes, as plain data."""
-        return {
-            "results": [result._asdict() for result in self.results],
-            "differences": [difference._asdict() for difference in self.differences],
-            "scale": self.scale,
-            "steps": self.steps,
-            "discount": self.discount,
-            "notes": self.notes,
-            **({"baselines": [each._asdict() for each in self.baselines]} if self.baselines else {}),
-        }
-
-
-def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else row.setpoint
-    return row._replace(setpoint=shown)
 
 
 def evaluate(
@@ -135,6 +46,10 @@ def evaluate(
     allow_code: bool = False,
     against: str | None = None,
     progress: bool | None = False,
+    observe: str | Sequence[str] = "classic",
+    actions: bool = False,
+    reward: str | Mapping[str, float] = "classic",
+    imperfections: Mapping[str, Any] | None = None,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -162,6 +77,11 @@ def evaluate(
         against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
             with the policies. The other arguments but `policy` must be the default ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
+        observe: what objects see in place of the six observed variables; this and the following are options
+            of a view (docs/views.md). Policies of other kinds always see those variables.
+        actions: whether objects also see the action of the step before.
+        reward: the reward; there are scores only for the classic one.
+        imperfections: how imperfectly the values that objects see are measured.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -173,10 +93,16 @@ def evaluate(
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     policies = policies_of(policy, history, allow_code)
+    view = view_options(observe, actions, reward, imperfections=imperfections)
+    if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
+        raise UsageError(
+            "observe: found a view, but no object that could see it: policies of ibdata see the six observed "
+            "variables; leave it out, or give a function, a module or an object"
+        )
     if not policies:
-        raise UsageError("policy: found none, expected at least one")
+        raise UsageError("policy: found no policy, expected at least one")
     if episodes is None:
-        episodes = EPISODES if against is None else SETTINGS["episodes"]
+        episodes = 100 if against is None else SETTINGS["episodes"]
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {
@@ -196,11 +122,11 @@ def evaluate(
         **{**options, "policies": list(policies.values())}
     )  # of any class
     vars(experiment)["labels"] = labels
-    baselines = [] if against is None else baselines_of(against, experiment, float(discount))
+    baselines = [] if against is None else baselines_of(against, experiment, float(discount), view)
     with bar(progress, experiment.rows, "steps") as advance:
-        played = episodes_of(experiment, float(discount), advance)
+        played = episodes_of(experiment, float(discount), advance, view)
     scale = None
-    if not experiment.drifting:
+    if not experiment.drifting and view.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
@@ -220,7 +146,7 @@ def evaluate(
         for line in baselines
         if line.values is not None
     ]
-    text, missing = scale.text if scale else None, list(notes(experiment, points, scale))
+    text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
     known = results_of(baselines)
     return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing, known)
 

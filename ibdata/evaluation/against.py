@@ -8,6 +8,7 @@ from ibdata.errors import UsageError, suggestion
 from ibdata.evaluation.baselines import SETTINGS, Baseline, shipped_baselines
 from ibdata.experiment import Experiment
 from ibdata.numerics.naming import exact
+from ibdata.views.options import ViewOptions
 
 
 class BaselineResult(NamedTuple):
@@ -24,7 +25,7 @@ class BaselineResult(NamedTuple):
     p10: float | None
 
 
-def baselines_of(name: str, experiment: Experiment, discount: float) -> list[Baseline]:
+def baselines_of(name: str, experiment: Experiment, discount: float, view: ViewOptions) -> list[Baseline]:
     """The shipped baselines of a set, given with or without its suite.
 
     Raises UsageError if there are none, or if they were not evaluated in the episodes of this experiment.
@@ -39,6 +40,8 @@ def baselines_of(name: str, experiment: Experiment, discount: float) -> list[Bas
         raise UsageError(
             f"--against: found {name!r}, expected one of {known}{suggestion(name, short.values())}"
         )
+    if view.reward.kind != "classic":
+        raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
     _refuse_other_episodes(experiment, discount)
     return [line for line in lines if line.set == found]
 

@@ -130,7 +130,7 @@ def importance(
     chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]
     if not len(episodes):
-        raise UsageError("split, setpoint, policy: found no episode of all of them, expected at least one")
+        raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
     found = list(parts_of(spec, episodes))
     lengths = sorted({part.steps for part in found})
     if len(lengths) > 1:

@@ -8,10 +8,14 @@ from typing import Any
 from ibdata.dataset import reference_returns
 from ibdata.experiment import Experiment
 from ibdata.numerics.naming import exact
+from ibdata.views.options import PLAIN, ViewOptions
 
 
 def notes(
-    experiment: Experiment, setpoints: list[float], scale: reference_returns.Scale | None
+    experiment: Experiment,
+    setpoints: list[float],
+    scale: reference_returns.Scale | None,
+    view: ViewOptions = PLAIN,
 ) -> Iterator[str]:
     """Yield a line for each reason.
 
@@ -19,11 +23,15 @@ def notes(
         experiment: what was played.
         setpoints: its setpoints.
         scale: the scale of its scores.
+        view: what is rewarded.
     """
     if experiment.episodes == 1:
         yield "no standard error: one episode per policy and setpoint has none"
     if experiment.drifting:
         yield "no score: drifting setpoints have none"
+        return
+    if view.reward.kind != "classic":
+        yield "no score: there are reference returns only for the classic reward"
         return
     if scale is None:
         scales = reference_returns.reference().scales

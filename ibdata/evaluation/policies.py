@@ -81,8 +81,8 @@ def policies_of(
             policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
         found[name] = policy
     for name in lengths.keys() - taking:
-        one = f"one of {', '.join(taking)}" if taking else "none"
-        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own")
+        one = f"one of {', '.join(taking)}" if taking else "no label"
+        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own number")
     return found
 
 

@@ -116,7 +116,7 @@ def true_values(
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     policies, source = list(policies_of(policy, history, allow_code).values()), Source(ds)
     if len(policies) != 1:
-        raise UsageError(f"policy: found {len(policies)}, expected one")
+        raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
     [acting] = policies
     numbers, times = _places(source, rows)
     first = None if actions is None else _applied(actions, len(numbers))

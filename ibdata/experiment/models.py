@@ -150,7 +150,7 @@ class Experiment(FrozenModel):
         return len(self.cells) * self.episodes * self.steps
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """As that of every block, but it raises ConfigError, and the copy keeps the folder."""
+        """Copy as pydantic does, but keep the folder, and raise ConfigError for an invalid copy."""
         changes = plain(update or {})
         with refusals({**self.options(), **changes}):
             copy = super().model_copy(update=changes, deep=deep)

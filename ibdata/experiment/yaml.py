@@ -159,5 +159,7 @@ def _checked_events(text: str) -> Iterator[None]:
         if nodes > MAX_NODES:
             raise StrictYamlError(*place, f"found more than {MAX_NODES} values, expected at most {MAX_NODES}")
         if documents > 1:
-            raise StrictYamlError(*place, "found a second document, expected one; remove what follows ---")
+            raise StrictYamlError(
+                *place, "found a second document, expected a single document; remove what follows ---"
+            )
         yield

@@ -15,9 +15,9 @@ of the format, its value is the module. The module is imported only when its for
 from __future__ import annotations
 
 import inspect
-import math
 import os
 import pkgutil
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
@@ -41,6 +41,8 @@ class Exported(NamedTuple):
     history: int
     reward_scale: float
     snippet: str  # Python that loads it
+    frame: tuple[str, ...]  # the numbers that are observed at one step
+    left_out: int  # transitions whose next frame is not in the dataset
 
 
 def export(
@@ -54,6 +56,10 @@ def export(
     id: str | None = None,
     verify: bool = False,
     progress: bool | None = False,
+    observe: str | Sequence[str] = "classic",
+    actions: bool = False,
+    reward: str | Mapping[str, float] = "classic",
+    imperfections: Mapping[str, Any] | None = None,
 ) -> Exported:
     """Write a dataset, or a split of it, in the format of another library.
 
@@ -69,6 +75,10 @@ def export(
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
         verify: Whether to read the export back and compare it with the dataset, value by value.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
+        observe: What a frame shows; this and the following are options of a view, see docs/views.md.
+        actions: Whether a frame also shows the action of the step before.
+        reward: Which reward.
+        imperfections: How imperfectly the columns are measured.
 
     Returns:
         The path and size of the export, and the Python code that loads it.
@@ -85,6 +95,7 @@ def export(
     from ibdata.exporters._view import View
     from ibdata.system.memory import refuse_too_much
     from ibdata.system.object_store import refuse_url
+    from ibdata.views.options import view_options
 
     refuse_url(out)
     format = _format(to)
@@ -92,26 +103,26 @@ def export(
         history = getattr(format, "HISTORY", 1)
     if history < 1:
         raise UsageError(f"history: found {history}, expected a whole number of at least 1")
-    if not 0 < reward_scale < math.inf:
-        raise UsageError(f"reward scale: found {reward_scale}, expected a finite number above 0")
+    options = view_options(observe, actions, reward, reward_scale, imperfections)
     if verify and not hasattr(format, "verify"):
         raise UsageError(f"the format {to} has no function to verify an export; leave out --verify")
     source = opened(dataset)
-    view = View(source, split, history, reward_scale, progress)
+    view = View(source, split, history, options, progress)
     refuse_too_much("history", view.history_bytes)
     if view.rows == 0:
         raise UsageError(f"split: {split!r} has no rows; choose another split")
-    options: dict[str, Any] = {}
+    more: dict[str, Any] = {}
     if id is not None:
         if "id" not in inspect.signature(format.export).parameters:
             raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-        options["id"] = id
-    target = Path(format.place(view, Path(out), **options) if hasattr(format, "place") else out)
+        more["id"] = id
+    target = Path(format.place(view, Path(out), **more) if hasattr(format, "place") else out)
     with stoppable(target), whole(target) as path:
-        snippet = format.export(view, path, target, **options)
+        snippet = format.export(view, path, target, **more)
         if verify:
             format.verify(view, path)
-    return Exported(to, str(target), view.episodes, view.rows, history, reward_scale, snippet)
+    sizes = view.episodes, view.rows, history, reward_scale
+    return Exported(to, str(target), *sizes, snippet, view.frame, view.left_out)
 
 
 def added_formats() -> EntryPoints:

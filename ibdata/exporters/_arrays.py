@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import zipfile
 from collections.abc import Callable
@@ -49,6 +50,7 @@ def write_npz(view: View, form: Form, path: Path, **others: Array) -> None:
                     _header(files[name], view.rows, array)
                 files[name].write(np.ascontiguousarray(array).data)
     with zipfile.ZipFile(path, "x", allowZip64=True) as archive:
+        archive.comment = json.dumps(view.plain()).encode()
         for name, part in parts.items():
             archive.write(part, f"{name}.npy")
             part.unlink()

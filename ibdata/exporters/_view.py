@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset.history import stacked
-from ibdata.dataset.models import Counts, SplitCounts
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, UsageError
-from ibdata.system.progress import bar
+from ibdata.dataset.transitions import Transitions, left_out, needed, transitions, whole_episodes
+from ibdata.system.progress import Advance, bar
+from ibdata.views.options import PLAIN, ViewOptions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
 
-INDICES = ("episode", "step", "terminated", "truncated")
 EXTRAS = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
 BLOCK_ROWS = 65_536
 
@@ -30,15 +30,15 @@ BLOCK_ROWS = 65_536
 class Block(NamedTuple):
     """The n transitions of one or more whole episodes; floats are float32."""
 
-    observations: Array  # (n, 6 · history), newest frame first
+    observations: Array  # (n, k · history), newest frame first
     actions: Array  # (n, 3)
     rewards: Array  # (n,)
-    next_observations: Array  # (n, 6 · history)
+    next_observations: Array  # (n, k · history)
     terminated: Array  # (n,) bool
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
     step: Array  # (n,) int32
-    extras: Arrays  # (n,) each: latent and next latent state, log density of the action, by column
+    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values
 
     def split(self) -> Iterator[Block]:
         """Yield the episodes, one block each."""
@@ -51,119 +51,133 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class View:
-    """A dataset or a split of it, with stacked observations and scaled rewards."""
+    """A dataset or a split of it, with stacked frames and the rewards of a view."""
 
     dataset: Dataset
     split: str | None = None
     history: int = 1
-    reward_scale: float = 1.0
+    options: ViewOptions = PLAIN
     progress: bool | None = False
 
     def __post_init__(self) -> None:
+        needed(self.dataset.info_model, self.options)
         self.dataset.iter_batches(["step"], self.split)  # reads nothing yet, but refuses an unknown split
+
+    @property
+    def reward_scale(self) -> float:
+        """The factor by which rewards are multiplied."""
+        return self.options.reward_scale
+
+    @cached_property
+    def lengths(self) -> Array:
+        """The numbers of transitions of the episodes, in order; an episode without any is not exported."""
+        info = self.dataset.info_model
+        lengths: Array = self.described()["length"].to_numpy() - left_out(info, self.options)
+        return lengths[lengths > 0]
 
     @property
     def rows(self) -> int:
         """The number of transitions."""
-        return int(self._counts.rows)
+        return int(self.lengths.sum())
 
     @property
     def episodes(self) -> int:
         """The number of episodes."""
-        return int(self._counts.episodes)
+        return len(self.lengths)
+
+    @property
+    def left_out(self) -> int:
+        """The number of transitions that are left out, because their next frames are not in the dataset."""
+        return int(self.described()["length"].sum()) - self.rows
+
+    @property
+    def frame(self) -> tuple[str, ...]:
+        """The names of the numbers of a frame."""
+        return self.options.frame(self.dataset.info_model.drifting)
 
     @property
     def bytes(self) -> int:
         """The size of the arrays of all blocks, uncompressed."""
-        floats = 2 * len(self.group("observation")) * self.history + len(self.group("action")) + 1
-        floats += sum(len(self.group(role)) for role in EXTRAS)
+        floats = 2 * len(self.frame) * self.history + len(self.group("action")) + 1
+        floats += sum(len(self.group(role)) for role in EXTRAS) + len(self.clean)
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
 
     @property
     def history_bytes(self) -> int:
         """The size of the histories of the longest episode, which are in memory at once."""
         longest = int(self.dataset.episodes["length"].max())
-        return 2 * 4 * len(self.group("observation")) * self.history * longest
+        return 2 * 4 * len(self.frame) * self.history * longest
 
     @property
-    def _counts(self) -> Counts | SplitCounts:
-        info = self.dataset.info_model
-        return info.counts if self.split is None else info.splits[self.split]
+    def clean(self) -> tuple[str, ...]:
+        """The columns that the view measures imperfectly, whose true values are exported beside."""
+        observed = self.options.columns(self.dataset.info_model.drifting)
+        return tuple(name for name in observed if name in self.options.imperfections.columns)
 
     def group(self, role: str) -> list[str]:
         """The names of the columns of a role."""
         return self.dataset.info_model.groups.get(role, [])
 
+    def plain(self) -> dict[str, Any]:
+        """What the export shows, as JSON data for its own metadata."""
+        return {
+            "content_root": self.dataset.content_root,
+            "split": self.split,
+            "history": self.history,
+            **self.options.plain(self.dataset.info_model.drifting),
+        }
+
     def described(self) -> pd.DataFrame:
         """The rows of `Dataset.episodes` that are exported."""
         episodes = self.dataset.episodes
-        if self.split is None:
-            return episodes
-        batches = self.dataset.iter_batches(["episode"], self.split)
-        numbers = {number for batch in batches for number in np.unique(_numpy(batch["episode"])).tolist()}
-        return episodes[episodes["episode"].isin(numbers)]
+        return episodes if self.split is None else episodes[[self.split in own for own in episodes["splits"]]]
 
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
-        """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar.
-
-        The columns must include `terminated`, `truncated` and `reward`. Rewards are scaled.
-        """
+        """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar."""
         rows = max(1, BLOCK_ROWS // self.history)
-        rest: list[pa.RecordBatch] = []
-        with bar(self.progress, self.rows, "rows", what) as advance:
-            for batch in self.dataset.iter_batches(columns, self.split, rows):
-                advance(batch.num_rows)
-                last = np.flatnonzero(_numpy(batch["truncated"]) | _numpy(batch["terminated"]))
-                if not len(last):
-                    rest.append(batch)
-                    continue
-                stop = int(last[-1]) + 1
-                yield self._scaled(pa.Table.from_batches([*rest, batch.slice(0, stop)]))
-                rest = [batch.slice(stop)] if stop < batch.num_rows else []
-        if rest:
-            raise DatasetError(f"{self.dataset.path}: the last episode has no end, see ibdata validate")
+        names = list(dict.fromkeys([*columns, *needed(self.dataset.info_model, self.options)]))
+        with bar(self.progress, self._all_rows, "rows", what) as advance:
+            batches = self.dataset.iter_batches(names, self.split, rows)
+            yield from whole_episodes(_counted(batches, advance), self.dataset.path)
 
     def blocks(self, what: str) -> Iterator[Block]:
         """Yield the transitions in order; `what` is the label of the progress bar."""
-        roles = ("observation", "action", "next_observation", *EXTRAS)
-        columns = [*INDICES, "reward", *(name for role in roles for name in self.group(role))]
+        columns = [name for role in EXTRAS for name in self.group(role)]
         for table in self.tables(columns, what):
-            yield self._block(table)
+            made = transitions(table, self.dataset.info_model, self.options)
+            if len(made.rewards):
+                yield self._block(table, made, columns)
 
-    def _block(self, table: pa.Table) -> Block:
-        def float32(names: list[str]) -> Array:
-            return np.stack([_numpy(table[name]) for name in names], axis=1).astype(np.float32, copy=False)
+    def _block(self, table: pa.Table, made: Transitions, columns: list[str]) -> Block:
+        def float32(array: Array) -> Array:
+            return array.astype(np.float32, copy=False)
 
-        index = {name: _numpy(table[name]) for name in INDICES}
-        now, after = stacked(
-            float32(self.group("observation")),
-            float32(self.group("next_observation")),
-            index["step"],
-            self.history,
-        )
+        def beside(name: str) -> Array:
+            return float32(table[name].to_numpy())[made.rows]
+
+        now, after = stacked(float32(made.frames), float32(made.next_frames), made.step, self.history)
         return Block(
             now,
-            float32(self.group("action")),
-            float32(["reward"])[:, 0],
+            float32(made.actions),
+            float32(made.rewards),
             after,
-            index["terminated"],
-            index["truncated"],
-            index["episode"],
-            index["step"],
-            {name: float32([name])[:, 0] for role in EXTRAS for name in self.group(role)},
+            made.terminated,
+            made.truncated,
+            made.episode,
+            made.step,
+            {
+                **{name: beside(name) for name in columns},
+                **{f"clean_{name}": beside(name) for name in self.clean},
+            },
         )
 
-    def _scaled(self, table: pa.Table) -> pa.Table:
-        if self.reward_scale == 1:
-            return table
-        place = table.column_names.index("reward")
-        rewards = _numpy(table["reward"])
-        scaled = rewards.astype(np.float64) * self.reward_scale
-        if np.abs(scaled).max() > np.finfo(np.float32).max:
-            raise UsageError(f"reward scale: found {self.reward_scale}, which makes rewards infinite")
-        return table.set_column(place, table.schema.field(place), pa.array(scaled.astype(rewards.dtype)))
+    @property
+    def _all_rows(self) -> int:
+        """The number of rows that are read."""
+        return self.rows + self.left_out
 
 
-def _numpy(column: Any) -> Array:
-    array: Array = column.to_numpy() if isinstance(column, pa.ChunkedArray) else column.to_numpy(False)
-    return array
+def _counted(batches: Iterator[pa.RecordBatch], advance: Advance) -> Iterator[pa.RecordBatch]:
+    for batch in batches:
+        advance(batch.num_rows)
+        yield batch

@@ -1,6 +1,7 @@
-"""CSV with a header, the columns of the dataset and one row per transition. The decimals give the same floats
-again. With a history, earlier observations follow in columns such as obs_velocity_lag_1. Compressed if
-`--out` ends in .gz. Written in constant memory.
+"""CSV with a header, the columns of the dataset and one row per transition. The decimals identify every float
+exactly. With a history, earlier observations follow in columns such as obs_velocity_lag_1. A view replaces
+the observations by its frames, whose names are in the header. Compressed if `--out` ends in .gz. Written
+in constant memory.
 """
 
 from __future__ import annotations
@@ -9,11 +10,11 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
 from ibdata.dataset.history import stacked
+from ibdata.dataset.transitions import Transitions, as_batch, transitions
 from ibdata.exporters._tables import Rows
 from ibdata.exporters._target import differs
 from ibdata.exporters._view import View
@@ -36,24 +37,28 @@ data = csv.read_csv({str(target)!r}, convert_options=text).to_pandas()
 
 def _tables(view: View, what: str) -> Iterator[pa.Table]:
     """All columns in a form that CSV can hold: labels as text instead of dictionary numbers."""
-    for table in view.tables([column.name for column in view.dataset.info_model.columns], what):
-        for i, field in enumerate(table.schema):
-            if pa.types.is_dictionary(field.type):
-                table = table.set_column(i, field.name, table[field.name].cast(pa.string()))
-        yield _with_history(view, table)
+    columns = [column.name for column in view.dataset.info_model.columns]
+    shown = {*view.frame, *view.group("observation"), *view.group("next_observation")}
+    for table in view.tables(columns, what):
+        made = transitions(table, view.dataset.info_model, view.options)
+        out, rows = pa.Table.from_batches([as_batch(made, view.frame)]), table.take(made.rows)
+        beside = [name for name in columns if name not in {*out.column_names, *shown}]
+        for name, source in [*zip(beside, beside, strict=True), *((f"clean_{x}", x) for x in view.clean)]:
+            column = rows[source]
+            text = pa.types.is_dictionary(column.type)
+            out = out.append_column(name, column.cast(pa.string()) if text else column)
+        yield _with_history(view, out, made)
 
 
-def _with_history(view: View, table: pa.Table) -> pa.Table:
-    """The table with columns for earlier observations, newest first."""
+def _with_history(view: View, table: pa.Table, made: Transitions) -> pa.Table:
+    """The table with columns for earlier frames, newest first."""
     if view.history == 1:
         return table
-    names = [view.group("observation"), view.group("next_observation")]
-    now, after = (np.stack([table[name].to_numpy() for name in group], axis=1) for group in names)
-    histories = stacked(now, after, table["step"].to_numpy(), view.history)
-    for group, history in zip(names, histories, strict=True):
-        for i in range(len(group), history.shape[1]):
-            lag, place = divmod(i, len(group))
-            table = table.append_column(f"{group[place]}_lag_{lag}", pa.array(history[:, i]))
+    histories = stacked(made.frames, made.next_frames, made.step, view.history)
+    for prefix, history in zip(("", "next_"), histories, strict=True):
+        for i in range(len(view.frame), history.shape[1]):
+            lag, place = divmod(i, len(view.frame))
+            table = table.append_column(f"{prefix}{view.frame[place]}_lag_{lag}", pa.array(history[:, i]))
     return table
 
 

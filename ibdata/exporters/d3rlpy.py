@@ -7,6 +7,7 @@ or 1 for discrete ones. Written in constant memory, but d3rlpy loads the whole f
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ KEYS = ("observations", "actions", "rewards", "terminated")
 def episode(block: Block) -> Arrays:
     """An episode in d3rlpy's form, with one more row if it does not terminate.
 
-    observations (n, 6 · history), actions (n, 3), rewards (n, 1), terminated ().
+    observations (n, k · history), actions (n, 3), rewards (n, 1), terminated ().
     """
     padding = 0 if block.terminated[-1] else 1
     return {
@@ -45,6 +46,7 @@ def export(view: View, path: Path, target: Path) -> str:
         file.create_dataset("columns", data=list(KEYS))
         file.create_dataset("num_episodes", data=view.episodes)
         file.create_dataset("version", data=VERSION)
+        file.attrs["view"] = json.dumps(view.plain())
         for name, array in _datasets(view, "write"):
             file.create_dataset(name, data=array)
     return f"""\

@@ -6,6 +6,7 @@ row of each episode. Written in constant memory. Needs ibdata[hdf5].
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ def export(view: View, path: Path, target: Path) -> str:
         file.attrs["name"] = view.dataset.info_model.name
         file.attrs["content_root"] = view.dataset.content_root
         file.attrs["reward_scale"] = view.reward_scale
+        file.attrs["view"] = json.dumps(view.plain())
         file.attrs["history"] = view.history
         _write(view, file)
     return f"""\

@@ -10,6 +10,7 @@ memory per episode. Needs ibdata[minari].
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -24,6 +25,7 @@ from ibdata.exporters._arrays import same
 from ibdata.exporters._target import differs, needed, reserve
 from ibdata.exporters._view import Array, Arrays, Block, View
 from ibdata.version import __version__
+from ibdata.views.options import ACTIONS, bounds_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,7 +51,7 @@ def place(view: View, out: Path, id: str | None = None) -> Path:
 
 
 def episode(block: Block) -> dict[str, Any]:
-    """The arrays of an episode of T steps: T + 1 observations (6 · history) and infos (1), T of the rest."""
+    """The arrays of an episode of T steps: T + 1 observations (k · history) and infos (1), T of the rest."""
     return {
         "observations": np.concatenate([block.observations, block.next_observations[-1:]]),
         "actions": block.actions,
@@ -117,15 +119,13 @@ def _spaces(view: View) -> tuple[Any, Any]:
     """Boxes with the bounds of the columns."""
     from gymnasium.spaces import Box
 
-    bounds = {c.name: (c.low, c.high) for c in view.dataset.info_model.columns}
-
-    def box(role: str, times: int) -> Any:
-        pairs = [bounds[name] for name in view.group(role)] * times
+    def box(pairs: list[tuple[float | None, float | None]]) -> Any:
         low = [-np.inf if low is None else low for low, _ in pairs]
         high = [np.inf if high is None else high for _, high in pairs]
         return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
 
-    return box("observation", view.history), box("action", 1)
+    bounds = bounds_of(view.options, view.dataset.info_model.drifting)
+    return box(bounds * view.history), box([(-1.0, 1.0)] * len(ACTIONS))
 
 
 def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
@@ -136,7 +136,13 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
     from gymnasium.envs.registration import EnvSpec
 
     setpoints = episodes["setpoint"].unique().tolist()
+    options = view.options
     kwargs: dict[str, Any] = {"history": view.history, "reward_scale": view.reward_scale}
+    if not options.is_classic:
+        kwargs |= {"observe": options.observe, "actions": options.actions}
+        kwargs |= {"imperfections": options.imperfections.plain() or None}
+    if options.reward.kind != "classic":
+        kwargs["reward"] = options.reward.plain()
     kwargs |= {key: common(key) for key in ("dynamics", "start") if common(key) is not None}
     if len(setpoints) == 1:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info_model.drifting else setpoints[0]
@@ -170,6 +176,7 @@ def _metadata(view: View, episodes: pd.DataFrame, name: str) -> Mapping[str, Any
         "algorithm_name": ", ".join(sorted(episodes["policy"].unique())),
         "description": f"Industrial Benchmark, {source}, content root {root}",
         "requirements": [f"ibdata>={__version__}"],
+        "view": json.dumps(view.plain()),
     }
 
 

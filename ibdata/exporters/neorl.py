@@ -56,18 +56,12 @@ def verify(view: View, path: Path) -> None:
 
 def _index(view: View) -> Array:
     """The end of each episode. Raises UsageError if there are several setpoints."""
-    name = view.group("observation")[0]
-    setpoints: set[float] = set()
-    ends: list[Array] = []
-    rows = 0
-    for table in view.tables([name, "reward", "terminated", "truncated"], "setpoint"):
-        setpoints.update(np.unique(table[name].to_numpy()).tolist())
-        if len(setpoints) > 1:
-            found = ", ".join(exact(p) for p in sorted(setpoints)[:5])
-            raise UsageError(
-                f"neorl: found the setpoints {found}, expected one only; use --split, see ibdata split"
-            )
-        last = table["truncated"].to_numpy() | table["terminated"].to_numpy()
-        ends.append(np.flatnonzero(last) + 1 + rows)
-        rows += table.num_rows
-    return np.concatenate(ends)
+    if view.dataset.info_model.drifting:
+        raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
+    setpoints = sorted(view.described()["setpoint"].unique().tolist())
+    if len(setpoints) > 1:
+        found = ", ".join(exact(p) for p in setpoints[:5])
+        raise UsageError(
+            f"neorl: found the setpoints {found}, expected one setpoint; use --split, see ibdata split"
+        )
+    return np.cumsum(view.lengths)

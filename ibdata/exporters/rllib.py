@@ -6,6 +6,7 @@ it. The command prints the configuration that RLlib needs. Written in constant m
 
 from __future__ import annotations
 
+import json
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def export(view: View, path: Path, target: Path) -> str:
     with ExitStack() as stack:
         writer: pq.ParquetWriter | None = None
         for block in view.blocks("write"):
-            table = _table(block)
+            table = _table(block).replace_schema_metadata({"view": json.dumps(view.plain())})
             writer = writer or stack.enter_context(pq.ParquetWriter(file, table.schema, **OPTIONS))
             writer.write_table(table, row_group_size=ROW_GROUP_ROWS)
     return f"""\

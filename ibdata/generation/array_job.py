@@ -51,11 +51,11 @@ def generate_shards(
     engine: str = "local",
     address: str | None = None,
 ) -> Made:
-    """Make one range of a dataset's shards; `finalize` finishes the dataset when all ranges are made.
+    """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
 
-    Any number of hosts may make different ranges in one folder at the same time. If their file system has
-    locks between hosts, a range is refused while another host makes one of its shards. Finished shards are
-    not made again, so the same call continues a range that was stopped.
+    Any number of hosts may make different parts in one folder at the same time. If their file system has
+    locks between hosts, a part is refused while another host makes one of its shards. Finished shards are
+    not made again, so the same call continues a part that was stopped.
 
     Args:
         config: As in `generate`.
@@ -70,10 +70,10 @@ def generate_shards(
         address: As in `generate`.
 
     Returns:
-        The folder, the shards and rows of the range, and how many shards the dataset still lacks.
+        The folder, the shards and rows of the part, and how many shards the dataset still lacks.
 
     Raises:
-        BusyError: Another process makes a range that shares a shard.
+        BusyError: Another process makes a part that shares a shard.
         IbdataError: As in `generate`.
     """
     own = Range.parse(shards)
@@ -111,7 +111,7 @@ def generate_shards(
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
-    """Finish a dataset whose ranges `generate_shards` has made: check every shard and write the manifest.
+    """Finish a dataset whose parts `generate_shards` has made: check every shard and write the manifest.
 
     No code of a policy is imported, because its hashes were noted when the run began.
 
@@ -120,8 +120,8 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 
     Raises:
         IbdataError: Shards are missing or are not what their receipts say.
-        UsageError: No run was begun here, or its note is missing.
-        BusyError: Ranges are still being made.
+        UsageError: No run was begun here, or the record of the run is missing.
+        BusyError: Parts are still being made.
     """
     refuse_url(folder)
     path = Path(folder)

@@ -51,7 +51,7 @@ def estimate(
     """Estimate the size and duration of a run from a small sample of it; nothing is written.
 
     Args:
-        experiment: What would be generated, as `config` of `generate`.
+        experiment: The experiment, as `config` of `generate`.
         folder: The folder in which it would be generated; by default data/<name>.
         workers: How many processes would be used; by default chosen by the work.
         resume: As in `generate`.

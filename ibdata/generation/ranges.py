@@ -69,8 +69,8 @@ def refuse_shared(folder: Path, own: Range, shards: list[Shard]) -> None:
         other = Range(int(found[1]), int(found[2])) if found and found[1] else None
         if other and other.part <= other.parts and _meet(mine, other.of(shards)) and lock.held(path):
             raise BusyError(
-                f"{folder}: the range {other} is being made, which has shards in common with {own}; "
-                "wait for it, or choose a range that has none"
+                f"{folder}: the part {other} is being made, which has shards in common with the part {own}; "
+                "wait for it, or choose a part without these shards"
             )
 
 

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from itertools import islice
 from multiprocessing import connection
@@ -26,6 +27,7 @@ from ibdata.system.signals import check, held
 from ibdata.writing.shard_writer import WrittenShard
 
 LISTEN = 0.2  # seconds between looks at what workers tell
+PATIENCE = 2.0  # seconds in which the pool itself should notice that a worker has ended
 NUMBERS = Struct("<qq")  # a shard and its rows
 
 
@@ -45,6 +47,7 @@ def run_pool(
         )
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
+    most, missed = 0, 0  # workers alive at once; looks at which one was gone and nothing was done
     try:
         while True:
             more = islice(waiting, 2 * division.processes - len(running))
@@ -54,17 +57,32 @@ def run_pool(
                 return
             done, running = wait(running, LISTEN, FIRST_COMPLETED)
             check()
+            alive = len(set(multiprocessing.active_children()) - before)
+            most, missed = max(most, alive), 0 if done or alive >= most else missed + 1
+            if missed * LISTEN > PATIENCE:
+                raise BrokenProcessPool("a worker process ended while it sent its result")
             while told.poll():  # what is told of a shard comes before its result
                 tell(*NUMBERS.unpack(told.recv_bytes()))
             yield from (future.result() for future in done)
     except BaseException:
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
+        _end_results(pool)
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
         told.close()
         telling.close()
+
+
+def _end_results(pool: ProcessPoolExecutor) -> None:
+    """Close this process's copy of the pipe for results, into which workers write that are dead now.
+
+    If one was killed while it wrote, the pool's thread waits for the rest, and `shutdown` for the thread. It
+    sees the end of the pipe only when nobody could write any more.
+    """
+    with suppress(AttributeError, OSError):
+        pool._result_queue._writer.close()  # type: ignore[attr-defined]  # there is no public way
 
 
 _job: list[Any] = []  # what the shards of a worker have in common, set once when it starts

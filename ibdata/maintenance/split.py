@@ -43,9 +43,9 @@ def split(
 
     Args:
         folder: A dataset, or its folder.
-        by: What decides the split of an episode: "setpoint", by scheme; "episode", into fractions; "policy",
-            one split per label. By default the property that the other options belong to; without any, no
-            split is made, and remove or materialize is needed.
+        by: The property that decides the split of an episode: "setpoint", by scheme; "episode", into
+            fractions; "policy", one split per label. By default the property that the other options imply;
+            without such options, no split is made, and remove or materialize is needed.
         scheme: How setpoints are split, by default transfer:
             transfer: source and target; the episodes of a target cell beyond shots or transitions are
                 target-rest
@@ -153,7 +153,7 @@ def _refuse_removal(dataset: Dataset, spec: DatasetSpec, remove: Sequence[str]) 
                 "removed"
             )
         if name not in spec.later:
-            known = f"one of {', '.join(spec.later)}" if spec.later else "none: no splits were made later"
+            known = f"one of {', '.join(spec.later)}" if spec.later else "no name: no splits were made later"
             raise UsageError(
                 f"split: found {name!r} to be removed, expected {known}{suggestion(name, spec.later)}"
             )

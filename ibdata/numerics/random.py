@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import normal
+from ibdata.numerics.exact import normal, normals
 from ibdata.numerics.philox import BLOCK, Raw, philox_blocks
 
 Floats = npt.NDArray[np.float64]
@@ -31,6 +31,7 @@ class Purpose(IntEnum):
     BURN_IN_DRIFT = 5
     BURN_IN_POLICY = 6
     EPISODE_POLICY = 7  # once for an episode
+    MEASUREMENT = 8
 
 
 def stream_key(seed: int, cell_digest: bytes) -> Raw:
@@ -99,3 +100,10 @@ def uniforms(raw: Raw, out: Floats) -> None:
         for j in range(out.shape[2]):
             for i in range(out.shape[1]):
                 out[t, i, j] = uniform(raw[t, j, i])
+
+
+def normals_of(u: Floats) -> Floats:
+    """N(0, 1) from U(0, 1), for an array of any shape."""
+    z = np.ascontiguousarray(u).reshape(-1).copy()
+    normals(z)
+    return z.reshape(u.shape)

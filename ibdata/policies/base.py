@@ -235,7 +235,7 @@ class Policy(FrozenModel):
     def _at_start(self, history: History, u: Floats) -> Given:
         if not self.is_short:
             raise TypeError(
-                f"{self.label}: found a call of act or log_prob, expected one of decide or log_density, "
+                f"{self.label}: found a call of act or log_prob, expected a call of decide or log_density, "
                 "because the policy may depend on more than the last observations"
             )
         return at_start(history, u)

@@ -39,38 +39,39 @@ class CustomError(IbdataError):
 
 
 class Custom(Adapter):
-    """Acts by the object that `target` names or, as a class or a function, makes from `params`.
+    """Acts through the object that `target` names; a class or a function makes the object from `params`.
 
     The object has a method `act(history, u)` like the policies here, or `predict(observations)` like those of
     SB3 and d3rlpy, or is a torch module or another callable, which is called like `predict`. `predict` takes
     float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a tuple that begins
-    with them. A method `log_prob` is used if there is one. The arrays are copies, which it may change.
+    with them. A method `log_prob` is used if there is one. The arrays are copies, which the object may
+    change.
 
-    A policy may remember the steps before in one of three ways, and in no other:
+    A policy may remember earlier steps in one of three ways, and in no other:
 
     - `decide(given)`, `memory_size` and, if its density is known, `log_density(given, action)`, as in a
       subclass of `Policy`: see [Extending](extending.md#a-policy-that-remembers).
     - `predict` with the keyword `state`: it returns the actions and a state of any kind, which it is given at
-      the next step; at the first one it is given None. If it has the keywords `episode_start` and
-      `deterministic`, as recurrent policies of SB3 do, it gets an array (n,), true at the first step, and
-      true.
+      the next step; at the first step it is given None. If it has the keywords `episode_start` and
+      `deterministic`, as recurrent policies of SB3 do, `episode_start` is an array (n,), which is true at the
+      first step, and `deterministic` is true.
     - `reset(n)`, which is called before n episodes begin; until its next call, the n rows of all arrays
       belong to these episodes.
 
-    State and what `reset` begins belong to the n episodes that are simulated together, whose number and
-    company change with files and workers. So the policy must act in each episode as if it were alone, and
-    draw random numbers from `u` only, not from a seed; and only a policy with `decide` can begin at any step
-    of an episode. ibdata asks earlier questions again, at the steps 0,
-    1, 10 and 100 of each block of episodes or, if there is `reset`, at the steps 0 and 1, and asks the first
-    question with the episodes in another order. A policy that answers otherwise is refused.
+    A state, and whatever `reset` prepares, belongs to the n episodes that are simulated together. Which
+    episodes these are depends on files and workers. So the policy must act in each episode as if it were
+    alone, and draw random numbers from `u` only, not from a seed. Only a policy with `decide` can begin at
+    any step of an episode. ibdata repeats earlier calls at the steps 0, 1, 10 and 100 of each block of
+    episodes or, if there is `reset`, at the steps 0 and 1, and it repeats the first call with the episodes in
+    another order. A policy that then acts differently is refused.
 
-    The module or file may be beside the YAML file or in the current folder, and may import others there. It
-    is not imported before a run begins. What its code prints goes to stderr.
+    The module or file may be beside the YAML file or in the current folder, and may import other modules
+    there. It is not imported before a run begins. The output of its code goes to stderr.
 
     With `deterministic: true`, you promise that the policy draws no random numbers at all: what it sees
-    and openly remembers always gives the same actions. Then `action_log_prob` is known, and the policy may be
-    the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. Generating asks a policy that
-    remembers nothing twice at each step, and refuses it if the answers differ.
+    and remembers in these ways determines its actions. Then `action_log_prob` is known, and the policy may be
+    the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. `generate` calls a policy that
+    remembers nothing twice at each step, and refuses it if the actions differ.
     """
 
     kind: Literal["custom"] = "custom"

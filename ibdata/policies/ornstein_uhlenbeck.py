@@ -44,7 +44,7 @@ class OrnsteinUhlenbeck(Wrapper):
         default=0.15, description="share of the distance to 0 by which the process returns per step"
     )
     sigma: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
-        default=0.2, description="standard deviation of what is added to the process per step"
+        default=0.2, description="standard deviation of the random number added to the process per step"
     )
 
     def decide(self, given: Given) -> Decision:

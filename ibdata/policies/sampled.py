@@ -32,7 +32,7 @@ def _with_deviation(base: Network) -> Network:
 
 
 class Sampled(Wrapper):
-    """Plays a draw from the network's own distribution at a share of the steps, else the mean action.
+    """Draws from the network's own distribution at a share of the steps, else takes the mean action.
 
     The network gives means m and log standard deviations log s; a draw is tanh(m + s z) with z ~ N(0, 1) or,
     if its file says so, m + s z clipped to [-1, 1]. The offline data of NeoRL (Qin et al. 2021, arXiv

@@ -59,7 +59,7 @@ def save_network(
             Tanh, actions are its outputs; otherwise they are the outputs clipped to [-1, 1].
         mean: Subtracted from the observations: 6 numbers, or 6 · history. By default what a VecNormalize or a
             StandardObservationScaler of the model subtracts, else 0.
-        std: By which the observations are divided; by default as for the mean, else 1.
+        std: The divisors of the observations; by default as for the mean, else 1.
         clip: The largest absolute value of an input; by default that of VecNormalize, else none.
         history: The number of observations that the network sees.
         provenance: A text about the origin of the weights, which is kept in the file.

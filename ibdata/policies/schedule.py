@@ -27,7 +27,7 @@ class Stage(FrozenModel):
 
     base: Annotated[AnyPolicy, Unnamed] = Field(description="the policy that acts")
     steps: Annotated[int, Field(ge=1, lt=2**31, strict=True)] | None = Field(
-        default=None, description="its length; the last stage lasts to the end of the episode in any case"
+        default=None, description="length of the stage; the last one always lasts to the end of the episode"
     )
     epsilon: Share | None = Field(
         default=None,

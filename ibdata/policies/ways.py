@@ -93,10 +93,11 @@ class Way:
             text = f"histories {given.observations.shape} and random numbers {given.uniforms.shape}"
             answer = _called(text, self.own.act, given.observations.copy(), given.uniforms.copy())
             return Answer(_numbers(text, answer, (n, 3)), given.memory)
-        text = f"{(n, 6 * length)}, history={length}"
+        shape = (n, length * given.observations.shape[2])
+        text = f"{shape}, history={length}"
         known = {"state": state, "episode_start": given.step == 0, "deterministic": True}
         options = {name: known[name] for name in self.keywords}
-        answer = _called(text, self.call, given.observations.reshape(n, 6 * length).copy(), **options)
+        answer = _called(text, self.call, given.observations.reshape(shape).copy(), **options)
         actions, *rest = answer if isinstance(answer, tuple) and answer else (answer,)
         kept = rest[0] if rest and "state" in self.keywords else None
         return Answer(_numbers(text, actions, (n, 3)), given.memory, kept)

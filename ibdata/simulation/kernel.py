@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from ibdata.dynamics.state import Floats, State
 from ibdata.dynamics.step import advance
-from ibdata.dynamics.variables import FLOATS
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
 from ibdata.policies.actions import clipped_and_rounded
 from ibdata.simulation.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
+from ibdata.variables import FLOATS
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State
-from ibdata.dynamics.variables import FLOATS, INTEGERS
 from ibdata.experiment import Experiment
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Policy
@@ -19,6 +18,7 @@ from ibdata.simulation import kernel
 from ibdata.simulation.episodes import Float32s, Floats, Past, put, take
 from ibdata.simulation.rollout import CHUNK, Block
 from ibdata.simulation.variables import Table, layout
+from ibdata.variables import FLOATS, INTEGERS
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -118,7 +118,7 @@ class Block:
         self.memory = np.zeros((self.n, self.policy.memory_size))
         draws = self.policy.uniforms_per_episode
         drawn = draw_uniforms(self.draw, self.lanes, Purpose.EPISODE_POLICY, 0, 1, draws)[0]
-        self.drawn = _read_only(drawn)
+        self.drawn = read_only(drawn)
 
     @staticmethod
     def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -213,16 +213,17 @@ class Block:
         steps[:] = np.arange(t, t + count)[:, None]
         drawn = self.drawn if span == 1 else np.tile(self.drawn, (span, 1))
         seen, done = (
-            _read_only(x) if x.shape[1] else np.empty((rows, *x.shape[1:]), dtype=np.float32)
+            read_only(x) if x.shape[1] else np.empty((rows, *x.shape[1:]), dtype=np.float32)
             for x in self.past
         )
         nothing = np.empty((rows, 0))
         for step, own in zip(steps.reshape(count // span, rows), uniforms, strict=True):
-            memory = _read_only(self.memory) if self.policy.memory_size else nothing
+            memory = read_only(self.memory) if self.policy.memory_size else nothing
             yield Given(seen, done, step, own, drawn, memory)
 
 
-def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same array, which cannot be changed through it."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.variables import FLOATS, INTEGERS, VARIABLES, of_role
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
+from ibdata.variables import FLOATS, INTEGERS, VARIABLES, of_role
 
 Table = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
 

@@ -153,10 +153,10 @@ def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
 
 
 def foreign_metadata(found: pa.Schema) -> str | None:
-    """The metadata of a schema, of which ibdata writes none: pandas would name columns by them."""
+    """Describe metadata of a schema; ibdata writes none, because pandas would name columns by it."""
     own = [("the file", found.metadata), *((f"column {field.name}", field.metadata) for field in found)]
     where, keys = next(((where, keys) for where, keys in own if keys), ("", None))
-    return f"found metadata {sorted(keys)[0]!r} of {where}, expected none" if keys else None
+    return f"found metadata {sorted(keys)[0]!r} of {where}, expected no metadata" if keys else None
 
 
 def _plain_type(kind: pa.DataType) -> str:

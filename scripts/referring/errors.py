@@ -20,7 +20,7 @@ column. A run that fails leaves nothing behind but what `--resume` can use.
 | code | meaning | what to do |
 |---|---|---|
 | 0 | done | |
-| 1 | failed: the system refused, a package is missing, or a policy failed | read the line, or add `--debug` |
+| 1 | an operating-system error, a missing package, or a failed policy | read the line, or add `--debug` |
 | 2 | an option or the experiment is wrong | correct what the line names |
 | 3 | the dataset is missing, damaged, or differs from the other | `ibdata validate`, then `ibdata repair` |
 | 75 | another process writes there, or the dataset was replaced while it was read | run the command again |

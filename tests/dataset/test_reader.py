@@ -100,7 +100,7 @@ def test_an_unknown_column_is_an_error_that_lists_the_known_ones(dataset, call):
 def test_an_unknown_split_is_an_error_that_lists_the_known_ones(dataset, moving, call):
     with pytest.raises(UsageError, match=r"^split: found 'train', expected one of source, target$"):
         call(dataset, "train")
-    with pytest.raises(UsageError, match=r"^split: found 'train', expected none: the dataset declares no"):
+    with pytest.raises(UsageError, match=r"^split: found 'train', expected no split: the dataset declares"):
         call(moving, "train")
 
 

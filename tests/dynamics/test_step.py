@@ -9,7 +9,7 @@ from helpers import tape
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.dynamics.state import FIELDS
-from ibdata.dynamics.variables import of_role
+from ibdata.variables import of_role
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
 STEPS, LANES = 120, 48

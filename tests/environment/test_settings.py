@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
-from ibdata.dynamics.variables import VARIABLES
 from ibdata.environment.settings import (
     COST_MAX,
     M_MAX,
     M_MIN,
     Z_MAX,
     consumption_bounds,
-    observation_bounds,
+    frame_bounds,
     settings,
 )
 from ibdata.errors import ConfigError
 from ibdata.numerics.exact import normal
+from ibdata.variables import VARIABLES
 
 ID = "ibdata/IndustrialBenchmark-v0"
 SETPOINT = "expected a number, drifting or {drifting: a number}"
@@ -119,7 +119,7 @@ def test_the_bounds_assume_what_the_columns_declare():
 
 
 def test_an_observation_s_bounds_are_those_of_the_columns():
-    low, high = observation_bounds(SIEMENS)
+    low, high = frame_bounds(settings(dynamics=SIEMENS))
     assert low[:5] == [0, 0, 0, 0, 0]
     assert high[:5] == [100, 100, 100, 100, 300]
     assert (round(low[5], 2), round(high[5], 1)) == (-7.28, 5183.2)

@@ -224,7 +224,7 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
         (lambda state: None, "set_state: found NoneType, expected a State as of ibdata.state_at"),
         (
             lambda state: by_hand.side_by_side(state, state),
-            "set_state: found a state of 2 lanes, expected one",
+            "set_state: found a state of 2 lanes, expected a state of one lane",
         ),
         (
             lambda state: state.replace(mu_v=[9.0]),

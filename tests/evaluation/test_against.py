@@ -105,3 +105,15 @@ def test_other_episodes_and_unknown_sets_are_refused_in_one_line(shipped, change
         ibdata.evaluate("safe", **{"against": "optimized-40", **changes})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_view_of_observations_is_compared_but_not_another_reward(shipped):
+    def still(observations):
+        return np.zeros((len(observations), 3))
+
+    found = ibdata.evaluate(still, against="optimized-40", actions=True)
+    assert len(found.differences) == 2
+    with pytest.raises(
+        IbdataError, match="reward: found delta, expected classic: against=… compares with it"
+    ):
+        ibdata.evaluate(still, against="optimized-40", reward="delta")

@@ -301,7 +301,7 @@ def test_plain_is_json():
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
         (
             {"history": {"safe": 2}, "policy": "safe"},
-            "history: found 'safe', expected none: any other policy",
+            "history: found 'safe', expected no label: any other policy",
         ),
         (
             {"history": {"x": 2}, "policy": {"y": len}},
@@ -314,7 +314,7 @@ def test_plain_is_json():
         ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
         ({"policy": {"": "safe"}}, "policy: found the label '', expected a name"),
         ({"policy": {"mine": 3}}, "policy: found 3, expected an object with act"),
-        ({"policy": []}, "policy: found none, expected at least one"),
+        ({"policy": []}, "policy: found no policy, expected at least one"),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
         (
             {"policy": 3},

@@ -9,8 +9,8 @@ from helpers import by_hand
 
 import ibdata
 from ibdata import state_at
-from ibdata.dynamics.variables import FLOATS, INTEGERS, VARIABLES
 from ibdata.errors import DatasetError, UsageError
+from ibdata.variables import FLOATS, INTEGERS, VARIABLES
 
 
 def equal(found, expected):

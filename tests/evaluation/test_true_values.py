@@ -226,7 +226,7 @@ def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_pat
         ({"episodes": 0}, "episodes: found 0, expected a whole number of at least 1"),
         ({"episodes": 2**47}, "episodes: this number takes "),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
-        ({"policy": ["safe", "bad"]}, "policy: found 2, expected one"),
+        ({"policy": ["safe", "bad"]}, "policy: found 2 policies, expected one policy"),
         (
             {"policy": lambda seen: seen, "history": 0},
             "history: found 0, expected a whole number of at least 1",

@@ -20,7 +20,7 @@ MERGE = "found a merge key, expected plain data"
 KEY = "found a list or mapping as a key, expected text"
 LEVELS = "found more than 20 levels, expected at most 20"
 TAB = "not valid YAML: found character '\\t' that cannot start any token"
-DOCUMENT = "found a second document, expected one; remove what follows ---"
+DOCUMENT = "found a second document, expected a single document; remove what follows ---"
 
 REFUSED = {
     "an anchor": ("a: &x 1", "1:4", ANCHOR),

@@ -219,6 +219,8 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
         "history",
         "reward_scale",
         "snippet",
+        "frame",
+        "left_out",
     }
     assert made["snippet"].replace(f"{tmp_path}/b", f"{tmp_path}/a") in text.stdout
     again = ibdata(*command(dataset, to, tmp_path / "b"), "--json")

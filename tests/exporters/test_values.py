@@ -108,7 +108,7 @@ def test_neorls_reward_is_that_of_its_own_reward_function(dataset, tmp_path):
 
 
 def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_path, monkeypatch):
-    with pytest.raises(UsageError, match="neorl: found the setpoints 20, 70, expected one only; use split=…"):
+    with pytest.raises(UsageError, match="neorl: found the setpoints 20, 70, expected one setpoint; use"):
         ibdata.export(dataset, "neorl", tmp_path / "made", verify=True)
     monkeypatch.setattr(neorl, "MAX_ROWS", 159)
     with pytest.raises(UsageError, match="neorl: found 160 rows, expected at most 159"):

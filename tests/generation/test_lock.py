@@ -100,7 +100,7 @@ def test_ranges_that_share_a_shard_exclude_each_other(other):
     Path("out").mkdir()
     held, wanted = Range.parse("1/2"), Range.parse(other)
     with ranges.locked(Path("out"), held, SHARDS):
-        expected = rf"^out: the range 1/2 is being made, which has shards in common with {other}; "
+        expected = rf"^out: the part 1/2 is being made, which has shards in common with the part {other}; "
         with pytest.raises(BusyError, match=expected):
             ranges.refuse_shared(Path("out"), wanted, SHARDS)
         with pytest.raises(BusyError, match=expected):
@@ -178,7 +178,7 @@ def test_an_overlapping_process_is_refused_and_after_a_kill_any_range_goes_on(st
         second = start(text)
         out, err = second.communicate(timeout=120)
         assert (second.returncode, out, err.count("\n")) == (75, "", 1), err
-        assert f"the range 1/1 is being made, which has shards in common with {text}" in err
+        assert f"the part 1/1 is being made, which has shards in common with the part {text}" in err
     whole.send_signal(signal.SIGKILL)
     whole.wait()
     halves = [start("1/2"), start("2/2")]

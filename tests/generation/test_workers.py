@@ -98,8 +98,6 @@ WAYS = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_code_without_a_main_guard_runs_once_and_with_several_workers(way, alone, tmp_path):
     for path in ("plain.py", "package/module.py", "package/__main__.py"):
@@ -113,7 +111,6 @@ def test_code_without_a_main_guard_runs_once_and_with_several_workers(way, alone
     assert (child.stdout, child.stderr) == (f"made {alone.content_root}\n", "")
 
 
-@pytest.mark.slow
 def test_a_process_that_may_have_no_children_does_the_work_itself(alone, tmp_path):
     script = tmp_path / "daemon.py"
     begin = "process = multiprocessing.get_context('fork').Process(target=main, daemon=True)"
@@ -156,15 +153,12 @@ def test_an_error_of_a_worker_reaches_the_caller_as_it_was(run, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["changing.py", "script.py"]
 
 
-@pytest.mark.slow
 def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_path):
     lines = run("raise OSError(28, 'No space left on device')")
     assert lines[0] == "failed: IbdataError: True: a/b: cannot be written: No space left on device"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["changing.py", "script.py"]
 
 
-@pytest.mark.slow
-@pytest.mark.slow
 def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
     lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
     assert lines[0] == (
@@ -172,6 +166,21 @@ def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
         "run again with resume=True and fewer workers=…"
     )
     assert not list(tmp_path.rglob(".tmp-*"))
+
+
+HALF = """import struct, sys
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    frame.f_locals["result_queue"]._writer._send(struct.pack("!i", 1000))
+    os._exit(9)
+"""
+
+
+def test_a_worker_that_is_killed_while_it_sends_its_result_is_no_reason_to_wait_forever(run, tmp_path):
+    """The pool's own thread waits for the rest of the result, which nobody will send."""
+    lines = run(HALF)
+    assert lines[0].startswith("failed: IbdataError: True: three worker processes died in a row")
 
 
 def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path):

@@ -250,7 +250,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"by": "policy", "names": {"safe": "random"}}, "found one name for two splits"),
         ({"prefix": "a"}, "found nothing, expected by setpoint"),
         ({"remove": ["x"], "prefix": "a"}, "found a name or a prefix, but no splits to make"),
-        ({"remove": ["x"]}, "found 'x' to be removed, expected none: no splits were made later"),
+        ({"remove": ["x"]}, "found 'x' to be removed, expected no name: no splits were made later"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_and_changes_nothing(made, call, line):

@@ -68,7 +68,7 @@ def test_the_short_forms_of_what_depends_on_earlier_steps_are_refused(kind):
         lambda: policy.log_prob(history, np.zeros((2, 3), dtype=np.float32)),
     ):
         with pytest.raises(
-            TypeError, match=f"^{kind}: found a call of act or log_prob, expected one of decide"
+            TypeError, match=f"^{kind}: found a call of act or log_prob, expected a call of decide"
         ):
             short()
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.dynamics.variables import VARIABLES, of_role
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION as OBSERVED
 from ibdata.simulation.rollout import rollout
 from ibdata.simulation.variables import columns
+from ibdata.variables import VARIABLES, of_role
 
 OBSERVATION = ["setpoint", "velocity", "gain", "shift", "fatigue", "consumption"]
 HIDDEN = [*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g"]

@@ -252,7 +252,7 @@ def test_metadata_of_a_schema_that_ibdata_did_not_write_are_named_and_not_read(c
     seal(copied)
     problems = validate(copied)
     assert {problem.rule for problem in problems} == {"schema"}
-    assert all(f"found metadata {where}, expected none" in problem.message for problem in problems)
+    assert all(f"found metadata {where}, expected no metadata" in problem.message for problem in problems)
     assert len(problems) == len(list((copied / "data").iterdir())) + ("column" not in where)
     assert ibdata.open(copied).to_pandas().equals(true)
 

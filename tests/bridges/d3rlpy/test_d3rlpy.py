@@ -65,6 +65,23 @@ def test_every_transition_is_there_with_its_next_observation(dataset, tmp_path, 
         assert transition.terminal == 0
 
 
+@pytest.mark.parametrize(
+    "view",
+    [
+        {"observe": "markov", "actions": True, "reward": "delta"},
+        {"imperfections": {"delay": {"obs_fatigue": 3}, "missing": {"obs_velocity": 0.2}, "mask": True}},
+    ],
+    ids=["markov", "troubles"],
+)
+def test_a_view_is_read_as_the_arrays_show_it(dataset, tmp_path, view):
+    replay, arrays = loaded(dataset, tmp_path / "x.h5", history=2, **view), dataset.arrays(2, **view)
+    assert replay.transition_count == len(arrays["rewards"])
+    for i, transition in enumerate(transitions(replay)):
+        assert (transition.observation == arrays["observations"][i]).all()
+        assert (transition.next_observation == arrays["next_observations"][i]).all()
+        assert transition.reward[0] == arrays["rewards"][i]
+
+
 def test_the_appended_row_is_never_sampled(dataset, tmp_path):
     replay = loaded(dataset, tmp_path / "x.h5")
     rewards = np.concatenate([replay.sample_transition_batch(256).rewards[:, 0] for _ in range(40)])

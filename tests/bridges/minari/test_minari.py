@@ -15,6 +15,14 @@ import ibdata
 from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
 
+VIEWS = {
+    "markov": {"observe": "markov", "actions": True, "reward": {"consumption": 1.0, "fatigue": 1.0}},
+    "troubles": {
+        "imperfections": {"delay": {"obs_fatigue": 3}, "missing": {"obs_velocity": 0.2}, "mask": True},
+        "reward": "delta",
+    },
+}
+
 
 def equal(found, expected):
     assert found.dtype == expected.dtype
@@ -47,6 +55,26 @@ def test_every_value_is_there_again(dataset, root, split, history, scale):
                 equal(info[1:, 0], table[f"next_{name}"].to_numpy()[rows])
         assert len(episode.infos) == 15
         assert found.observation_space.contains(episode.observations[0])
+
+
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+def test_a_view_is_read_as_the_arrays_show_it(dataset, root, view):
+    ibdata.export(dataset, "minari", root, history=3, verify=True, **view)
+    found = minari.load_dataset("ibdata/small-v0")
+    arrays = dataset.arrays(history=3, **view)
+    assert found.total_steps == len(arrays["rewards"])
+    for i, episode in enumerate(found):
+        rows = slice(25 * i, 25 * i + 25)
+        equal(episode.observations[:-1], arrays["observations"][rows])
+        equal(episode.observations[1:], arrays["next_observations"][rows])
+        equal(episode.rewards, arrays["rewards"][rows])
+        assert found.observation_space.contains(episode.observations[0])
+    said = json.loads(found.storage.metadata["view"])
+    assert tuple(said["frame"]) == dataset.windows(**view).frame
+    environment = found.recover_environment()
+    assert environment.observation_space.shape == found.observation_space.shape
+    environment.reset(seed=1)
+    environment.step(environment.action_space.sample())
 
 
 def test_metadata_say_where_it_comes_from(dataset, root):

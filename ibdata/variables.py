@@ -1,7 +1,7 @@
 """The table of variables: every number of a simulated state, listed once.
 
 The table defines the rows of `State`, the ranges that `step` checks, and the columns of a dataset with their
-order, units and bounds. To add a variable, add a line here and compute it in `step.py`.
+order, units and bounds. To add a variable, add a line here and compute it in `dynamics/step.py`.
 """
 
 from __future__ import annotations

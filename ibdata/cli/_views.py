@@ -1,0 +1,49 @@
+"""The options of a view on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from ibdata.cli._shared import yaml_value
+
+OPTIONS = [
+    click.option(
+        "--observe",
+        metavar="WHAT",
+        default="classic",
+        help="Observe classic (6 variables), markov (the whole state), or columns: obs_gain,latent_mu_v.",
+    ),
+    click.option("--actions", is_flag=True, help="Also observe the action of the step before."),
+    click.option(
+        "--reward",
+        metavar="WHAT",
+        default="classic",
+        help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
+    ),
+    click.option(
+        "--imperfections",
+        metavar="YAML",
+        help="Imperfect measurements, such as '{delay: {obs_fatigue: 3}}'; see the docs, under Views.",
+    ),
+]
+
+
+def view_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a view to a command."""
+    for option in reversed(OPTIONS):
+        command = option(command)
+    return command
+
+
+def as_keywords(observe: str, actions: bool, reward: str, imperfections: str | None) -> dict[str, Any]:
+    """The options of a view as Python takes them. Raises UsageError for text that is not YAML."""
+    names = [name.strip() for name in observe.split(",")]
+    return {
+        "observe": names if len(names) > 1 or names[0].startswith(("obs_", "latent_")) else observe,
+        "actions": actions,
+        "reward": yaml_value("--reward", reward),
+        "imperfections": None if imperfections is None else yaml_value("--imperfections", imperfections),
+    }

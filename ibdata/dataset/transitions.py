@@ -1,0 +1,186 @@
+"""Transitions made of the rows of whole episodes, as a view shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from ibdata.dataset.models import Info
+from ibdata.errors import DatasetError, UsageError
+from ibdata.views.options import ACTIONS, ViewOptions
+from ibdata.views.rewards import COSTS, rounded
+
+Array = npt.NDArray[Any]
+INDICES = ("episode", "step", "terminated", "truncated")
+
+
+class Transitions(NamedTuple):
+    """The n transitions of whole episodes, in order. Frames and actions have the type of the columns.
+
+    If a view shows more than the six observed variables, they and the rewards are float32.
+    """
+
+    frames: Array  # (n, k), see `ViewOptions`
+    next_frames: Array  # (n, k)
+    actions: Array  # (n, 3)
+    rewards: Array  # (n,)
+    terminated: Array  # (n,) bool
+    truncated: Array  # (n,) bool
+    episode: Array  # (n,) int64
+    step: Array  # (n,) int32
+    rows: Array  # (n,) the rows of the table that they come from
+
+
+def whole_episodes(batches: Iterable[pa.RecordBatch], place: Any) -> Iterator[pa.Table]:
+    """Yield the rows of batches in order, in tables of whole episodes; the batches need both flags.
+
+    Raises DatasetError, which names the place of the dataset, if the last episode has no end.
+    """
+    rest: list[pa.RecordBatch] = []
+    for batch in batches:
+        last = np.flatnonzero(_numpy(batch["truncated"]) | _numpy(batch["terminated"]))
+        if not len(last):
+            rest.append(batch)
+            continue
+        stop = int(last[-1]) + 1
+        yield pa.Table.from_batches([*rest, batch.slice(0, stop)])
+        rest = [batch.slice(stop)] if stop < batch.num_rows else []
+    if rest:
+        raise DatasetError(f"{place}: the last episode has no end, see ibdata validate")
+
+
+def needed(info: Info, options: ViewOptions) -> list[str]:
+    """The columns from which `transitions` are made.
+
+    Raises UsageError if the view observes a column that the dataset does not have.
+    """
+    observed, known = options.columns(info.drifting), {column.name for column in info.columns}
+    for name in observed:
+        if name not in known:
+            raise UsageError(
+                f"observe: found {name}, expected columns of the dataset, which has no such values; "
+                "choose others, or generate it with another output: latent"
+            )
+    costs = [] if options.reward.kind == "classic" else _costs("obs") + _costs("next_obs")
+    later = [f"next_{name}" for name in observed if f"next_{name}" in known]
+    return list(dict.fromkeys([*INDICES, *observed, *later, *ACTIONS, "reward", *costs]))
+
+
+def left_out(info: Info, options: ViewOptions) -> bool:
+    """Whether the last row of each episode is left out, because its next frame is not in the dataset."""
+    known = {column.name for column in info.columns}
+    return any(f"next_{name}" not in known for name in options.columns(info.drifting))
+
+
+def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transitions:
+    """Make the transitions of whole episodes.
+
+    The next frame of a row comes from the columns `next_…` or from the row after it. If that does not give
+    the last one of an episode, the last row is left out, and the episode is truncated one step before.
+
+    Args:
+        table: the columns that `needed` names.
+        info: the description of the dataset.
+        options: the view.
+    """
+    index = {name: table[name].to_numpy() for name in INDICES}
+    actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
+    frames, after = _observed(table, info, options)
+    if not options.is_classic:
+        frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
+    if left_out(info, options):
+        ends = np.append(index["step"][1:] == 0, True)[: len(frames)]
+        kept = np.flatnonzero(~ends)
+        truncated = np.append(ends[1:], False)[: len(frames)]  # the row before the last
+        index["truncated"] = truncated & ~index["terminated"]
+    else:
+        kept = np.arange(len(frames))
+    if not options.is_classic:
+        frames, after = _seen(frames, after, index, actions, info, options)
+    if len(kept) < len(frames):
+        index = {name: array[kept] for name, array in index.items()}
+        frames, after, actions, rewards = (x[kept] for x in (frames, after, actions, rewards))
+    flags = index["terminated"], index["truncated"]
+    return Transitions(frames, after, actions, rewards, *flags, index["episode"], index["step"], kept)
+
+
+def as_batch(made: Transitions, names: Sequence[str]) -> pa.RecordBatch:
+    """Transitions as columns; the frames have these names."""
+    columns = {
+        "episode": made.episode,
+        "step": made.step,
+        **dict(zip(names, made.frames.T, strict=True)),
+        **dict(zip(ACTIONS, made.actions.T, strict=True)),
+        "reward": made.rewards,
+        "terminated": made.terminated,
+        "truncated": made.truncated,
+        **{f"next_{name}": column for name, column in zip(names, made.next_frames.T, strict=True)},
+    }
+    return pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.items()})
+
+
+def stacked_columns(table: pa.Table, names: Sequence[str]) -> Array:
+    """Columns as an array (rows, columns)."""
+    return np.stack([table[name].to_numpy() for name in names], axis=1)
+
+
+def _costs(prefix: str) -> list[str]:
+    return [f"{prefix}_{name}" for name in COSTS]
+
+
+def _rewards(table: pa.Table, options: ViewOptions) -> Array:
+    stored: Array = table["reward"].to_numpy()
+    if options.reward.kind == "classic":
+        return stored if options.reward_scale == 1 else rounded(stored, options.reward_scale, stored.dtype)
+    before, after = (
+        [table[name].to_numpy().astype(np.float32, copy=False) for name in _costs(prefix)]
+        for prefix in ("obs", "next_obs")
+    )
+    return options.reward.of(before, after, options.reward_scale)
+
+
+def _observed(table: pa.Table, info: Info, options: ViewOptions) -> tuple[Array, Array]:
+    """The true values of the observed columns, now and at the next step, (n, columns) each."""
+    names, known = options.columns(info.drifting), set(table.column_names)
+    now = stacked_columns(table, names)
+    after = np.empty_like(now)
+    for i, name in enumerate(names):
+        if f"next_{name}" in known:
+            after[:, i] = table[f"next_{name}"].to_numpy()
+        else:
+            after[:-1, i], after[-1:, i] = now[1:, i], np.nan
+    return now, after
+
+
+def _seen(
+    now: Array, after: Array, index: dict[str, Array], actions: Array, info: Info, options: ViewOptions
+) -> tuple[Array, Array]:
+    """The frames (n, k) now and at the next step: measured columns, flags, actions of the step before."""
+    columns = options.columns(info.drifting)
+    flagged = [columns.index(name) for name in options.flagged(info.drifting)]
+    starts = np.flatnonzero(index["step"] == 0)
+    lost, next_lost = np.zeros((2, *now.shape), dtype=bool)
+    if options.imperfections:
+        measurement = options.imperfections.of(columns)
+        now, after = now.copy(), after.copy()
+        for start, stop in pairwise([*starts.tolist(), len(now)]):
+            clean = np.concatenate([now[start:stop], after[stop - 1 : stop]])
+            seen, missed = measurement.episode(clean, int(index["episode"][start]))
+            now[start:stop], after[start:stop] = seen[:-1], seen[1:]
+            lost[start:stop], next_lost[start:stop] = missed[:-1], missed[1:]
+    parts, later = [now, lost[:, flagged]], [after, next_lost[:, flagged]]
+    if options.actions:
+        previous = np.roll(actions, 1, axis=0)
+        previous[starts] = 0.0
+        parts, later = [*parts, previous], [*later, actions]
+    return tuple(np.concatenate(x, axis=1, dtype=np.float32) for x in (parts, later))  # type: ignore[return-value]
+
+
+def _numpy(column: Any) -> Array:
+    array: Array = column.to_numpy(False)
+    return array

@@ -1,0 +1,211 @@
+"""Histories of observations that are gathered when they are asked for, instead of all at once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ibdata.dataset.transitions import Transitions
+from ibdata.errors import UsageError
+
+Array = npt.NDArray[Any]
+Float32s = npt.NDArray[np.float32]
+DESCRIPTION = "windows.json"
+
+
+class Stored(NamedTuple):
+    """One copy of the values that windows are gathered from.
+
+    For an episode of T transitions there are T + 1 frames. The frames are stored newest first, so that a
+    window is contiguous in memory: frame number i of E episodes with N transitions is row N + E - 1 - i.
+    """
+
+    frames: Float32s  # (N + E, k)
+    actions: Float32s  # (N, 3)
+    rewards: Float32s  # (N,)
+    terminated: npt.NDArray[np.bool_]  # (N,)
+    truncated: npt.NDArray[np.bool_]  # (N,)
+    lengths: npt.NDArray[np.int64]  # (E,)
+
+    def fill(self, blocks: Iterable[Transitions]) -> None:
+        """Copy the transitions of whole episodes, in order."""
+        row = episode = 0
+        for made in blocks:
+            starts = np.flatnonzero(made.step == 0)
+            for start, stop in zip(starts, [*starts[1:], len(made.step)], strict=True):
+                length = stop - start
+                place = len(self.frames) - row - episode - 1
+                self.frames[place - length + 1 : place + 1] = made.frames[start:stop][::-1]
+                self.frames[place - length] = made.next_frames[stop - 1]
+                self.lengths[episode] = length
+                for name in ("actions", "rewards", "terminated", "truncated"):
+                    getattr(self, name)[row : row + length] = getattr(made, name)[start:stop]
+                row, episode = row + length, episode + 1
+
+
+class Batch(Sequence[dict[str, Any]]):
+    """Some transitions. `arrays` has them all; as a sequence, it has one mapping for each."""
+
+    def __init__(self, arrays: dict[str, Array]) -> None:
+        self.arrays = arrays
+
+    def __len__(self) -> int:
+        return len(self.arrays["rewards"])
+
+    def __getitem__(self, place: Any) -> Any:
+        return {name: array[place] for name, array in self.arrays.items()}
+
+
+class Windows:
+    """The transitions of a dataset with histories, which are gathered on access.
+
+    A map-style dataset for `torch.utils.data.DataLoader`, preferably with `collate_fn=windows.collate`:
+    `windows[i]` is a mapping with observations and next_observations (k · history,), newest first, actions
+    (3,), rewards, terminated and truncated. `windows.batch(indices)` has the same for several transitions.
+
+    Attributes:
+        frame: the names of the numbers of a frame, which are repeated for each step of the history.
+        left_out: the number of transitions that are left out, because the dataset does not have their next
+            frame.
+    """
+
+    def __init__(self, stored: Stored, frame: Sequence[str], history: int, drop: bool, left_out: int) -> None:
+        self.frame, self.history, self.left_out = tuple(frame), history, left_out
+        self._stored = stored
+        self._skipped = history - 1 if drop else 0  # transitions at the beginning of each episode
+        stops = np.cumsum(stored.lengths)
+        self._starts = stops - stored.lengths
+        counts = np.maximum(stored.lengths - self._skipped, 0)
+        self._stops = np.cumsum(counts)
+        self._firsts = self._stops - counts
+        flat, k = stored.frames.reshape(-1), stored.frames.shape[1]
+        self._windows = None  # if the dataset is shorter than a window
+        if len(stored.frames) > history:
+            self._windows = sliding_window_view(flat, (history + 1) * k)[::k]
+
+    def __len__(self) -> int:
+        return int(self._stops[-1]) if len(self._stops) else 0
+
+    def __repr__(self) -> str:
+        frames = f"{self.history} frames of {len(self.frame)} numbers"
+        return f"<ibdata.Windows: {len(self):,} transitions, {frames}>"
+
+    def __getitem__(self, index: Any) -> dict[str, Any]:
+        arrays = self.batch([range(len(self))[index]])  # which raises IndexError beyond the end
+        return {name: array[0] for name, array in arrays.items()}
+
+    def __getitems__(self, indices: Sequence[int]) -> Batch:
+        return Batch(self.batch(indices))
+
+    def batch(self, indices: npt.ArrayLike) -> dict[str, Array]:
+        """The transitions with these numbers (n,), from 0 to len - 1.
+
+        Returns:
+            observations and next_observations (n, k · history), newest first, actions (n, 3), and rewards,
+            terminated and truncated (n,). They are copies; the two observations share memory.
+
+        Raises:
+            IndexError: a number is out of range.
+        """
+        numbers = np.asarray(indices, dtype=np.int64)
+        if len(numbers) and not 0 <= numbers.min() <= numbers.max() < len(self):
+            raise IndexError(f"found {numbers.min()} … {numbers.max()}, expected 0 … {len(self) - 1}")
+        episode = np.searchsorted(self._stops, numbers, side="right")
+        step = numbers - self._firsts[episode] + self._skipped
+        rows = self._starts[episode] + step
+        gathered = self._gathered(rows + episode, step)
+        k = len(self.frame)
+        stored = self._stored
+        return {
+            "observations": gathered[:, k:],
+            "actions": stored.actions[rows],
+            "rewards": stored.rewards[rows],
+            "next_observations": gathered[:, : k * self.history],
+            "terminated": stored.terminated[rows],
+            "truncated": stored.truncated[rows],
+        }
+
+    def _gathered(self, numbers: Array, steps: Array) -> Float32s:
+        """The frame after each of these frames, this frame, and those before it, (n, (history + 1) · k)."""
+        frames = self._stored.frames
+        newest = len(frames) - 2 - numbers  # the place of the frame after
+        early = np.flatnonzero(steps < self.history - 1)
+        if self._windows is None:
+            early = np.arange(len(numbers))
+            gathered = np.empty((len(numbers), (self.history + 1) * frames.shape[1]), dtype=np.float32)
+        else:
+            gathered = self._windows[np.minimum(newest, len(self._windows) - 1)]
+        if len(early):  # before the first frame of an episode, that one is repeated
+            ages = np.minimum(np.arange(self.history + 1), steps[early, None] + 1)
+            gathered[early] = frames[newest[early, None] + ages].reshape(len(early), -1)
+        return gathered
+
+    @staticmethod
+    def collate(batch: Batch | Sequence[dict[str, Any]]) -> dict[str, Any]:
+        """A batch as a mapping of torch tensors, for `DataLoader(windows, collate_fn=windows.collate)`."""
+        import torch
+
+        if not isinstance(batch, Batch):  # a DataLoader that fetches one transition at a time
+            batch = Batch({name: np.stack([one[name] for one in batch]) for name in batch[0]})
+        return {name: torch.from_numpy(array) for name, array in batch.arrays.items()}
+
+
+def in_memory(sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> Stored:
+    """Store transitions in memory; the sizes are those of episodes, transitions and frames."""
+    stored = Stored(*(np.empty(shape, dtype) for shape, dtype in _forms(sizes)))
+    stored.fill(blocks)
+    return stored
+
+
+def in_folder(
+    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
+) -> Stored:
+    """Map the values from files in a folder, which are written first if they are not there.
+
+    Raises UsageError if the folder holds anything else.
+    """
+    names, text = Stored._fields, json.dumps(description, sort_keys=True).encode()
+    if not folder.exists():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
+            _write(Path(unfinished) / "whole", text, sizes, blocks)
+            with suppress(OSError):  # another process was faster
+                (Path(unfinished) / "whole").rename(folder)
+    described = folder / DESCRIPTION
+    if not described.is_file() or described.read_bytes() != text:
+        raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
+    return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in names))
+
+
+def _write(folder: Path, text: bytes, sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> None:
+    """Write the values into a new folder."""
+    folder.mkdir()
+    maps = [
+        np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
+        for name, (shape, dtype) in zip(Stored._fields, _forms(sizes), strict=True)
+    ]
+    Stored(*maps).fill(blocks)
+    for each in maps:
+        each.flush()
+    (folder / DESCRIPTION).write_bytes(text)
+
+
+def _forms(sizes: tuple[int, int, int]) -> list[tuple[Any, Any]]:
+    """The shape and the type of each array of `Stored`."""
+    episodes, rows, k = sizes
+    return [
+        ((rows + episodes, k), np.float32),
+        ((rows, 3), np.float32),
+        ((rows,), np.float32),
+        ((rows,), np.bool_),
+        ((rows,), np.bool_),
+        ((episodes,), np.int64),
+    ]

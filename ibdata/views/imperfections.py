@@ -1,0 +1,179 @@
+"""Imperfect measurements: delay, noise, quantisation and missing values, chosen for each column.
+
+These are troubles of real plants that Gao et al. (2025), NeoRL-2: Near Real-World Benchmarks for Offline
+Reinforcement Learning, put into their tasks. The random numbers have addresses: (seed, episode, time,
+column) → variate. So a view of a dataset is the same however it is read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError, suggestion
+from ibdata.variables import of_role
+
+Array = npt.NDArray[Any]
+Float32s = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+KINDS = ("delay", "noise", "quantise", "missing")
+KEYS = (*KINDS, "mask", "seed")
+ADDRESSED = of_role("observation", "latent", "drift", "derived")  # their places are parts of the addresses
+MOST_DELAY = 1000  # steps
+MOST_SEED = 2**64
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """How the columns are measured.
+
+    In this order: the value is `delay` steps old (at the beginning of an episode, it is the first one);
+    normal noise with the standard deviation `noise` is added; the sum is rounded to multiples of `quantise`;
+    and with the probability `missing` the value does not arrive, so that the last one that did is seen again.
+    The first value of an episode always arrives. `mask` adds flags, which are 1 where a value did not arrive.
+    """
+
+    delay: Mapping[str, int] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    quantise: Mapping[str, float] = field(default_factory=dict)
+    missing: Mapping[str, float] = field(default_factory=dict)
+    mask: bool = False
+    seed: int = 0
+
+    def __bool__(self) -> bool:
+        return bool(self.columns)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """The columns that are measured imperfectly."""
+        return tuple(dict.fromkeys(name for kind in KINDS for name in getattr(self, kind)))
+
+    def plain(self) -> dict[str, Any]:
+        """The imperfections as users give them; empty if there are none."""
+        if not self:
+            return {}
+        found = {kind: dict(getattr(self, kind)) for kind in KINDS if getattr(self, kind)}
+        return {**found, "mask": self.mask, "seed": self.seed}
+
+    def of(self, columns: tuple[str, ...]) -> Measurement:
+        """The measurement of these columns."""
+        return Measurement(self, columns)
+
+
+NONE = Imperfections()
+
+
+class Measurement:
+    """The imperfections of k columns."""
+
+    def __init__(self, imperfections: Imperfections, columns: tuple[str, ...]) -> None:
+        def of(values: Mapping[str, float]) -> Floats:
+            return np.array([values.get(name, 0.0) for name in columns])
+
+        self.delay = of(imperfections.delay).astype(np.int64)
+        self._noise, self._quantum = of(imperfections.noise), of(imperfections.quantise)
+        self._missing = of(imperfections.missing)
+        self._seed = imperfections.seed
+        self._slots = np.array([ADDRESSED.index(name.split("_", 1)[1]) for name in columns])
+        self._random = bool(self._noise.any() or self._missing.any())
+
+    def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:
+        """Measure an episode.
+
+        Args:
+            clean: the true values at the times 0 … T, (T + 1, k).
+            number: the number of the episode.
+
+        Returns:
+            What is seen (T + 1, k), and which values did not arrive (T + 1, k).
+        """
+        times = np.arange(len(clean))[:, None]
+        late = np.take_along_axis(clean, np.maximum(times - self.delay, 0), axis=0)
+        arrived, lost = self._measured(late, *self._drawn(np.array([number]), 0, len(clean)))
+        lost[0] = False
+        latest = np.maximum.accumulate(np.where(lost, 0, times), axis=0)
+        return np.take_along_axis(arrived, latest, axis=0), lost
+
+    def step(self, late: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
+        """Measure n episodes at one time.
+
+        Args:
+            late: the true values with their delays, (n, k).
+            numbers: the numbers of the episodes, (n,).
+            time: the time.
+
+        Returns:
+            What arrives (n, k), and what does not (n, k), of which the first array holds nothing of use.
+        """
+        arrived, lost = self._measured(late, *self._drawn(numbers, time, 1))
+        return arrived, lost & (time > 0)
+
+    def _measured(self, late: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
+        values = late.astype(np.float64) + self._noise * normal
+        quantum = np.where(self._quantum, self._quantum, 1.0)
+        values = np.where(self._quantum, np.rint(values / quantum) * quantum, values) + 0.0
+        return values.astype(np.float32), uniform < self._missing
+
+    def _drawn(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
+        """Normal and uniform numbers (times, k) of one episode, or (n, k) of n episodes at one time."""
+        if not self._random:
+            return np.zeros(1), np.ones(1)
+        # Imported here, because other views need nothing compiled.
+        from ibdata.numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
+
+        keys = np.tile(stream_key(self._seed, b"measurement"), (len(numbers), 1))
+        draws = 2 * len(ADDRESSED)
+        u = np.empty((times, len(numbers), draws))
+        uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(draws)), u)
+        table = u.reshape(-1, draws)
+        return normals_of(table[:, 2 * self._slots]), table[:, 2 * self._slots + 1]
+
+
+def imperfections_of(given: Any) -> Imperfections:
+    """Check imperfections as users give them. Raises UsageError if they are none."""
+    if given is None:
+        return NONE
+    if not isinstance(given, Mapping):
+        raise UsageError(
+            f"imperfections: found {given!r}, expected a mapping such as {{delay: {{obs_fatigue: 3}}}}"
+        )
+    for key in given:
+        if key not in KEYS:
+            raise UsageError(
+                f"imperfections: found {key!r}, expected {', '.join(KEYS)}{suggestion(str(key), KEYS)}"
+            )
+    kinds = {kind: _numbers(kind, given[kind]) for kind in KINDS if kind in given}
+    mask, seed = given.get("mask", False), given.get("seed", 0)
+    if not isinstance(mask, bool):
+        raise UsageError(f"imperfections: mask: found {mask!r}, expected true or false")
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < MOST_SEED:
+        raise UsageError(f"imperfections: seed: found {seed!r}, expected a whole number in [0, 2^64)")
+    return Imperfections(**kinds, mask=mask, seed=int(seed))
+
+
+def _numbers(kind: str, given: Any) -> dict[str, Any]:
+    """The numbers of a kind by column."""
+    if not isinstance(given, Mapping):
+        raise UsageError(f"imperfections: {kind}: found {given!r}, expected a mapping of columns to numbers")
+    expected = {
+        "delay": f"a whole number of steps, 1 to {MOST_DELAY}",
+        "noise": "a standard deviation above 0",
+        "quantise": "a step above 0",
+        "missing": "a probability above 0 and at most 1",
+    }[kind]
+    most = {"delay": MOST_DELAY, "missing": 1.0}.get(kind, math.inf)
+    for name, value in given.items():
+        number = Integral if kind == "delay" else Real
+        fits = isinstance(value, number) and not isinstance(value, bool)
+        if not fits or not 0 < float(value) <= most or not math.isfinite(value):
+            raise UsageError(f"imperfections: {kind}: {name}: found {value!r}, expected {expected}")
+    return {str(name): int(value) if kind == "delay" else float(value) for name, value in given.items()}

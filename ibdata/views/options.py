@@ -1,0 +1,169 @@
+"""The options of a view, as users give them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, TypedDict
+
+from ibdata.errors import UsageError, suggestion
+from ibdata.variables import VARIABLES, of_role
+from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
+from ibdata.views.rewards import CLASSIC, Reward, reward_of
+
+ACTIONS = ("act_velocity", "act_gain", "act_shift")
+OBSERVED = tuple(f"obs_{name}" for name in of_role("observation"))
+EXPECTED = "classic, markov or a list of columns"
+COLUMNS = (*OBSERVED, *(f"latent_{name}" for name in of_role("latent", "drift", "derived")))
+
+
+class ViewKeywords(TypedDict, total=False):
+    """The options of a view as keyword arguments; see `view_options`."""
+
+    observe: str | Sequence[str]
+    actions: bool
+    reward: str | Mapping[str, float]
+    reward_scale: float
+    imperfections: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """What is seen and rewarded.
+
+    A frame is what is seen of one step: the observed columns, then a flag for each column that may be
+    missing, if the flags are asked for, then the action of the step before, if previous actions are.
+    """
+
+    observe: str | tuple[str, ...] = "classic"
+    actions: bool = False
+    reward: Reward = CLASSIC
+    reward_scale: float = 1.0
+    imperfections: Imperfections = NONE
+
+    @property
+    def is_classic(self) -> bool:
+        """Whether the frames are the six observed variables as they are."""
+        return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections
+
+    def columns(self, drifting: bool) -> tuple[str, ...]:
+        """The observed columns, of a dataset whose setpoints move or do not."""
+        if self.observe == "classic":
+            return OBSERVED
+        if self.observe == "markov":
+            hidden = of_role("latent", "drift") if drifting else of_role("latent")
+            return (*OBSERVED, *(f"latent_{name}" for name in hidden))
+        return tuple(self.observe)
+
+    def flagged(self, drifting: bool) -> tuple[str, ...]:
+        """The columns with a flag that says whether the value is missing."""
+        if not self.imperfections.mask:
+            return ()
+        return tuple(name for name in self.columns(drifting) if self.imperfections.missing.get(name))
+
+    def frame(self, drifting: bool) -> tuple[str, ...]:
+        """The names of the numbers of a frame, in their order."""
+        flags = (f"missing_{name}" for name in self.flagged(drifting))
+        return (*self.columns(drifting), *flags, *(f"previous_{name}" for name in ACTIONS if self.actions))
+
+    def plain(self, drifting: bool) -> dict[str, Any]:
+        """The view as JSON data, as exports keep it."""
+        return {
+            "frame": list(self.frame(drifting)),
+            "reward": self.reward.plain(),
+            "reward_scale": self.reward_scale,
+            "imperfections": self.imperfections.plain(),
+        }
+
+
+PLAIN = ViewOptions()
+
+
+def view_options(
+    observe: str | Sequence[str] = "classic",
+    actions: bool = False,
+    reward: str | Mapping[str, float] = "classic",
+    reward_scale: float = 1.0,
+    imperfections: Mapping[str, Any] | None = None,
+) -> ViewOptions:
+    """Check the options of a view.
+
+    Args:
+        observe: "classic" for the six observed variables, "markov" for the whole state (20 columns, or 22
+            with moving setpoints), or a list of columns `obs_…` and `latent_…`.
+        actions: whether each frame also has the action of the step before, zero at the first step.
+        reward: "classic" for the reward of the benchmark, "delta" for its change since the step before, or
+            the weights of consumption and fatigue, such as {"consumption": 1, "fatigue": 3}.
+        reward_scale: the factor of the reward.
+        imperfections: a mapping with some of the keys `delay`, `noise`, `quantise` and `missing`, each a
+            mapping of columns to numbers; `mask`, whether flags tell which values are missing; and `seed`.
+
+    Raises:
+        UsageError: an option is invalid.
+    """
+    if not isinstance(actions, bool):
+        raise UsageError(f"actions: found {actions!r}, expected True or False")
+    if not isinstance(reward_scale, Real) or not 0 < reward_scale < math.inf:
+        raise UsageError(f"reward scale: found {reward_scale!r}, expected a finite number above 0")
+    options = ViewOptions(
+        _observed(observe),
+        actions,
+        reward_of(reward),
+        float(reward_scale),
+        imperfections_of(imperfections),
+    )
+    _refuse_unobserved(options)
+    return options
+
+
+def _observed(observe: Any) -> str | tuple[str, ...]:
+    if observe in ("classic", "markov"):
+        return str(observe)
+    if isinstance(observe, str):
+        near = suggestion(observe, ["classic", "markov"])
+        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{near}")
+    names = tuple(observe) if isinstance(observe, Iterable) else ()
+    if not names or len(set(names)) < len(names):
+        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
+    for name in names:
+        if name not in COLUMNS:
+            near = suggestion(str(name), COLUMNS)
+            raise UsageError(f"observe: found {name!r}, expected columns obs_… or latent_…{near}")
+    return names
+
+
+def _refuse_unobserved(options: ViewOptions) -> None:
+    """Raise UsageError for an imperfection of a column that is not observed."""
+    known = options.columns(drifting=True)
+    for name in options.imperfections.columns:
+        if name not in known:
+            near = suggestion(name, known)
+            raise UsageError(f"imperfections: found {name!r}, expected one of the observed columns{near}")
+
+
+def variable_of(column: str) -> str:
+    """The variable of a column.
+
+    >>> variable_of("obs_fatigue"), variable_of("latent_theta_1")
+    ('fatigue', 'theta_1')
+    """
+    return column.split("_", 1)[1]
+
+
+def bounds_of(
+    options: ViewOptions, drifting: bool, consumption: tuple[float | None, float | None] = (None, None)
+) -> list[tuple[float | None, float | None]]:
+    """The lowest and the highest value of each number of a frame; None where there is no bound.
+
+    The bounds of the consumption depend on the variant of the dynamics.
+    """
+    bounds: list[tuple[float | None, float | None]] = []
+    for name in options.columns(drifting):
+        variable = VARIABLES[variable_of(name)]
+        inexact = name in options.imperfections.noise or name in options.imperfections.quantise
+        exact = consumption if name == "obs_consumption" else (variable.low, variable.high)
+        bounds.append((None, None) if inexact else exact)
+    flags, actions = len(options.flagged(drifting)), len(ACTIONS) * options.actions
+    return [*bounds, *[(0.0, 1.0)] * flags, *[(-1.0, 1.0)] * actions]

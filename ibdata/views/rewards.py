@@ -1,0 +1,86 @@
+"""Rewards computed from consumption and fatigue: other weights, or the change since the step before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError, suggestion
+
+Float32s = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
+COSTS = ("consumption", "fatigue")
+KINDS = ("classic", "delta")
+
+
+@dataclass(frozen=True)
+class Reward:
+    """A reward: "classic", "delta" or "weights". The reward of the benchmark has the weights 1 and 3."""
+
+    kind: str = "classic"
+    consumption: float = 1.0
+    fatigue: float = 3.0
+
+    def plain(self) -> Any:
+        """The reward as users give it."""
+        return {name: getattr(self, name) for name in COSTS} if self.kind == "weights" else self.kind
+
+    def cost(self, consumption: Float32s, fatigue: Float32s) -> Floats:
+        """The weighted cost of states with these consumptions and fatigues (n,)."""
+        return self.consumption * consumption.astype(np.float64) + self.fatigue * fatigue.astype(np.float64)
+
+    def of(self, before: Sequence[Float32s], after: Sequence[Float32s], scale: float) -> Float32s:
+        """The scaled rewards of n steps, computed in float64 from float32 values and rounded once.
+
+        Args:
+            before: consumption and fatigue at t, (n,) each.
+            after: consumption and fatigue at t + 1, (n,) each.
+            scale: the factor of the reward.
+
+        Raises:
+            UsageError: a reward is too large for float32.
+        """
+        rewards = -self.cost(*after)
+        if self.kind == "delta":
+            rewards += self.cost(*before)
+        return rounded(rewards, scale)
+
+
+CLASSIC = Reward()
+
+
+def rounded(rewards: npt.NDArray[Any], scale: float, dtype: Any = np.float32) -> npt.NDArray[Any]:
+    """Rewards times a scale. Raises UsageError if they become infinite as float32."""
+    scaled = rewards.astype(np.float64) * scale
+    if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
+        raise UsageError(f"reward scale: found {scale}, which makes rewards infinite")
+    return scaled.astype(dtype)
+
+
+def reward_of(given: Any) -> Reward:
+    """Check a reward as users give it. Raises UsageError if it is none."""
+    if isinstance(given, str) and given in KINDS:
+        return Reward(given)
+    if isinstance(given, Mapping):
+        return _weights(given)
+    near = suggestion(given, KINDS) if isinstance(given, str) else ""
+    expected = "classic, delta or weights such as {consumption: 1, fatigue: 3}"
+    raise UsageError(f"reward: found {given!r}, expected {expected}{near}")
+
+
+def _weights(given: Mapping[Any, Any]) -> Reward:
+    for name, weight in given.items():
+        if name not in COSTS:
+            near = suggestion(str(name), COSTS)
+            raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{near}")
+        if isinstance(weight, bool) or not isinstance(weight, Real) or not math.isfinite(weight):
+            raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
+    if not given:
+        raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
+    return Reward("weights", *(float(given.get(name, 0.0)) for name in COSTS))

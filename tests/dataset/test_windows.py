@@ -1,0 +1,73 @@
+"""Windows in memory and in a folder."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ibdata.errors import UsageError
+
+
+def test_a_transition_has_the_values_of_the_arrays(dataset):
+    windows, arrays = dataset.windows(history=3), dataset.arrays(history=3)
+    assert len(windows) == len(arrays["rewards"])
+    for index in (0, 1, len(windows) - 1, -1):
+        one = windows[index]
+        assert all((one[name] == arrays[name][index]).all() for name in one)
+    batch = windows.__getitems__([5, 3])
+    assert len(batch) == 2
+    assert [one["rewards"] for one in batch] == arrays["rewards"][[5, 3]].tolist()
+
+
+@pytest.mark.parametrize("index", [10**6, -(10**6)])
+def test_a_number_beyond_the_end_is_an_index_error(dataset, index):
+    with pytest.raises(IndexError):
+        dataset.windows()[index]
+    with pytest.raises(IndexError, match="expected 0 …"):
+        dataset.windows().batch([index])
+
+
+def test_values_are_kept_once_and_not_for_each_history(dataset):
+    for history in (1, 30):
+        stored = dataset.windows(history=history)._stored
+        assert stored.frames.shape == (len(dataset) + len(dataset.episodes), 6)
+
+
+def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypatch):
+    folder = tmp_path / "new" / "windows"
+    made = dataset.windows(history=4, folder=folder, split="target")
+    assert not made._stored.frames.flags.writeable
+    assert [path.name for path in folder.parent.iterdir()] == ["windows"]
+    monkeypatch.setattr("ibdata.dataset.windows._write", None)
+    again = dataset.windows(history=2, folder=folder, split="target")
+    plain = dataset.arrays(history=2, split="target")
+    assert (again.batch(range(len(again)))["observations"] == plain["observations"]).all()
+
+
+def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
+    dataset.windows(folder=tmp_path / "windows")
+    with pytest.raises(UsageError, match=r"folder: .*windows holds something else .* choose another folder"):
+        dataset.windows(folder=tmp_path / "windows", observe=["obs_gain"])
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(UsageError, match=r"folder: .*mine holds something else"):
+        dataset.windows(folder=tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
+
+
+def test_a_writer_that_fails_leaves_nothing_behind(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("ibdata.dataset.windows.Stored.fill", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        dataset.windows(folder=tmp_path / "windows")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_says_what_it_holds(dataset, tmp_path):
+    dataset.windows(folder=tmp_path / "windows", actions=True)
+    described = json.loads((tmp_path / "windows" / "windows.json").read_text())
+    assert described["content_root"] == dataset.content_root
+    assert described["view"]["frame"][-1] == "previous_act_shift"
+
+
+def test_it_shows_what_it_is(dataset):
+    assert repr(dataset.windows(history=3)) == "<ibdata.Windows: 480 transitions, 3 frames of 6 numbers>"

@@ -1,0 +1,94 @@
+"""Delay, noise, quantisation and missing values: each by itself, together, and step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ibdata.views.imperfections import imperfections_of
+from ibdata.views.options import view_options
+from ibdata.views.window import Window
+
+COLUMNS = ("obs_velocity", "obs_fatigue", "latent_mu_v")
+CLEAN = np.random.default_rng(1).normal(50, 20, (400, 3)).astype(np.float32)
+EVERYTHING = {
+    "delay": {"obs_velocity": 3, "latent_mu_v": 1},
+    "noise": {"obs_fatigue": 2.0, "obs_velocity": 0.5},
+    "quantise": {"obs_velocity": 0.25},
+    "missing": {"obs_velocity": 0.3, "obs_fatigue": 0.1},
+    "mask": True,
+    "seed": 5,
+}
+
+
+def measured(given, number=7, clean=CLEAN):
+    return imperfections_of(given).of(COLUMNS).episode(clean, number)
+
+
+def test_a_delay_repeats_the_first_value_and_leaves_other_columns_alone():
+    seen, lost = measured({"delay": {"obs_fatigue": 4}})
+    assert (seen[4:, 1] == CLEAN[:-4, 1]).all()
+    assert (seen[:4, 1] == CLEAN[0, 1]).all()
+    assert (seen[:, [0, 2]] == CLEAN[:, [0, 2]]).all()
+    assert not lost.any()
+
+
+def test_quantised_values_are_the_nearest_multiples():
+    seen, _ = measured({"quantise": {"obs_fatigue": 0.5}})
+    assert (seen[:, 1] * 2 == np.rint(CLEAN[:, 1] * 2)).all()
+
+
+def test_noise_is_normal_and_independent_between_columns_and_episodes():
+    """Of 20,000 draws the mean is within 4 standard errors; so are the deviation and the correlations."""
+    given = {"noise": {"obs_velocity": 2.0, "obs_fatigue": 3.0}}
+    clean = np.zeros((20_000, 3), dtype=np.float32)
+    first, other = (measured(given, number, clean)[0] for number in (0, 1))
+    error = 4 / np.sqrt(20_000)
+    assert (abs(first.mean(axis=0)[:2]) < error * np.array([2.0, 3.0])).all()
+    assert (abs(first.std(axis=0)[:2] / [2.0, 3.0] - 1) < error / np.sqrt(2)).all()
+    assert abs(np.corrcoef(first[:, 0], first[:, 1])[0, 1]) < error
+    assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < error
+    assert (first[:, 2] == 0).all()
+
+
+def test_a_missing_value_is_the_last_that_arrived_and_the_first_always_arrives():
+    seen, lost = measured({"missing": {"obs_fatigue": 0.4}})
+    assert not lost[0].any()
+    assert abs(lost[:, 1].mean() - 0.4) < 4 * np.sqrt(0.4 * 0.6 / len(CLEAN))
+    last = CLEAN[0, 1]
+    for value, missing, clean in zip(seen[:, 1], lost[:, 1], CLEAN[:, 1], strict=True):
+        last = last if missing else clean
+        assert value == last
+    seen, lost = measured({"missing": {"obs_fatigue": 1.0}})
+    assert (seen[:, 1] == CLEAN[0, 1]).all()
+    assert lost[1:, 1].all()
+
+
+def test_the_noise_of_a_column_does_not_depend_on_the_other_columns():
+    given = imperfections_of({"noise": {"obs_fatigue": 1.0}})
+    alone, _ = given.of(("obs_fatigue",)).episode(CLEAN[:, 1:2], 7)
+    assert (alone[:, 0] == measured({"noise": {"obs_fatigue": 1.0}})[0][:, 1]).all()
+
+
+@pytest.mark.parametrize("change", [{"seed": 6}, {}], ids=["seed", "episode"])
+def test_seed_and_episode_change_the_noise(change):
+    other = measured({**EVERYTHING, **change}, number=7 if change else 8)[0]
+    assert not (other[:, 1] == measured(EVERYTHING)[0][:, 1]).any()
+
+
+def test_step_by_step_and_in_other_lanes_the_same_is_seen_as_in_whole_episodes():
+    options = view_options(list(COLUMNS), True, imperfections=EVERYTHING)
+    window, history = Window(options, False, 3, 2), 2
+    actions = np.random.default_rng(2).uniform(-1, 1, (400, 3, 3)).astype(np.float32)
+    clean = np.stack([CLEAN, CLEAN[::-1], CLEAN + 1], axis=1)  # (400, 3 lanes, 3 columns)
+    window.begin(np.arange(3), clean[0], np.array([7, 0, 2]))
+    window.push(np.array([1]), clean[1, [1]], actions[1, [1]])  # one lane is a step ahead
+    window.begin(np.array([1]), clean[0, [1]], np.array([8]))  # and begins another episode
+    expected = [measured(EVERYTHING, number, clean[:, i]) for i, number in enumerate((7, 8, 2))]
+    for t in range(1, 60):
+        order = np.array([2, 0, 1])
+        window.push(order, clean[t, order], actions[t, order])
+        for i, (seen, lost) in enumerate(expected):
+            for age in range(history):
+                now = np.concatenate([seen[t - age], lost[t - age, :2], actions[t - age, i] * (t > age)])
+                assert window.frames[i, age].tolist() == now.astype(np.float32).tolist()

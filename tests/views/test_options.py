@@ -1,0 +1,71 @@
+"""What a view shows, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from ibdata.errors import UsageError
+from ibdata.simulation.variables import hidden
+from ibdata.variables import of_role
+from ibdata.views.options import OBSERVED, bounds_of, view_options
+
+
+@pytest.mark.parametrize(("drifting", "size"), [(False, 20), (True, 22)])
+def test_markov_is_the_observation_and_the_hidden_state_in_the_order_of_the_columns(drifting, size):
+    columns = view_options("markov").columns(drifting)
+    assert columns[:6] == OBSERVED == tuple(f"obs_{name}" for name in of_role("observation"))
+    assert columns[6:] == tuple(f"latent_{name}" for name in hidden(drifting))
+    assert len(columns) == size
+
+
+def test_a_frame_has_columns_then_flags_then_the_actions_before():
+    imperfections = {"missing": {"obs_gain": 0.1}, "delay": {"obs_velocity": 1}, "mask": True}
+    options = view_options(["obs_gain", "obs_velocity"], True, imperfections=imperfections)
+    assert options.frame(drifting=False) == (
+        *("obs_gain", "obs_velocity", "missing_obs_gain"),
+        *("previous_act_velocity", "previous_act_gain", "previous_act_shift"),
+    )
+
+
+def test_bounds_are_those_of_the_columns_unless_they_are_measured_inexactly():
+    imperfections = {"noise": {"obs_velocity": 1.0}, "missing": {"obs_gain": 0.5}, "mask": True}
+    options = view_options(["obs_velocity", "obs_gain", "latent_mu_v"], True, imperfections=imperfections)
+    assert bounds_of(options, False) == [(None, None), (0, 100), (0, 5), (0, 1), *[(-1, 1)] * 3]
+    assert bounds_of(view_options(), False, (-7.0, 9.0))[-1] == (-7.0, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"observe": "makrov"}, "observe: found 'makrov', expected classic, markov .* did you mean 'markov'"),
+        ({"observe": []}, r"observe: found \[\], expected classic, markov or a list of columns"),
+        ({"observe": ["obs_gain", "obs_gain"]}, "expected classic, markov or a list of columns"),
+        ({"observe": ["obs_gian"]}, "found 'obs_gian', expected columns .* did you mean 'obs_gain'"),
+        ({"observe": ["reward"]}, "observe: found 'reward', expected columns obs_… or latent_…"),
+        ({"observe": 3}, "observe: found 3, expected classic"),
+        ({"actions": "yes"}, "actions: found 'yes', expected True or False"),
+        ({"reward_scale": 0}, "reward scale: found 0, expected a finite number above 0"),
+        ({"reward": "detla"}, "reward: found 'detla', expected classic, delta .* did you mean 'delta'"),
+        ({"reward": {}}, "reward: found no weight"),
+        ({"reward": {"fatique": 1}}, "found 'fatique', expected weights .* did you mean 'fatigue'"),
+        ({"reward": {"fatigue": float("nan")}}, "reward: fatigue: found nan, expected a finite number"),
+        ({"imperfections": 3}, "imperfections: found 3, expected a mapping"),
+        ({"imperfections": {"dealy": {}}}, "found 'dealy', expected delay, .* did you mean 'delay'"),
+        ({"imperfections": {"delay": 3}}, "imperfections: delay: found 3, expected a mapping of columns"),
+        ({"imperfections": {"delay": {"obs_gain": 1.5}}}, "found 1.5, expected a whole number of steps"),
+        ({"imperfections": {"delay": {"obs_gain": 1001}}}, "found 1001, expected a whole number of steps"),
+        ({"imperfections": {"noise": {"obs_gain": -1}}}, "found -1, expected a standard deviation above 0"),
+        ({"imperfections": {"quantise": {"obs_gain": 0}}}, "found 0, expected a step above 0"),
+        ({"imperfections": {"missing": {"obs_gain": 2}}}, "found 2, expected a probability"),
+        ({"imperfections": {"mask": 1}}, "imperfections: mask: found 1, expected true or false"),
+        ({"imperfections": {"seed": -1}}, "imperfections: seed: found -1, expected a whole number"),
+        (
+            {"observe": ["obs_gain"], "imperfections": {"delay": {"obs_velocity": 1}}},
+            "imperfections: found 'obs_velocity', expected one of the observed columns",
+        ),
+    ],
+    ids=str,
+)
+def test_what_is_no_view_is_refused(given, message):
+    with pytest.raises(UsageError, match=message):
+        view_options(**given)
