@@ -104,7 +104,7 @@ def test_one_run_is_made_again_and_compared(baselines, tmp_path, monkeypatch, ca
     baselines.main()
     new, old = capsys.readouterr().out.splitlines()
     assert "return -64.00" in new
-    assert "shipped: return -65.00" in old
+    assert "bc 0, in x.jsonl: return -65.00" in old
     assert shipped_baselines(file) == [line(run)]
 
 
@@ -153,6 +153,28 @@ def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_r
     assert rows == [
         "| `siemens-offline/bad-0` | – | −64.5 [−65.0, −64.0] | – | – | 1 failed |",
         "| `siemens-offline/bad-0` | – | −68.5 [−69.0, −68.0] | – | – | 1 failed |",
+    ]
+
+
+def test_runs_are_counted_by_their_paired_difference_from_the_behaviour(baselines, page):
+    def of(algorithm, returns):
+        run = baselines.Run("siemens-offline/bad-0", algorithm, None if algorithm == "behaviour" else 0)
+        return line(run).model_copy(update=measured(returns))
+
+    own = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
+    noise = np.where(np.arange(200) % 2, 1.0, -1.0)
+    lines = [
+        of("behaviour", own),
+        of("bc", own + 1.0 + noise),  # far less than the standard deviation of the returns
+        of("td3+bc", own + noise),
+        of("iql", own - 1.0 + noise),
+        of("cql", None),
+    ]
+    assert page.verdicts(lines).splitlines()[2:] == [
+        "| BC | 1 | 0 | 0 |",
+        "| TD3+BC | 0 | 1 | 0 |",
+        "| IQL | 0 | 0 | 1 |",
+        "| CQL | 0 | 0 | 1 |",
     ]
 
 

@@ -18,6 +18,7 @@ from d3rlpy.preprocessing import StandardObservationScaler
 import ibdata
 from ibdata.exporters._view import View
 from ibdata.exporters.d3rlpy import episode
+from ibdata.views.options import view_options
 
 HISTORY, REWARD_SCALE, DISCOUNT = 30, 0.01, 0.97
 STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
@@ -62,7 +63,7 @@ class Rows(NamedTuple):
 
 def rows_of(dataset: ibdata.Dataset, history: int = HISTORY) -> Rows:
     """The rows of a dataset, with stacked observations and scaled rewards."""
-    view = View(dataset, history=history, reward_scale=REWARD_SCALE)
+    view = View(dataset, history=history, options=view_options(reward_scale=REWARD_SCALE))
     size = view.rows + view.episodes
     observations = np.empty((size, 6 * history), np.float32)
     actions, rewards = np.empty((size, 3), np.float32), np.empty((size, 1), np.float32)

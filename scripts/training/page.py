@@ -9,6 +9,7 @@ import numpy as np
 
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, SETTINGS, Baseline
+from ibdata.numerics.confidence import estimate
 from measuring.documents import DOCS, replaced
 
 PAGE, PICTURE = DOCS / "baselines.md", DOCS / "figures" / "baselines.png"
@@ -68,6 +69,24 @@ def table(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[s
     return "\n".join([head, "|---" * (1 + len(algorithms)) + "|", *rows])
 
 
+def verdicts(lines: Sequence[Baseline]) -> str:
+    """A Markdown table of how many runs got a higher, an equal or a lower return than the set's behaviour.
+
+    By the 95 % interval of the mean of the paired differences; a policy that failed counts as lower.
+    """
+    behaviour = {line.set: line.values for line in lines if line.algorithm == BEHAVIOUR}
+    counts: dict[str, list[int]] = {}
+    for line in lines:
+        base, values = behaviour.get(line.set), line.values
+        if line.algorithm == BEHAVIOUR or base is None:
+            continue
+        count = counts.setdefault(line.algorithm, [0, 0, 0])
+        low, high = (-1.0, -1.0) if values is None else estimate([values - base]).interval or (-1.0, 1.0)
+        count[0 if low > 0 else 2 if high < 0 else 1] += 1
+    rows = [f"| {LABELS[name]} | {' | '.join(map(str, counts[name]))} |" for name in LABELS if name in counts]
+    return "\n".join(["| algorithm | higher | no difference seen | lower |", "|---|---|---|---|", *rows])
+
+
 def times(lines: Sequence[Baseline]) -> str:
     """A Markdown table of the seconds of a processor that a run of each algorithm took."""
     rows = []
@@ -100,7 +119,14 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         parts += [table(lines, sets, four, field) for sets in by_suite.values()]
         sets = list(dict.fromkeys(run.set for run in others))
         parts.append(table(lines, sets, [BEHAVIOUR, "bcq", "bear"], field))
-    parts += ["### Time", times(lines)]
+    parts.append("### Compared with the behaviour of the set")
+    parts.append("Numbers of runs, by the 95 % interval of the paired differences in the 200 episodes.")
+    parts += [
+        verdicts(lines),
+        "### Time",
+        "Seconds of a processor for the training of one run.",
+        times(lines),
+    ]
     return "\n\n".join(parts)
 
 
