@@ -94,6 +94,23 @@ def test_the_script_makes_what_is_missing_and_says_so(baselines, tmp_path, monke
     )
 
 
+def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, tmp_path, monkeypatch, capsys):
+    plan = baselines.plan()[14:18]
+
+    def made(run, data):
+        if run == plan[1]:
+            raise FloatingPointError("NaN")
+        return line(run)
+
+    monkeypatch.setattr(baselines, "plan", lambda: plan)
+    monkeypatch.setattr(baselines, "made", made)
+    monkeypatch.setattr(sys, "argv", ["baselines", "--out", str(tmp_path / "x.jsonl")])
+    with pytest.raises(SystemExit, match="failed: 1 of 4 runs"):
+        baselines.main()
+    assert shipped_baselines(tmp_path / "x.jsonl") == [line(run) for run in (plan[0], *plan[2:])]
+    assert "2/4 siemens-offline/optimized-80 behaviour: failed\nTraceback" in capsys.readouterr().err
+
+
 def test_one_run_is_made_again_and_compared(baselines, tmp_path, monkeypatch, capsys):
     file = tmp_path / "x.jsonl"
     run = baselines.Run("siemens-offline/optimized-40", "bc", 0)
