@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import time
@@ -158,6 +159,13 @@ def test_runs_that_are_killed_go_on_where_they_stopped(tmp_path):
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines, page):
     assert tables_of(PAGE) == f"\n{page.block(LINES, baselines.plan())}\n"
+
+
+def test_every_number_of_the_reading_stands_in_the_tables():
+    reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
+    numbers = re.findall(r"−[\d.]+\d", reading)
+    assert numbers
+    assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
 
 
 def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_run(baselines, page):
