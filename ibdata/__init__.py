@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.measures.quality import quality as quality
     from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
@@ -47,7 +48,9 @@ _MODULES = {
     "importance": "evaluation.importance",
     "load": "experiment",
     "merge": "maintenance.merge",
+    "noise_floor": "evaluation.noise_floor",
     "open": "dataset.reader",
+    "quality": "measures.quality",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
     "save_network": "policies.save_network",
