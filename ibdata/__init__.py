@@ -12,6 +12,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.importance import importance as importance
+    from ibdata.evaluation.noise_floor import noise_floor as noise_floor
     from ibdata.evaluation.states import state_at as state_at
     from ibdata.evaluation.true_values import true_values as true_values
     from ibdata.experiment import Experiment as Experiment

@@ -15,6 +15,7 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
 from ibdata.errors import UsageError
 from ibdata.measures.coverage import Coverage, state_numbers
+from ibdata.measures.returns import MEANING as RETURN_MEANING
 from ibdata.measures.returns import return_measures
 from ibdata.measures.stochasticity import Stochasticity, action_entropy
 from ibdata.views.options import ACTIONS
@@ -23,8 +24,7 @@ STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 DENSITY = "action_log_prob"
 BATCH_ROWS = 65_536
 MEANING = {
-    "trajectory_quality": "mean return: 0 = random, 1 = expert",
-    "return_improvement": "best return above the mean one, in units of the mean above the least",
+    **RETURN_MEANING,
     "state_action_coverage": "different pairs of state and action: 1 = as many as random actions",
     "action_stochasticity": "standard deviation of the actions in a cell of the state grid",
     "action_entropy": "from the recorded densities: 0 = deterministic, 2.08 = random",

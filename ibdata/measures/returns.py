@@ -12,6 +12,10 @@ import pyarrow as pa
 from ibdata.dataset import reference_returns
 from ibdata.dataset.models import Info
 
+MEANING = {
+    "trajectory_quality": "mean return: 0 = random, 1 = expert",
+    "return_improvement": "best return above the mean one, per mean above the least",
+}
 Floats = npt.NDArray[np.float64]
 
 
