@@ -226,14 +226,3 @@ def size(count: float) -> str:
         if count >= scale / 10:
             return f"{count / scale:.1f} {unit}"
     return f"{count:.0f} bytes"
-
-
-def yaml_value(option: str, text: str) -> Any:
-    """The value of an option, which is YAML. Raises UsageError if it is not."""
-    from ibdata.errors import UsageError
-    from ibdata.experiment.yaml import Document, StrictYamlError
-
-    try:
-        return Document(text).data
-    except StrictYamlError as error:
-        raise UsageError(f"{option} {text}: {error.message}") from None

@@ -7,8 +7,6 @@ from typing import Any
 
 import click
 
-from ibdata.cli._shared import yaml_value
-
 OPTIONS = [
     click.option(
         "--observe",
@@ -47,3 +45,14 @@ def as_keywords(observe: str, actions: bool, reward: str, imperfections: str | N
         "reward": yaml_value("--reward", reward),
         "imperfections": None if imperfections is None else yaml_value("--imperfections", imperfections),
     }
+
+
+def yaml_value(option: str, text: str) -> Any:
+    """The value of an option, which is YAML. Raises UsageError if it is not."""
+    from ibdata.errors import UsageError
+    from ibdata.experiment.yaml import Document, StrictYamlError
+
+    try:
+        return Document(text).data
+    except StrictYamlError as error:
+        raise UsageError(f"{option} {text}: {error.message}") from None

@@ -15,8 +15,8 @@ from ibdata.cli._shared import (
     print_table,
     quiet_option,
     say,
-    yaml_value,
 )
+from ibdata.cli._views import yaml_value
 from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from ibdata.dynamics import State
-from ibdata.dynamics.state import checked_state
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import COSTS, Float32s, Simulation, checked_actions
-from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
@@ -72,26 +70,6 @@ class Lane(Simulation):
         """The true values of imperfect measurements by name."""
         observed = self.observed()[0].tolist() if self._clean else []
         return {name: observed[i] for name, i in self._clean.items()}
-
-    def set_state(self, given: State) -> None:
-        """Go on from a state of one lane. Raises UsageError if it is no such state."""
-        if not isinstance(given, State):
-            raise UsageError(
-                f"set_state: found {type(given).__name__}, expected a State as of ibdata.state_at"
-            )
-        try:
-            state = checked_state(given)
-        except ValueError as error:
-            raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
-        moves = state.drift_left >= 0
-        if len(moves) != 1:
-            raise UsageError(f"set_state: found a state of {len(moves)} lanes, expected a state of one lane")
-        if moves[0] != self.settings.drifting:
-            found, option = ("a moving", '"drifting"') if moves[0] else ("a constant", "a number")
-            raise UsageError(
-                f"set_state: found a state of {found} setpoint; make the environment with setpoint={option}"
-            )
-        self.place(self.everyone, state, Past.of(state, self.settings.history), np.zeros(1, dtype=np.int64))
 
 
 def checked_action(given: Any) -> Action:

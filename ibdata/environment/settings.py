@@ -60,6 +60,7 @@ class Settings(FrozenModel):
     actions: Any = False
     reward: Any = "classic"
     imperfections: Any = None
+    discrete_actions: Annotated[bool, Field(strict=True), BeforeValidator(_number)] = False
 
     @cached_property
     def variant(self) -> Variant:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State, initial_state
+from ibdata.environment.fitting_state import fitting_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
@@ -65,6 +66,20 @@ class Simulation:
         if self.view.imperfections:  # their random numbers have the address of an episode
             numbers = (draw(which, 1)[:, 0] >> np.uint64(1)).astype(np.int64)
         self.place(which, *begun, numbers)
+
+    def replay(
+        self, which: Indices, draw: episodes.Draw, start: Any, setpoints: episodes.Floats, numbers: Indices
+    ) -> None:
+        """Begin episodes of a dataset in these lanes (k,), with their start, setpoints and numbers (k,)."""
+        own = self._episodes._replace(start=start)
+        begun = own.begin(draw, np.arange(len(which)), setpoints, self.settings.history)
+        self.place(which, *begun, numbers)
+
+    def set_state(self, given: State, which: Indices) -> None:
+        """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
+        state = fitting_state(given, len(which), self.settings.drifting)
+        past, numbers = Past.of(state, self.settings.history), np.zeros(len(which), dtype=np.int64)
+        self.place(which, state, past, numbers)
 
     def place(self, which: Indices, state: State, past: Past, numbers: Indices) -> None:
         """Put these lanes into the states of k lanes that have this past, as episodes with these numbers."""

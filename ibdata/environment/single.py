@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State
+from ibdata.environment.discrete import discrete_action
 from ibdata.environment.lane import Lane, checked_action
+from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices
 from ibdata.environment.spaces import spaces
@@ -27,7 +29,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     It never terminates; `gymnasium.make` adds a limit of steps, which truncates episodes. Observations are
     float32 (6 · history,): setpoint, velocity, gain, shift, fatigue, consumption, newest first. Actions are
     (Δv, Δg, Δh), clipped to [-1, 1] and rounded to float32. `info` holds the hidden part of the Markov state
-    under the names of a dataset's columns. All random numbers come from `np_random`.
+    under the names of a dataset's columns. Unless `reset` replays an episode of a dataset, all random numbers
+    come from `np_random`.
 
     Args:
         setpoint: a number, by default 50 (`ibdata.evaluate` has 70); "drifting" (starts at 50), or
@@ -41,6 +44,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         actions: whether each frame also has the action of the step before.
         reward: "classic", "delta", or weights such as {"consumption": 1, "fatigue": 1}.
         imperfections: delay, noise, quantisation and missing values of columns.
+        discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
+            velocity, gain and shift: 0 is (-1, -1, -1), 1 is (-1, -1, 0), 26 is (1, 1, 1).
         render_mode: "rgb_array" or None.
 
     Raises:
@@ -62,6 +67,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         reward: Any = "classic",
         imperfections: Any = None,
         render_mode: str | None = None,
+        discrete_actions: bool = False,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
@@ -75,10 +81,13 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             actions=actions,
             reward=reward,
             imperfections=imperfections,
+            discrete_actions=discrete_actions,
         )
         self.render_mode = render_mode
         self.observation_space, self.action_space = spaces(given)
+        self._checked = discrete_action if discrete_actions else checked_action
         self._lane = Lane(given)
+        self._replayed: Noise | None = None  # in place of np_random
         self._began = False
         self._seen: list[dict[str, Any]] = []  # of the episode, for the picture
 
@@ -89,16 +98,33 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode. Returns the first observation and the hidden state."""
+        """Begin an episode. Returns the first observation and the hidden state.
+
+        Args:
+            seed: seeds `np_random`.
+            options: {"dataset": ds, "episode": i} begins as episode i of a dataset, a `Dataset` or its place,
+                with its setpoint and after its burn-in. Its random numbers replace those of `np_random` in
+                all steps until the next `reset` or `set_state`. So its actions give its rows again, and
+                other actions meet the same noise.
+
+        Raises:
+            UsageError: There is no such episode, or `dynamics` or `setpoint` do not fit it.
+            DatasetError: This ibdata cannot simulate the dataset again.
+        """
+        replay = Replay.asked_for(options, self._lane.settings, 1)
         super().reset(seed=seed)
-        self._lane.reset(self._lane.everyone, self._draw)
+        self._replayed = None
+        if replay is None:
+            self._lane.reset(self._lane.everyone, self._draw)
+        else:
+            [self._replayed] = replay.begin(self._lane, self._lane.everyone)
         return self._begin()
 
     def set_state(self, state: State) -> tuple[Observation, dict[str, Any]]:
         """Go on from a state instead of that of `reset`.
 
         The wrappers of `gymnasium.make` want a `reset` before, from which they count the steps; so
-        `env.reset(seed=0); env.unwrapped.set_state(state)`. Random numbers still come from `np_random`.
+        `env.reset(seed=0); env.unwrapped.set_state(state)`. Random numbers come from `np_random`.
 
         Args:
             state: A state of one lane, such as `ibdata.state_at` returns. Its setpoint replaces that of the
@@ -111,7 +137,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             UsageError: It is no such state, or its setpoint moves and that of the environment does not, or
                 the reverse.
         """
-        self._lane.set_state(state)
+        self._lane.set_state(state, self._lane.everyone)
+        self._replayed = None
         return self._begin()
 
     def _begin(self) -> tuple[Observation, dict[str, Any]]:
@@ -125,8 +152,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         """Advance by one step. Returns the observation, the reward, False, False and the hidden state."""
         if not self._began:
             raise gym.error.ResetNeeded("step: found no episode, expected reset() before")
-        lane, proposed = self._lane, checked_action(action)
-        raw = self.np_random.bit_generator.random_raw(lane.draws)
+        lane, proposed = self._lane, self._checked(action)
+        raw = (self._replayed or self.np_random.bit_generator).random_raw(lane.draws)
         seen, reward, info = lane.move(proposed, raw)
         if self.render_mode is not None:
             self._remember()

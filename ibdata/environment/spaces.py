@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from ibdata.environment.discrete import COUNT
 from ibdata.environment.settings import Settings, frame_bounds
 from ibdata.errors import MissingError
 
 try:
-    from gymnasium.spaces import Box
+    from gymnasium.spaces import Box, Discrete
 except ModuleNotFoundError:
     raise MissingError("ibdata.environment", "gymnasium", "gymnasium") from None
 
 
-def spaces(settings: Settings) -> tuple[Box, Box]:
-    """The spaces of observations (k · history,), newest first, and of actions (3,).
+def spaces(settings: Settings) -> tuple[Box, Box | Discrete]:
+    """The spaces of observations (k · history,), newest first, and of actions: (3,), or 27 discrete ones.
 
     The bounds hold for every setpoint, so that a policy can be used at another one.
     """
     low, high = (  # rounding is monotonic, so rounded values stay within rounded bounds
         np.tile(np.array(bounds, dtype=np.float32), settings.history) for bounds in frame_bounds(settings)
     )
-    return Box(low, high, dtype=np.float32), Box(-1.0, 1.0, (3,), np.float32)
+    actions = Discrete(COUNT) if settings.discrete_actions else Box(-1.0, 1.0, (3,), np.float32)
+    return Box(low, high, dtype=np.float32), actions

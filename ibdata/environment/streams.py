@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from ibdata.environment.replayed import Noise
 from ibdata.environment.simulation import Indices
 from ibdata.numerics.philox import Raw
 
@@ -16,8 +19,11 @@ class Streams:
     def __init__(self, n: int) -> None:
         self._generators: list[np.random.Generator | None] = [None] * n
         self._seeds: list[int] = [-1] * n
-        self._ahead = np.empty((n, AHEAD), dtype=np.uint64)
-        self._at = np.full(n, AHEAD)
+        self._replayed: list[Noise | None] = [None] * n
+        # Rows 0 … n - 1 are read from the generators, rows n … 2n - 1 from what is replayed instead of them.
+        self._rows = np.arange(n)
+        self._ahead = np.empty((2 * n, AHEAD), dtype=np.uint64)
+        self._at = np.full(2 * n, AHEAD)
 
     @property
     def generators(self) -> tuple[np.random.Generator, ...]:
@@ -34,16 +40,30 @@ class Streams:
         if seed is not None:
             self._make(lane, seed)
 
+    def replay(self, lane: int, noise: Noise) -> None:
+        """Let a lane take these integers, until `resume` leads back to those of its generator."""
+        row = lane + len(self._seeds)
+        self._replayed[lane], self._rows[lane], self._at[row] = noise, row, AHEAD
+
+    def resume(self, which: Indices) -> None:
+        """Let lanes go on with the integers of their generators."""
+        self._rows[which] = which
+
     def take(self, which: Indices, count: int) -> Raw:
         """The next integers (lanes, count) of some lanes."""
-        for lane in which[self._at[which] + count > AHEAD].tolist():
-            at, ahead = self._at[lane], self._ahead[lane]
+        rows = self._rows[which]
+        for row in rows[self._at[rows] + count > AHEAD].tolist():
+            at, ahead = self._at[row], self._ahead[row]
             ahead[: AHEAD - at] = ahead[at:].copy()
-            ahead[AHEAD - at :] = self._generator(lane).bit_generator.random_raw(int(at))
-            self._at[lane] = 0
-        columns = self._at[which, None] + np.arange(count)
-        self._at[which] += count
-        return self._ahead[which[:, None], columns]
+            ahead[AHEAD - at :] = self._source(row).random_raw(int(at))
+            self._at[row] = 0
+        columns = self._at[rows, None] + np.arange(count)
+        self._at[rows] += count
+        return self._ahead[rows[:, None], columns]
+
+    def _source(self, row: int) -> Any:
+        lane = row % len(self._seeds)
+        return self._generator(lane).bit_generator if row == lane else self._replayed[lane]
 
     def _generator(self, lane: int) -> np.random.Generator:
         generator = self._generators[lane]

@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dynamics import State
+from ibdata.environment.discrete import discrete_actions as discrete_actions_of
+from ibdata.environment.fitting_state import checked_lanes
+from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Float32s, Indices, Simulation, checked_actions
 from ibdata.environment.spaces import spaces
@@ -61,6 +65,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         actions: bool = False,
         reward: Any = "classic",
         imperfections: Any = None,
+        discrete_actions: bool = False,
     ) -> None:
         mode = getattr(autoreset_mode, "value", autoreset_mode)
         if mode not in MODES:
@@ -77,6 +82,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             actions=actions,
             reward=reward,
             imperfections=imperfections,
+            discrete_actions=discrete_actions,
         )
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
         self.num_envs = num_envs
@@ -84,6 +90,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._mode, self._limit = mode, max_episode_steps
+        self._checked = discrete_actions_of if discrete_actions else checked_actions
         self._simulation = Simulation(given, num_envs)
         self._streams = Streams(num_envs)
         self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
@@ -109,17 +116,48 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
 
         Args:
             seed: the seed of lane 0, to which lane i adds i, or a list with one seed for each lane.
-            options: see above.
+            options: see above. {"dataset": ds, "episode": [i, …]} begins as an `IndustrialBenchmarkEnv` does
+                with these options, in each lane an episode; one number stands for all lanes. When the
+                episode of a lane ends, the next one takes the random numbers of `np_random` again.
+
+        Raises:
+            UsageError: an option cannot be meant.
+            DatasetError: this ibdata cannot simulate the dataset again.
         """
         mask = self._mask((options or {}).get("reset_mask"))
+        replay = Replay.asked_for(options, self._simulation.settings, self.num_envs)
         if isinstance(seed, Sequence) and len(seed) != self.num_envs:
             raise UsageError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
         which = np.flatnonzero(mask)
         if seed is not None:
             for lane in which.tolist():
                 self._streams.seed(lane, seed[lane] if isinstance(seed, Sequence) else seed + lane)
-        self._begin(which)
+        if replay is None:
+            self._begin(which)
+        else:
+            for lane, noise in zip(which.tolist(), replay.begin(self._simulation, which), strict=True):
+                self._streams.replay(lane, noise)
+            self._began(which)
         return self._simulation.observations(), self._info(mask)
+
+    def set_state(self, state: State, lanes: npt.ArrayLike | None = None) -> tuple[Float32s, dict[str, Any]]:
+        """Begin in states instead of those of `reset`, as `IndustrialBenchmarkEnv.set_state` does.
+
+        Args:
+            state: A state of k lanes, such as `ibdata.state_at` returns for k rows.
+            lanes: The lanes (k,) that begin; by default all.
+
+        Returns:
+            What `reset` returns.
+
+        Raises:
+            UsageError: It is no such state, or there are no such lanes.
+        """
+        which = self._simulation.everyone if lanes is None else checked_lanes(lanes, self.num_envs)
+        self._simulation.set_state(state, which)
+        self._streams.resume(which)
+        self._began(which)
+        return self._simulation.observations(), self._info(np.isin(self._simulation.everyone, which))
 
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
@@ -134,7 +172,11 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         return mask
 
     def _begin(self, which: Indices) -> None:
+        self._streams.resume(which)
         self._simulation.reset(which, self._streams.take)
+        self._began(which)
+
+    def _began(self, which: Indices) -> None:
         self._elapsed[which] = 0
         self._done[which] = False
 
@@ -148,7 +190,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             )
         moving = ~self._done
         which = np.flatnonzero(moving)
-        action = checked_actions(actions, moving)
+        action = self._checked(actions, moving)
         if len(which):
             self._simulation.step(which, action[which], self._streams.take)
         rewards = np.where(moving, self._simulation.rewards(), 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,12 @@ import numpy.typing as npt
 from ibdata.dataset.opened import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
-from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import spec_in
 from ibdata.policies import Policy
 from ibdata.policies.constant import Constant
 from ibdata.simulation.revisit import Ints, Revisit, Visited, Watching
 from ibdata.simulation.rollout import PART_ROWS
 from ibdata.simulation.variables import Table, layout
-from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+from ibdata.validation.addresses import Addresses, whole, within
 
 BATCH_ROWS = 65_536
 
@@ -47,20 +44,16 @@ def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
     return source.visited(*source.places(episode, step), Constant()).state  # any policy that sees nothing
 
 
-class Source:
+class Source(Addresses):
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
     def __init__(self, ds: Place) -> None:
-        ds = opened(ds)
-        self._ds, self._spec = ds, spec_in(ds.path, ds.manifest_model)
-        refuse_other_data_version(ds.path, self._spec, ds.manifest_model)
-        refuse_other_plan(self._spec, ds.manifest_model)
-        names = ("length", "shard", "row_start")
-        self.lengths, self._shards, self._starts = (ds.episode_table[name].to_numpy() for name in names)
+        self._ds = opened(ds)
+        super().__init__(self._ds)
 
     def places(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
         """Episodes and steps as arrays (n,). Raises UsageError if the dataset has no such row."""
-        episodes, steps = _within("episode", episode, len(self.lengths)), _whole("step", step)
+        episodes, steps = self.episodes(episode), whole("step", step)
         if len(episodes) != len(steps) and min(len(episodes), len(steps)) != 1:
             raise UsageError(
                 f"episode and step: found {len(episodes)} and {len(steps)} numbers, expected equally many"
@@ -78,18 +71,9 @@ class Source:
     def rows(self, rows: Any) -> tuple[Ints, Ints]:
         """Episodes and steps (n,) of rows that are counted from 0. Raises UsageError as `places`."""
         ends = np.cumsum(self.lengths)
-        found = _within("row", rows, int(ends[-1]))
+        found = within("row", rows, int(ends[-1]))
         episodes = np.searchsorted(ends, found, side="right")
         return episodes, found - (ends - self.lengths)[episodes]
-
-    def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
-        """Group episodes (n,): yield an experiment, the places of its episodes, and their numbers in it."""
-        shards = [self._spec.shards[i] for i in self._shards[episodes].tolist()]
-        experiments = np.array([shard.experiment for shard in shards])
-        offsets = np.array([shard.offset for shard in shards])
-        for i in np.unique(experiments).tolist():
-            own = np.flatnonzero(experiments == i)
-            yield self._spec.experiments[i], own, episodes[own] - offsets[own]
 
     def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Visited:
         """Simulate rows again. Raises DatasetError if they differ from the stored ones.
@@ -138,7 +122,7 @@ class Source:
     def _stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
         """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
         out = np.zeros((len(names), len(episodes), int(counts.max())), dtype=dtype)
-        shards, starts = self._shards[episodes], self._starts[episodes]
+        shards, starts = self.shards[episodes], self.starts[episodes]
         for shard in np.unique(shards).tolist():
             own = np.flatnonzero(shards == shard)
             row, stop = int(starts[own].min()), int((starts[own] + counts[own]).max())
@@ -151,20 +135,3 @@ class Source:
                             into[low - starts[i] : high - starts[i]] = column[low - row : high - row]
                 row += batch.num_rows
         return out
-
-
-def _whole(what: str, given: Any) -> Ints:
-    """Whole numbers (n,) from a number or an array."""
-    found = np.asarray(given)
-    if found.dtype.kind not in "iu" or found.ndim > 1:
-        raise UsageError(f"{what}: found {' '.join(repr(given).split())[:60]}, expected whole numbers")
-    return np.atleast_1d(found).astype(np.int64)
-
-
-def _within(what: str, given: Any, count: int) -> Ints:
-    """Whole numbers (n,) from 0 to count - 1."""
-    found = _whole(what, given)
-    wrong = (found < 0) | (found >= count)
-    if wrong.any():
-        raise UsageError(f"{what}: found {found[np.argmax(wrong)]}, expected one of 0 to {count - 1}")
-    return found

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ibdata.dynamics import State
 from ibdata.experiment import Experiment
+from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Policy
 from ibdata.policies.checked import CheckedPolicy
@@ -24,6 +25,14 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 Ints = npt.NDArray[np.int64]
+
+
+def addressed(experiment: Experiment, numbers: Ints) -> tuple[Ints, Raw, Floats]:
+    """The indices (n,) and keys (n, 2) of episodes (n,) of an experiment, and their setpoints (n,)."""
+    cell_numbers, indices = np.divmod(numbers, experiment.episodes)
+    cells = [experiment.cells[i] for i in cell_numbers.tolist()]
+    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])
+    return indices, keys, np.array([cell.setpoint for cell in cells])
 
 
 class Visited(NamedTuple):
@@ -79,11 +88,9 @@ class Revisit(Block):
     """Any episodes of an experiment, side by side. A policy watches them, but their actions are given."""
 
     def __init__(self, experiment: Experiment, numbers: Ints, watching: Watching) -> None:
-        cell_numbers, indices = np.divmod(numbers, experiment.episodes)
-        cells = [experiment.cells[i] for i in cell_numbers.tolist()]
-        keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])
+        indices, keys, setpoints = addressed(experiment, numbers)
         self._address(experiment, watching, indices, keys, keys)
-        self._begin(np.array([cell.setpoint for cell in cells]))
+        self._begin(setpoints)
 
     def rows(self, actions: Float32s, lanes: Ints, steps: Ints) -> tuple[Visited, Table]:
         """Play the recorded actions.

@@ -121,7 +121,8 @@ class Measurement:
         values = late.astype(np.float64) + self._noise * normal
         quantum = np.where(self._quantum, self._quantum, 1.0)
         values = np.where(self._quantum, np.rint(values / quantum) * quantum, values) + 0.0
-        return values.astype(np.float32), uniform < self._missing
+        lost = np.broadcast_to(uniform < self._missing, late.shape).copy()
+        return values.astype(np.float32), lost
 
     def _drawn(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
         """Normal and uniform numbers (times, k) of one episode, or (n, k) of n episodes at one time."""

@@ -16,6 +16,8 @@ MORE = {  # public too, beside `ibdata.__all__`
     "ibdata.testing": ("check_policy",),
     "ibdata.plots": ("plot", "figure"),
     "ibdata.report": ("card",),
+    "ibdata.dataset.windows": ("Windows",),
+    "ibdata.views.options": ("view_options",),
     "ibdata.dynamics": ("step", "initial_state", "Variant", "State", "Noise"),
     "ibdata.policies": ("Policy", "Deterministic", "Wrapper"),
 }
@@ -32,4 +34,6 @@ def page() -> str:
 
 def _section(module: object, name: str) -> str:
     found = getattr(module, name)
-    return f"::: {found.__module__}.{found.__qualname__}\n\n"
+    inherits = getattr(found, "__mro__", (found, object))[1].__module__.startswith("ibdata.dataset")
+    options = "    options:\n      inherited_members: true\n" if inherits else ""
+    return f"::: {found.__module__}.{found.__qualname__}\n{options}\n"

@@ -203,8 +203,8 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
     def at(purpose, step, slots):
         return integers(key, np.array([index]), purpose, step, 1, slots)[0, :, 0]
 
-    lane.set_state(state_at(either, episode, first))
-    lane.set_state(state_at(either, episode, first))  # which took nothing from the first
+    lane.set_state(state_at(either, episode, first), lane.everyone)
+    lane.set_state(state_at(either, episode, first), lane.everyone)  # which took nothing from the first
     observations = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy(dtype=np.float32)
     assert lane.observations()[0].tolist() == [*observations[0], *observations[0]]
     for t, action in enumerate(rows[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)):
@@ -239,12 +239,13 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
 def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
     lane = Lane(settings(setpoint=70))
     with pytest.raises(UsageError) as caught:
-        lane.set_state(fault(initial_state([70.0])))
+        lane.set_state(fault(initial_state([70.0])), lane.everyone)
     assert str(caught.value) == message
+    moving = Lane(settings(setpoint="drifting"))
     with pytest.raises(
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
-        Lane(settings(setpoint="drifting")).set_state(initial_state([70.0]))
+        moving.set_state(initial_state([70.0]), moving.everyone)
 
 
 @pytest.mark.parametrize("kind", [Simulation, Lane])

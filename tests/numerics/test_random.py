@@ -108,6 +108,7 @@ def test_the_purposes_have_the_numbers_that_datasets_were_made_with():
         "BURN_IN_DRIFT": 5,
         "BURN_IN_POLICY": 6,
         "EPISODE_POLICY": 7,
+        "MEASUREMENT": 8,
     }
 
 

@@ -30,6 +30,7 @@ def test_a_delay_repeats_the_first_value_and_leaves_other_columns_alone():
     assert (seen[4:, 1] == CLEAN[:-4, 1]).all()
     assert (seen[:4, 1] == CLEAN[0, 1]).all()
     assert (seen[:, [0, 2]] == CLEAN[:, [0, 2]]).all()
+    assert lost.shape == CLEAN.shape
     assert not lost.any()
 
 

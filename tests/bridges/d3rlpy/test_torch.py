@@ -73,3 +73,20 @@ def test_a_wrong_shape_is_told_in_one_line(net, history, line):
     with pytest.raises(PolicyError) as error:
         ibdata.evaluate(net, history=history, **FEW)
     assert str(error.value).endswith(line)
+
+
+def test_a_loader_reads_windows_as_the_arrays_show_them(tmp_path):
+    given = {"name": "x", "setpoints": 70, "policies": ["random"], "episodes": 3, "steps": 40}
+    data = ibdata.generate(given, tmp_path / "data", workers=1)
+    windows, arrays = data.windows(history=5, actions=True), data.arrays(history=5, actions=True)
+    for collate in (windows.collate, None):  # the second is torch's own, which asks for single transitions
+        loader = torch.utils.data.DataLoader(windows, batch_size=16, collate_fn=collate)
+        batches = list(loader)
+        for name in windows[0]:
+            found = torch.cat([batch[name] for batch in batches])
+            assert found.numpy().tolist() == arrays[name].tolist()
+    shuffled = torch.utils.data.DataLoader(
+        windows, batch_size=16, shuffle=True, num_workers=2, collate_fn=windows.collate
+    )
+    total = sum(float(batch["rewards"].double().sum()) for batch in shuffled)
+    assert total == pytest.approx(float(arrays["rewards"].astype(float).sum()))

@@ -94,9 +94,25 @@ def test_snippets(use_with, heading, rows):
 
 
 def test_the_snippet_of_hugging_face(use_with):
-    (names,) = use_with("Hugging Face datasets")
+    names, viewed = use_with("Hugging Face datasets")
     assert (len(names["everything"]), len(names["target"])) == (2000, 200)
     assert tuple(names["batch"].shape) == (32,)
+    found, data = viewed["markov"].with_format("numpy"), viewed["ibdata"].open("data/random")
+    expected = data.arrays(observe="markov", reward={"consumption": 1, "fatigue": 1})
+    frame = data.windows(observe="markov").frame
+    assert (np.stack([found[name][:] for name in frame], axis=1) == expected["observations"]).all()
+    assert (found["reward"][:] == expected["rewards"]).all()
+
+
+def test_hugging_face_reads_an_exported_view(generated, tmp_path):
+    from datasets import load_dataset
+
+    data, view = ibdata.open(generated / "data" / "random"), {"observe": "markov", "reward": "delta"}
+    made = ibdata.export(data, "rllib", tmp_path / "view.parquet", history=2, **view)
+    found = load_dataset("parquet", data_files=made.path, split="train").with_format("numpy")
+    expected = data.arrays(2, **view)
+    for column, name in (("observation", "observations"), ("reward", "rewards")):
+        assert (np.asarray(found[column][:]) == expected[name]).all()
 
 
 def test_the_snippet_of_pytorch(use_with):

@@ -1,0 +1,139 @@
+"""Episodes of a dataset in an environment: their starts, and the random integers of their steps."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ibdata.environment.settings import Settings
+from ibdata.environment.simulation import Indices, Simulation
+from ibdata.errors import UsageError
+from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Purpose, integers
+from ibdata.simulation.episodes import Draw
+from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+    from ibdata.experiment import Experiment
+    from ibdata.validation.addresses import Addresses
+
+AHEAD = 64  # steps of which the integers are computed at once
+_KNOWN: WeakKeyDictionary[Dataset, Addresses] = WeakKeyDictionary()
+
+
+class Noise:
+    """The random integers of an episode's steps, at their addresses, in the order in which a lane takes them.
+
+    It stands in for the generator of a lane, and does not end where the episode of the dataset does.
+    """
+
+    def __init__(self, index: int, key: Raw, drifting: bool) -> None:
+        self._index, self._key = np.array([index]), key[None]
+        self._purposes = [(Purpose.DYNAMICS, DYNAMICS_SLOTS), (Purpose.DRIFT, DRIFT_SLOTS)][: 1 + drifting]
+        self._step = 1  # the step from t to t + 1 has the address t + 1
+        self._ahead, self._at = np.empty(0, dtype=np.uint64), 0
+
+    def random_raw(self, count: int) -> Raw:
+        """The next integers (count,)."""
+        while self._at + count > len(self._ahead):
+            self._ahead, self._at = np.concatenate([self._ahead[self._at :], self._next_steps()]), 0
+        self._at += count
+        return self._ahead[self._at - count : self._at]
+
+    def _next_steps(self) -> Raw:
+        parts = [
+            integers(self._key, self._index, purpose, self._step, AHEAD, slots)[:, :, 0]
+            for purpose, slots in self._purposes
+        ]
+        self._step += AHEAD
+        return np.hstack(parts).ravel()
+
+
+class Replay(NamedTuple):
+    """Episodes of a dataset, one for each of n lanes."""
+
+    addresses: Addresses
+    episodes: Indices  # (n,)
+
+    @classmethod
+    def asked_for(cls, options: dict[str, Any] | None, settings: Settings, lanes: int) -> Replay | None:
+        """The episodes that the options of `reset` name; None if they name none.
+
+        Args:
+            options: "dataset", a Dataset or its place, and "episode", a number or one for each lane; or
+                neither of the two.
+            settings: the settings of the environment.
+            lanes: the number of lanes.
+
+        Raises:
+            UsageError: they name no such episodes, or the settings differ from those of the episodes.
+            DatasetError: this ibdata cannot simulate the episodes.
+        """
+        given = {name: value for name, value in (options or {}).items() if name in ("dataset", "episode")}
+        if not given:
+            return None
+        if len(given) == 1:
+            [found], [other] = given, {"dataset", "episode"} - set(given)
+            raise UsageError(f"options: found {found} without {other}, expected both or neither")
+        addresses = _addresses(given["dataset"])
+        episodes = addresses.episodes(given["episode"])
+        if len(episodes) not in (1, lanes):
+            expected = f"one, or one for each of {lanes} lanes" if lanes > 1 else "one"
+            raise UsageError(f"episode: found {len(episodes)} episodes, expected {expected}")
+        for experiment, _, _ in addresses.by_experiment(np.unique(episodes)):
+            _refuse_other_settings(experiment, settings)
+        return cls(addresses, np.broadcast_to(episodes, lanes))
+
+    def begin(self, simulation: Simulation, which: Indices) -> list[Noise]:
+        """Begin the episodes of these lanes (k,). Returns the noise of each."""
+        from ibdata.simulation.revisit import addressed
+
+        out = {}
+        for experiment, own, numbers in self.addresses.by_experiment(self.episodes[which]):
+            indices, keys, setpoints = addressed(experiment, numbers)
+            asked = self.episodes[which[own]]
+            simulation.replay(which[own], _draw(indices, keys), experiment.start, setpoints, asked)
+            for lane, index, key in zip(own.tolist(), indices.tolist(), keys, strict=True):
+                out[lane] = Noise(index, key, experiment.drifting)
+        return [out[lane] for lane in range(len(which))]
+
+
+def _draw(indices: Indices, keys: Raw) -> Draw:
+    """The source of the integers of episodes with these indices (k,) and keys (k, 2)."""
+
+    def draw(lanes: Indices, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+        return integers(keys[lanes], indices[lanes], purpose, step, steps, slots)
+
+    return draw
+
+
+def _addresses(place: Any) -> Addresses:
+    """The addresses of a dataset, which are kept as long as an opened one is."""
+    from ibdata.dataset.opened import opened
+    from ibdata.dataset.reader import Dataset
+    from ibdata.validation.addresses import Addresses
+
+    if not isinstance(place, Dataset | str | os.PathLike):
+        raise UsageError(
+            f"dataset: found {' '.join(repr(place).split())[:60]}, expected a Dataset, or its folder or URL"
+        )
+    ds = opened(place)
+    if ds not in _KNOWN:
+        _KNOWN[ds] = Addresses(ds)
+    return _KNOWN[ds]
+
+
+def _refuse_other_settings(experiment: Experiment, settings: Settings) -> None:
+    """Raise UsageError if steps of the episodes would be others than those of the environment."""
+    if experiment.variant != settings.variant:
+        found = experiment.plain()["dynamics"]
+        raise UsageError(
+            f"dataset: found the dynamics {found!r}; make the environment with dynamics={found!r}"
+        )
+    if experiment.drifting != settings.drifting:
+        found, option = ("moving", '"drifting"') if experiment.drifting else ("constant", "a number")
+        raise UsageError(f"dataset: found {found} setpoints; make the environment with setpoint={option}")

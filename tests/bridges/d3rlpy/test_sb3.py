@@ -1,0 +1,252 @@
+"""The `VecEnv` of ibdata gives what Stable-Baselines3 makes of single environments, and trains its models."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from helpers import ROOT
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+import ibdata
+from ibdata.environment import IndustrialBenchmarkEnv
+from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
+from ibdata.errors import ConfigError, UsageError
+
+ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
+LANES, STEPS = 3, 7
+SETTINGS = (
+    {"setpoint": 70},
+    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
+    {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
+    {"actions": True, "reward": "delta", "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True}},
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread():
+    torch.set_num_threads(1)
+
+
+def ours(**given):
+    return IndustrialBenchmarkVecEnv(LANES, max_episode_steps=STEPS, **given)
+
+
+def theirs(**given):
+    return DummyVecEnv([lambda: gymnasium.make(ID, max_episode_steps=STEPS, **given)] * LANES)
+
+
+def both(**given):
+    return ours(**given), theirs(**given)
+
+
+def actions_for(env, steps=3 * STEPS):
+    env.action_space.seed(0)
+    return [np.array([env.action_space.sample() for _ in range(LANES)]) for _ in range(steps)]
+
+
+def check_infos(found, expected):
+    assert len(found) == len(expected)
+    for a, b in zip(found, expected, strict=True):
+        assert a.keys() == b.keys()
+        for key, value in b.items():
+            np.testing.assert_array_equal(a[key], value)
+            assert type(a[key]) is type(value)
+
+
+def check_alike(a, b, actions):
+    """Both give the same, bit for bit and type for type, and then hold the same infos of resets."""
+    for action in actions:
+        found, expected = a.step(action), b.step(action)
+        for x, y in zip(found[:3], expected[:3], strict=True):
+            assert (x.dtype, x.shape) == (y.dtype, y.shape)
+            np.testing.assert_array_equal(x, y)
+        check_infos(found[3], expected[3])
+        check_infos(a.reset_infos, b.reset_infos)
+
+
+def check_begin(a, b):
+    found, expected = a.reset(), b.reset()
+    assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
+    np.testing.assert_array_equal(found, expected)
+    check_infos(a.reset_infos, b.reset_infos)
+
+
+@pytest.mark.parametrize("given", SETTINGS, ids=str)
+def test_it_gives_the_bits_of_their_loop_over_environments_and_infos_that_are_equal(given):
+    a, b = both(**given)
+    assert (a.observation_space, a.action_space) == (b.observation_space, b.action_space)
+    assert a.seed(4) == b.seed(4)
+    check_begin(a, b)
+    check_alike(a, b, actions_for(a))
+    check_begin(a, b)  # a seed holds for one reset
+    check_alike(a, b, actions_for(a, 2))
+
+
+def test_an_episode_s_last_observation_is_in_the_info_of_its_last_step():
+    env = ours(setpoint=70, history=2)
+    env.seed(0)
+    before = env.reset()
+    for t, actions in enumerate(actions_for(env, 2 * STEPS)):
+        seen, _, ended, infos = env.step(actions)
+        assert ended.tolist() == [t % STEPS == STEPS - 1] * LANES
+        for lane, info in enumerate(infos):
+            assert info["TimeLimit.truncated"] is bool(ended[lane])
+            assert ("terminal_observation" in info) == ended[lane]
+            last = info.get("terminal_observation", seen[lane])
+            assert last[6:].tolist() == before[lane, :6].tolist()
+        before = seen
+    assert (before[:, 1:4] == 50.0).all()  # the first observations of new episodes
+
+
+def test_episodes_have_1000_steps_unless_said_otherwise_and_none_means_no_end():
+    envs = [IndustrialBenchmarkVecEnv(1), IndustrialBenchmarkVecEnv(1, max_episode_steps=None)]
+    for env in envs:
+        env.reset()
+    ends = [[env.step(np.zeros((1, 3), np.float32))[2][0] for _ in range(1001)] for env in envs]
+    assert [np.flatnonzero(end).tolist() for end in ends] == [[999], []]
+
+
+def test_what_is_returned_is_never_changed_afterwards():
+    env = ours(setpoint=70)
+    kept, copies = [env.reset()], []
+    copies.append(kept[0].copy())
+    for actions in actions_for(env):
+        seen, rewards, ended, infos = env.step(actions)
+        kept += [seen, rewards, ended, *(info.get("terminal_observation", seen) for info in infos)]
+        copies += [x.copy() for x in kept[len(copies) :]]
+    assert all(np.array_equal(x, y) for x, y in zip(kept, copies, strict=True))
+
+
+def test_attributes_and_methods_of_lanes():
+    a, b = both(setpoint=70)
+    for env in (a, b):
+        env.seed(3)
+        env.reset()
+        assert env.get_attr("render_mode") == [None] * LANES
+        assert env.get_attr("action_space", indices=[0, 2]) == [env.action_space] * 2
+        assert [x.random() for x in env.get_attr("np_random", 1)]
+        env.set_attr("colour", "red", indices=1)
+        env.set_attr("colour", "blue", indices=[0, 2])
+        assert env.get_attr("colour") == ["blue", "red", "blue"]
+        assert (env.has_attr("colour"), env.has_attr("shape")) == (True, False)
+        assert env.env_is_wrapped(Monitor, indices=[0]) == [False]
+        assert env.env_method("get_wrapper_attr", "colour", indices=2) == ["blue"]
+        env.close()
+    assert a.get_images() == [None] * LANES
+    begun = [env.env_method("reset", seed=9, indices=[1]) for env in (a, b)]
+    check_infos(*([info for _, info in each] for each in begun))
+    np.testing.assert_array_equal(begun[0][0][0], begun[1][0][0])
+    check_alike(a, b, actions_for(a))
+
+
+def test_options_replay_episodes_and_hold_for_one_reset(tmp_path):
+    experiment = ibdata.Experiment(name="x", setpoints=[20, 70], policies=["random"], episodes=2, steps=9)
+    ds = ibdata.generate(experiment, tmp_path / "data", workers=1)
+    rewards = ds.arrays()["rewards"].reshape(4, 9)
+    actions = ds.arrays()["actions"].reshape(4, 9, 3)
+    a, b = both(setpoint=50)
+    for env in (a, b):
+        env.seed(0)
+        env.set_options([{"dataset": ds, "episode": 3}, {}, {"dataset": str(ds.path), "episode": 0}])
+    check_begin(a, b)
+    given = actions[[3, 1, 0]].transpose(1, 0, 2)[:STEPS]
+    made = np.array([a.step(action)[1] for action in given]).T
+    np.testing.assert_array_equal(made[[0, 2]], rewards[[3, 0], :STEPS])
+    assert (made[1] != rewards[1, :STEPS]).all()
+    for action in given:
+        b.step(action)
+    check_alike(a, b, actions_for(a))  # without the options
+    a.set_options({"dataset": ds, "episode": 2})
+    assert len(np.unique(a.reset(), axis=0)) == 1
+
+
+def test_lanes_begin_in_given_states():
+    env = ours(setpoint=70, history=2)
+    env.reset()
+    state = ibdata.dynamics.initial_state([30.0], velocity=10.0)
+    [(seen, info)] = env.env_method("set_state", state, indices=2)
+    assert seen[:3].tolist() == [30.0, 10.0, 50.0]
+    assert info["latent_mu_v"] == 0.0
+    after = env.step(np.zeros((LANES, 3), np.float32))[0]
+    assert after[:, 0].tolist() == [70.0, 70.0, 30.0]
+
+
+def test_their_monitor_and_normalisation_work_on_it():
+    a, b = (VecMonitor(env) for env in both(setpoint=70))
+    for env in (a, b):
+        env.seed(0)
+        env.reset()
+    returns = np.zeros(LANES)
+    for t, actions in enumerate(actions_for(a)):
+        found, expected = a.step(actions), b.step(actions)
+        returns += found[1]
+        if t % STEPS == STEPS - 1:
+            for lane in range(LANES):
+                mine, its = (step[3][lane]["episode"] for step in (found, expected))
+                assert (mine["r"], mine["l"]) == (its["r"], its["l"])
+                assert (mine["l"], mine["r"]) == (STEPS, pytest.approx(returns[lane], rel=1e-5))
+            returns[:] = 0.0
+    scaled = VecNormalize(ours(setpoint=70))
+    assert np.isfinite(scaled.reset()).all()
+
+
+@pytest.mark.parametrize("kind", [SAC, PPO], ids=lambda kind: kind.__name__)
+def test_training_gives_the_same_network_as_over_their_loop(kind):
+    small = {"policy_kwargs": {"net_arch": [16]}, "batch_size": 32, "seed": 1, "device": "cpu"}
+    small |= {"n_steps": 32, "n_epochs": 2} if kind is PPO else {"learning_starts": 60, "train_freq": 4}
+    learned = []
+    for env in both(setpoint=70, history=2, reward_scale=0.01):
+        model = kind("MlpPolicy", VecMonitor(env), **small)
+        first = next(model.policy.parameters()).detach().clone()
+        model.learn(200)
+        last = next(model.policy.parameters()).detach()
+        assert not torch.equal(first, last)
+        assert model.ep_info_buffer[0]["l"] == STEPS
+        learned.append(last)
+        assert np.isfinite(evaluate_policy(model, env, n_eval_episodes=3, warn=False)[0])
+    assert torch.equal(*learned)
+
+
+def test_discrete_actions_train():
+    model = PPO(
+        "MlpPolicy", ours(setpoint=70, discrete_actions=True), n_steps=16, batch_size=16, device="cpu"
+    )
+    model.learn(100)
+    action, _ = model.predict(np.zeros(6, np.float32))
+    env = IndustrialBenchmarkEnv(setpoint=70, discrete_actions=True)
+    env.reset(seed=0)
+    env.step(action)
+
+
+def test_wrong_settings_are_one_line_and_the_extra_is_named_where_it_is_missing():
+    with pytest.raises(ConfigError, match="setpoint: found 170, expected a number of at most 100"):
+        IndustrialBenchmarkVecEnv(2, setpoint=170)
+    with pytest.raises(UsageError, match="num_envs: found 0, expected at least 1"):
+        IndustrialBenchmarkVecEnv(0)
+    code = "import sys; sys.modules['stable_baselines3'] = None; import ibdata.environment.sb3"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1] == (
+        "ibdata.errors.MissingError: ibdata.environment.sb3 needs the package stable-baselines3: "
+        "pip install stable-baselines3, or 'ibdata[sb3]'"
+    )
+
+
+def test_the_snippet_of_the_page_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
+    [block] = [
+        x for x in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S) if "stable_baselines3" in x
+    ]
+    names: dict = {}
+    monkeypatch.chdir(tmp_path)
+    exec(block.replace("10_000", "2_000"), names)
+    assert names["model"].num_timesteps == 64 * 32
+    assert list(tmp_path.iterdir()) == []

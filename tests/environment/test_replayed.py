@@ -1,0 +1,301 @@
+"""The lanes of an environment replay the episodes of datasets, without Gymnasium."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+import weakref
+
+import numpy as np
+import pytest
+from helpers import by_hand
+from helpers.watching import Watching
+
+import ibdata
+from ibdata import state_at
+from ibdata.environment import replayed
+from ibdata.environment.lane import Lane
+from ibdata.environment.replayed import Noise, Replay
+from ibdata.environment.settings import settings
+from ibdata.environment.simulation import Simulation
+from ibdata.errors import DatasetError, UsageError
+from ibdata.evaluation.states import Source
+from ibdata.numerics.random import Purpose, integers
+from ibdata.policies import OBSERVATION
+
+ACTIONS = [f"act_{name}" for name in ("velocity", "gain", "shift")]
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def uniform(describe, tmp_path_factory):
+    """A dataset with uniform starts and dynamics of its own, whose setpoints are constant."""
+    own = {"base": "paper", "eta_squash": [1.5, 0.5]}
+    experiment = describe(start="uniform", dynamics=own, seed=3, output={"latent": "next"})
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("uniform") / "data", workers=1)
+
+
+@pytest.fixture(params=["dataset", "moving", "uniform"])
+def played(request):
+    return request.getfixturevalue(request.param)
+
+
+def settings_of(ds, **changes):
+    """The settings of an environment with the dynamics of a dataset, but with another start and setpoint."""
+    experiment = by_hand.experiment_of(ds)
+    setpoint = "drifting" if experiment.drifting else 33
+    return settings(**{"setpoint": setpoint, "dynamics": experiment.dynamics, "history": FRAMES, **changes})
+
+
+def begun(simulation, ds, episode, which=None):
+    """Begin episodes; return their noise."""
+    replay = Replay.asked_for({"dataset": ds, "episode": episode}, simulation.settings, simulation.n)
+    return replay.begin(simulation, simulation.everyone if which is None else np.array(which))
+
+
+def steps(lane, noise, actions):
+    """Play actions (n, 3); yield what each step of the lane returns."""
+    for action in actions:
+        yield lane.move(tuple(action.tolist()), noise.random_raw(lane.draws))
+
+
+def columns(frame, prefix, names=OBSERVATION):
+    return frame[[f"{prefix}_{name}" for name in names]].to_numpy()
+
+
+def check_rows(lane, noise, rows):
+    """What the lane shows has the bits of the rows; float64 where the dataset has them, else float32."""
+    stored, after = (columns(rows, prefix).astype(np.float32) for prefix in ("obs", "next_obs"))
+    moved = list(steps(lane, noise, rows[ACTIONS].to_numpy()))
+    seen = np.array([seen.reshape(-1, 6) for seen, _, _ in moved])
+    np.testing.assert_array_equal(seen[:, 0], after)
+    for back in range(1, FRAMES):
+        np.testing.assert_array_equal(seen[back - 1 :, back], stored[: len(rows) - back + 1])
+    rewards = np.array([reward for _, reward, _ in moved])
+    np.testing.assert_array_equal(rewards.astype(rows["reward"].dtype), rows["reward"])
+    for name in moved[0][2]:
+        hidden = np.array([info[name] for _, _, info in moved])
+        np.testing.assert_array_equal(hidden.astype(rows[name].dtype)[:-1], rows[name][1:], err_msg=name)
+
+
+def test_the_actions_of_an_episode_give_its_rows_bit_for_bit(played):
+    frame, lane = played.to_pandas(), Lane(settings_of(played))
+    assert len(lane.latent()) >= 14
+    for episode in range(12):
+        rows = frame[frame["episode"] == episode].reset_index(drop=True)
+        [noise] = begun(lane, played, episode)
+        first = lane.observations().reshape(FRAMES, 6)[0]
+        np.testing.assert_array_equal(first, columns(rows, "obs")[0].astype(np.float32))
+        for name, value in lane.latent().items():
+            assert value[0].astype(rows[name].dtype) == rows[name][0]
+        check_rows(lane, noise, rows)
+
+
+def test_the_first_observations_are_those_of_the_burn_in(played):
+    expected = Source(played).visited(np.arange(12), np.zeros(12, dtype=int), Watching(frames=FRAMES))
+    lane, many = Lane(settings_of(played)), Simulation(settings_of(played), 12)
+    begun(many, played, range(12))
+    np.testing.assert_array_equal(many.seen, expected.past.observations)
+    for episode in range(12):
+        begun(lane, played, episode)
+        np.testing.assert_array_equal(lane.seen[0], expected.past.observations[episode])
+    differing = (many.seen[:, 0] != many.seen[:, -1]).any(axis=1)
+    assert differing.sum() >= 8 or played.manifest["experiments"][0]["start"] in ("default", "uniform")
+
+
+def test_other_actions_meet_the_noise_of_the_episode(played):
+    """Computed one step at a time from the addresses of the noise."""
+    experiment, actions = by_hand.experiment_of(played), np.random.default_rng(0).uniform(-1, 1, (50, 3))
+    lane, episode = Lane(settings_of(played)), 7
+    [noise] = begun(lane, played, episode)
+    state, (cell, index) = state_at(played, episode, 0), divmod(episode, experiment.episodes)
+    digest = experiment.cells[cell].digest
+    for t, (seen, _, info) in enumerate(steps(lane, noise, actions)):
+        drawn = by_hand.noise(experiment.seed, digest, index, t + 1, experiment.drifting)
+        state = by_hand.moved(state, actions[t], drawn, experiment.variant)
+        assert seen[:6].tolist() == [np.float32(getattr(state, name)[0]) for name in OBSERVATION]
+        assert info["latent_mu_v"] == state.mu_v[0]
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        {"observe": "markov", "reward": "delta"},
+        {
+            "observe": ["latent_mu_g", "obs_fatigue"],
+            "actions": True,
+            "reward": {"consumption": 1, "fatigue": 1},
+        },
+        {
+            "actions": True,
+            "reward": "delta",
+            "reward_scale": 0.1,
+            "imperfections": {
+                "delay": {"obs_fatigue": 3},
+                "noise": {"obs_consumption": 5.0},
+                "missing": {"obs_consumption": 0.3, "obs_gain": 0.1},
+                "mask": True,
+                "seed": 4,
+            },
+        },
+    ],
+    ids=str,
+)
+def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has(played, view):
+    arrays = played.arrays(history=FRAMES, **view)
+    actions = played.arrays()["actions"].reshape(12, 40, 3)
+    for simulation in (Simulation(settings_of(played, **view), 12), Lane(settings_of(played, **view))):
+        episodes = range(simulation.n) if simulation.n > 1 else [7]
+        noises, shown = begun(simulation, played, episodes), {}
+        for t in range(40):
+            before = simulation.observations()
+            drawn = np.array([noise.random_raw(8 + 4 * simulation.settings.drifting) for noise in noises])
+            if isinstance(simulation, Lane):
+                seen, reward, _ = simulation.move(tuple(actions[7, t].tolist()), drawn[0])
+                after, rewards = seen[None], [reward]
+            else:
+                taken = iter(np.split(drawn, [8], axis=1))
+                simulation.step(simulation.everyone, actions[:, t], lambda *_, taken=taken: next(taken))
+                after, rewards = simulation.observations(), simulation.rewards()
+            shown |= {(e, t): (before[i], after[i], rewards[i]) for i, e in enumerate(episodes)}
+        rows = [row for row, e in enumerate(arrays["episode"]) if e in episodes]
+        assert len(rows) >= 39 * len(episodes)
+        for row in rows:
+            before, after, reward = shown[arrays["episode"][row], arrays["step"][row]]
+            np.testing.assert_array_equal(before, arrays["observations"][row])
+            np.testing.assert_array_equal(after, arrays["next_observations"][row])
+            assert np.float32(reward) == arrays["rewards"][row]
+
+
+def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
+    """A longer dataset of the same cells has the same rows first."""
+    short, long = (
+        ibdata.generate(describe(steps=n, start="uniform"), tmp_path / str(n), workers=1) for n in (10, 150)
+    )
+    lane, rows = Lane(settings_of(short)), long.to_pandas().query("episode == 5").reset_index(drop=True)
+    check_rows(lane, *begun(lane, short, 5), rows)
+
+
+def test_a_merged_dataset_s_episodes_are_those_of_its_parts(dataset, describe, tmp_path):
+    other = ibdata.generate(describe(seed=5, steps=20, output={"latent": "next"}), tmp_path / "b", workers=1)
+    both = ibdata.merge([dataset.path, other.path], tmp_path / "both")
+    many, parts = Simulation(settings_of(dataset), 3), Simulation(settings_of(dataset), 3)
+    noises = begun(many, both, [12 + 4, 3, 12 + 9])
+    places = enumerate([(other, 4), (dataset, 3), (other, 9)])
+    expected = [begun(parts, ds, episode, [lane])[0] for lane, (ds, episode) in places]
+    np.testing.assert_array_equal(many.seen, parts.seen)
+    assert len(np.unique(many.seen, axis=0)) == 3
+    for a, b in zip(noises, expected, strict=True):
+        np.testing.assert_array_equal(a.random_raw(1000), b.random_raw(1000))
+
+
+def test_the_other_lanes_stay_as_they_are(dataset):
+    many = Simulation(settings_of(dataset), 3)
+    begun(many, dataset, [1, 2, 3])
+    before = many.observations()
+    [noise] = begun(many, dataset, [7, 8, 9], which=[1])
+    after, alone = many.observations(), Simulation(settings_of(dataset), 1)
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    [other] = begun(alone, dataset, 8)
+    np.testing.assert_array_equal(after[1], alone.observations()[0])
+    np.testing.assert_array_equal(noise.random_raw(9), other.random_raw(9))
+
+
+@pytest.mark.parametrize("drifting", [False, True])
+def test_integers_come_in_the_order_of_the_steps_however_many_are_taken_at_once(drifting):
+    key, index = np.array([3, 2**63], dtype=np.uint64), 5
+    parts = [
+        integers(key[None], np.array([index]), purpose, 1, 300, slots)[:, :, 0]
+        for purpose, slots in [(Purpose.DYNAMICS, 8), (Purpose.DRIFT, 4)][: 1 + drifting]
+    ]
+    expected = np.hstack(parts).ravel()
+    for counts in ([8] * 100, [512] * 4, [1, 700, 30, 512, 2]):
+        noise = Noise(index, key, drifting)
+        taken = np.concatenate([noise.random_raw(count) for count in counts])
+        np.testing.assert_array_equal(taken, expected[: len(taken)])
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_a_copy_of_the_noise_goes_on_by_itself(copied):
+    noise = Noise(5, np.array([3, 2], dtype=np.uint64), True)
+    noise.random_raw(500)
+    other = copied(noise)
+    expected = noise.random_raw(2000)
+    np.testing.assert_array_equal(other.random_raw(2000), expected)
+
+
+def test_a_dataset_may_be_named_by_its_folder(dataset):
+    lanes = [Lane(settings_of(dataset)) for _ in range(3)]
+    for lane, ds in zip(lanes, (dataset, dataset.path, str(dataset.path)), strict=True):
+        begun(lane, ds, 4)
+        np.testing.assert_array_equal(lane.observations(), lanes[0].observations())
+
+
+def test_an_opened_dataset_is_examined_once_and_not_kept(dataset):
+    ds = ibdata.open(dataset.path)
+    assert replayed._addresses(ds) is replayed._addresses(ds)
+    kept = weakref.ref(ds)
+    del ds
+    gc.collect()
+    assert kept() is None
+
+
+@pytest.mark.parametrize("options", [None, {}, {"reset_mask": np.ones(1, dtype=bool)}], ids=str)
+def test_options_that_name_no_dataset_ask_for_nothing(options):
+    assert Replay.asked_for(options, settings(), 1) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "lanes", "message"),
+    [
+        ({"dataset": "data"}, 1, "options: found dataset without episode, expected both or neither"),
+        ({"episode": 3}, 1, "options: found episode without dataset, expected both or neither"),
+        (
+            {"dataset": None, "episode": 3},
+            1,
+            "dataset: found None, expected a Dataset, or its folder or URL",
+        ),
+        ({"episode": 12}, 1, "episode: found 12, expected one of 0 to 11"),
+        ({"episode": [0, -1]}, 2, "episode: found -1, expected one of 0 to 11"),
+        ({"episode": "last"}, 1, "episode: found 'last', expected whole numbers"),
+        ({"episode": None}, 1, "episode: found None, expected whole numbers"),
+        ({"episode": [1, 2]}, 1, "episode: found 2 episodes, expected one"),
+        ({"episode": [1, 2]}, 3, "episode: found 2 episodes, expected one, or one for each of 3 lanes"),
+        ({"episode": []}, 1, "episode: found [], expected whole numbers"),
+    ],
+    ids=str,
+)
+def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, message):
+    given = options if len(options) == 2 or "without" in message else {"dataset": dataset, **options}
+    with pytest.raises(UsageError) as caught:
+        Replay.asked_for(given, settings(), lanes)
+    assert str(caught.value) == message
+
+
+def test_settings_of_other_episodes_are_refused_with_the_ones_to_give(dataset, moving, uniform):
+    def refusal(ds, **given):
+        with pytest.raises(UsageError) as caught:
+            Replay.asked_for({"dataset": ds, "episode": 0}, settings(**given), 1)
+        return str(caught.value)
+
+    assert refusal(dataset, setpoint="drifting") == (
+        "dataset: found constant setpoints; make the environment with setpoint=a number"
+    )
+    assert refusal(moving, dynamics="paper") == (
+        'dataset: found moving setpoints; make the environment with setpoint="drifting"'
+    )
+    assert refusal(moving, setpoint="drifting") == (
+        "dataset: found the dynamics 'paper'; make the environment with dynamics='paper'"
+    )
+    own = refusal(uniform).partition("; make the environment with dynamics=")[2]
+    assert own == "{'base': 'paper', 'eta_squash': [1.5, 0.5]}"
+    Replay.asked_for({"dataset": uniform, "episode": 0}, settings(dynamics=eval(own)), 1)
+
+
+def test_data_of_another_version_are_refused(describe, tmp_path):
+    changes = {"policies": [{"kind": "optimized"}], "start": {"burn_in": [3, 9]}}
+    ds = ibdata.generate(describe(**changes), tmp_path / "data", workers=1)
+    ds.manifest_model = ds.manifest_model.model_copy(update={"data_version": 1})
+    with pytest.raises(DatasetError, match="found data version 1, in which policies did not see the burn-in"):
+        Replay.asked_for({"dataset": ds, "episode": 0}, settings(), 1)
