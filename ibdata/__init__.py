@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.baselines import baselines as baselines
     from ibdata.evaluation.importance import importance as importance
+    from ibdata.evaluation.noise_floor import noise_floor as noise_floor
     from ibdata.evaluation.states import state_at as state_at
     from ibdata.evaluation.true_values import true_values as true_values
     from ibdata.experiment import Experiment as Experiment
@@ -27,6 +28,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
+    from ibdata.measures.quality import quality as quality
     from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
@@ -49,7 +51,9 @@ _MODULES = {
     "importance": "evaluation.importance",
     "load": "experiment",
     "merge": "maintenance.merge",
+    "noise_floor": "evaluation.noise_floor",
     "open": "dataset.reader",
+    "quality": "measures.quality",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
     "save_network": "policies.save_network",

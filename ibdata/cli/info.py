@@ -35,13 +35,16 @@ def command(folder: Path | str, as_json: bool) -> None:
     ibdata info data/random
     """
     from ibdata.dataset.reader import Dataset
+    from ibdata.measures.returns import MEANING, return_measures
 
     dataset = Dataset(folder)
     info, returns = dataset.info_model, dataset.returns()
+    measures = return_measures(dataset.episode_table, info)
     counts = info.counts
     if as_json:
         root = dataset.content_root
-        print_json({"path": str(folder), "content_root": root, "info": dataset.info, "returns": returns})
+        described = {"path": str(folder), "content_root": root, "info": dataset.info, "returns": returns}
+        print_json({**described, "quality": measures._asdict()})
         return
     pairs = [
         ("name", info.name),
@@ -57,6 +60,9 @@ def command(folder: Path | str, as_json: bool) -> None:
     print_pairs(pairs)
     say()
     _print_returns(returns)
+    for name, value in measures._asdict().items():
+        if value is not None:
+            say(f"{name.replace('_', ' ')}: {value:.2f} ({MEANING[name]})")
 
 
 def _steps(dataset: Dataset) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.measures.quality import quality
 from ibdata.numerics.naming import counted
 from ibdata.plots import module_of
 from ibdata.plots.report_style import STYLE
@@ -36,6 +37,7 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> 
     sections = {
         "Pictures": _pictures(pictures),
         "Returns and scores": _returns(dataset),
+        "Quality": _quality(dataset),
         "Splits": _splits(dataset),
         "Statistics": _statistics(dataset),
         "Columns": _columns(dataset),
@@ -132,6 +134,11 @@ def _returns(dataset: Dataset) -> Iterable[str]:
     yield _table(("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score"), rows)
     if found["scale"]:
         yield f"<p>score: {escape(found['scale'])}</p>"
+
+
+def _quality(dataset: Dataset) -> Iterable[str]:
+    table, *_ = quality(dataset).tables()
+    yield _table(table.names, table.rows)
 
 
 def _splits(dataset: Dataset) -> Iterable[str]:

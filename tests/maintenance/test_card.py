@@ -155,6 +155,14 @@ def test_the_report_has_the_returns_and_the_scores(plain, tmp_path):
     assert f"score: {found['scale']}" in page.texts["p"]
 
 
+def test_the_report_has_the_quality_of_the_data(plain, carded):
+    cells = Page((carded.path / manifest.REPORT).read_text()).texts["td"]
+    table, *_ = ibdata.quality(plain).tables()
+    for name, value, meaning in table.rows:
+        row = [name, "–" if value is None else f"{value:.6g}", meaning]
+        assert row in [cells[at : at + 3] for at in range(len(cells))]
+
+
 def test_without_matplotlib_the_card_is_written_and_a_line_says_what_to_install(ibdata, plain, tmp_path):
     folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
     before = contents(folder)

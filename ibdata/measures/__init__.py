@@ -1,0 +1,1 @@
+"""Measures of the quality of data from the literature, each a function."""

@@ -1,0 +1,85 @@
+"""The noise floor of a dataset agrees with many next steps from its states, and with its own next rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata import noise_floor, state_at
+from ibdata.dynamics import Noise, State, step
+from ibdata.errors import UsageError
+
+DRAWS = 40_000
+
+
+def next_steps(ds, row, dynamics, seed=0):
+    """Fatigue and consumption (2, draws) after many steps from the state of a row with its action."""
+    rng = np.random.default_rng(seed)
+    one = state_at(ds, int(row["episode"]), int(row["step"]))
+    state = State._make(np.repeat(part, DRAWS, axis=-1) for part in one)
+    laws = {"exp": rng.exponential, "normal": rng.standard_normal}
+    noise = Noise(*(laws.get(name.split("_")[0], rng.random)(size=DRAWS) for name in Noise._fields))
+    action = row[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float64)
+    after = step(state, np.tile(action, (DRAWS, 1)), noise, dynamics)
+    return np.stack([after.fatigue, after.consumption])
+
+
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_it_is_that_of_many_next_steps_from_the_same_state(describe, tmp_path, dynamics):
+    experiment = describe(dynamics=dynamics, steps=150, episodes=1, output={"latent": False})
+    ds = ibdata.generate(experiment, tmp_path / "made", workers=1)
+    found, frame = noise_floor(ds), ds.to_pandas()
+    for i in (0, 3, 140, 290, 460, 599):
+        drawn = next_steps(ds, frame.iloc[i], dynamics)
+        mean, spread = drawn.mean(axis=1), drawn.std(axis=1)
+        absolute = np.abs(drawn - np.median(drawn, axis=1)[:, None])
+        squares = (drawn - mean[:, None]) ** 2
+        assert np.all(np.abs(found.mean[i] - mean) <= 4 * spread / np.sqrt(DRAWS) + 1e-9)
+        error = squares.std(axis=1) / np.sqrt(DRAWS)
+        assert np.all(np.abs(found.deviation[i] ** 2 - squares.mean(axis=1)) <= 4 * error + 1e-9)
+        error = absolute.std(axis=1) / np.sqrt(DRAWS)
+        assert np.all(np.abs(found.absolute[i] - absolute.mean(axis=1)) <= 4 * error + 0.005 * spread)
+
+
+def test_the_next_rows_of_a_dataset_scatter_by_it(either):
+    """Also where setpoints move; their next values are known then."""
+    found, frame = noise_floor(either), either.to_pandas()
+    after = frame[["next_obs_fatigue", "next_obs_consumption"]].to_numpy()
+    errors = after - found.mean
+    n = len(frame)
+    assert np.all(np.abs(errors.sum(axis=0)) <= 4 * np.sqrt((found.deviation**2).sum(axis=0)))
+    z = errors[:, 1] / found.deviation[:, 1]  # normal
+    assert abs((z**2).mean() - 1) <= 4 * np.sqrt(2 / n)
+    squares = errors[:, 0] ** 2 - found.deviation[:, 0] ** 2
+    assert abs(squares.mean()) <= 4 * squares.std() / np.sqrt(n)
+
+
+def test_the_errors_are_the_means_over_the_rows_that_are_asked_for(dataset):
+    whole, part = noise_floor(dataset), noise_floor(dataset, "target", policy="calm")
+    frame = dataset.to_pandas()
+    own = dataset.to_pandas(split="target", policy="calm")
+    inside = frame["episode"].isin(own["episode"]).to_numpy()
+    np.testing.assert_array_equal(part.mean, whole.mean[inside])
+    fatigue, consumption = part.results
+    assert (fatigue.quantity, consumption.quantity) == ("fatigue", "consumption")
+    deviation = whole.deviation[inside]
+    assert fatigue.root_mean_square_error == pytest.approx(np.sqrt((deviation[:, 0] ** 2).mean()))
+    assert consumption.mean_absolute_error == pytest.approx(np.sqrt(2 / np.pi) * deviation[:, 1].mean())
+    assert part.plain() == {"rows": len(own), "results": [r._asdict() for r in part.results]}
+    assert f"over {len(own)} rows" in repr(part)
+
+
+def test_the_noise_of_consumption_is_as_the_paper_says(dataset):
+    """Standard deviation 1 + k ĉ, with k = 0.005 in the authors' code."""
+    found = noise_floor(dataset)
+    np.testing.assert_allclose(found.deviation[:, 1], 1 + 0.005 * found.mean[:, 1])
+
+
+def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, dataset):
+    custom = describe(dynamics={"base": "siemens", "eta_squash": [1.0, 0.5]}, steps=2, episodes=1)
+    made = ibdata.generate(custom, tmp_path / "made", workers=1)
+    with pytest.raises(UsageError, match="found eta_squash"):
+        noise_floor(made)
+    with pytest.raises(UsageError, match="no row that meets all"):
+        noise_floor(dataset, "source", setpoint=70)

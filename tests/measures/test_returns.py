@@ -1,0 +1,73 @@
+"""Trajectory quality and return improvement, worked by hand."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from click.testing import CliRunner
+
+import ibdata
+from ibdata.cli.info import command
+from ibdata.dataset.reference_returns import scale
+from ibdata.measures.returns import return_improvement, return_measures, trajectory_quality
+
+
+def table(*rows):
+    """Episodes of (setpoint, length, return)."""
+    columns = dict(zip(("setpoint", "length", "return"), zip(*rows, strict=True), strict=True))
+    return pa.table({name: np.array(column, dtype=np.float64) for name, column in columns.items()})
+
+
+@pytest.fixture
+def info(dataset):
+    return dataset.info_model
+
+
+def test_trajectory_quality_is_0_for_the_minimal_policy_and_1_for_the_expert():
+    assert trajectory_quality(-3.0, minimal=-3.0, expert=-1.0) == 0.0
+    assert trajectory_quality(-1.0, minimal=-3.0, expert=-1.0) == 1.0
+    assert trajectory_quality(-4.0, minimal=-3.0, expert=-1.0) == -0.5
+
+
+def test_return_improvement_does_not_depend_on_unit_or_zero():
+    returns = np.array([0.0, 100.0, 200.0, 400.0])  # mean 175: (400 - 175) / 175
+    assert return_improvement(returns) == pytest.approx(225 / 175)
+    assert return_improvement(3.0 * returns - 1000.0) == pytest.approx(225 / 175)
+
+
+def test_equal_returns_have_no_improvement():
+    assert return_improvement(np.array([-5.0, -5.0])) is None
+    assert return_improvement(np.array([-5.0])) is None
+
+
+def test_setpoints_have_ends_of_their_own_and_are_weighted_by_episodes(info):
+    known = scale("siemens", "default", 1000, 1.0)
+    (low20, high20), (low70, high70) = (known.ends([p], "expert") for p in (20.0, 70.0))
+    half = 0.5 * (high70 - low70)
+    found = return_measures(table((20, 1000, low20), (20, 1000, low20), (70, 1000, low70 + half)), info)
+    assert found.trajectory_quality == pytest.approx(half / (2 * (high20 - low20) + high70 - low70))
+    assert found.return_improvement is None
+    rows = [(20, 1000, 0), (20, 1000, 4), (20, 1000, 1), (70, 1000, 0), (70, 1000, 1)]
+    by_hand = (3 * (4 - 5 / 3) / (5 / 3) + 2 * (1 - 0.5) / 0.5) / 5
+    assert return_measures(table(*rows), info).return_improvement == pytest.approx(by_hand)
+
+
+def test_without_a_reference_at_every_setpoint_and_length_there_is_no_trajectory_quality(info):
+    assert return_measures(table((70, 1000, -2e5)), info).trajectory_quality is not None
+    assert return_measures(table((70, 1000, -2e5), (69, 1000, -2e5)), info).trajectory_quality is None
+    assert return_measures(table((70, 1000, -2e5), (70, 40, -2e5)), info).trajectory_quality is None
+    moving = info.model_copy(update={"drifting": True})
+    assert return_measures(table((70, 1000, -2e5)), moving).trajectory_quality is None
+
+
+def test_info_prints_them(describe, tmp_path):
+    experiment = describe(setpoints=[70], policies=[{"kind": "safe"}], episodes=2, steps=1000)
+    ds = ibdata.generate(experiment, tmp_path / "made", workers=1)
+    found = return_measures(ds.episode_table, ds.info_model)
+    text = CliRunner().invoke(command, [str(ds.path)], catch_exceptions=False).stdout
+    assert f"trajectory quality: {found.trajectory_quality:.2f} (mean return: 0 = random, 1 = expert)" in text
+    document = CliRunner().invoke(command, [str(ds.path), "--json"], catch_exceptions=False).stdout
+    assert json.loads(document)["quality"] == found._asdict()
