@@ -62,7 +62,7 @@ def command(folder: Path | str, as_json: bool) -> None:
     _print_returns(returns)
     for name, value in measures._asdict().items():
         if value is not None:
-            say(f"{name.replace('_', ' ')}: {value:.2f} ({MEANING[name]})")
+            say(f"{name.replace('_', ' ')}: {value:.2f}, {MEANING[name]}")
 
 
 def _steps(dataset: Dataset) -> str:

@@ -14,7 +14,7 @@ from ibdata.dataset.models import Info
 
 MEANING = {
     "trajectory_quality": "mean return: 0 = random, 1 = expert",
-    "return_improvement": "best return above the mean one, per mean above the least",
+    "return_improvement": "(best return - mean return) / (mean return - lowest return)",
 }
 Floats = npt.NDArray[np.float64]
 

@@ -68,6 +68,6 @@ def test_info_prints_them(describe, tmp_path):
     ds = ibdata.generate(experiment, tmp_path / "made", workers=1)
     found = return_measures(ds.episode_table, ds.info_model)
     text = CliRunner().invoke(command, [str(ds.path)], catch_exceptions=False).stdout
-    assert f"trajectory quality: {found.trajectory_quality:.2f} (mean return: 0 = random, 1 = expert)" in text
+    assert f"trajectory quality: {found.trajectory_quality:.2f}, mean return: 0 = random, 1 = expert" in text
     document = CliRunner().invoke(command, [str(ds.path), "--json"], catch_exceptions=False).stdout
     assert json.loads(document)["quality"] == found._asdict()
