@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.dataset.reader import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
+    from ibdata.evaluation.baselines import baselines as baselines
     from ibdata.evaluation.importance import importance as importance
     from ibdata.evaluation.noise_floor import noise_floor as noise_floor
     from ibdata.evaluation.states import state_at as state_at
@@ -38,6 +39,7 @@ _MODULES = {
     "Dataset": "dataset.reader",
     "Experiment": "experiment",
     "IbdataError": "errors",
+    "baselines": "evaluation.baselines",
     "difference": "dataset.difference",
     "estimate": "generation.estimate",
     "evaluate": "evaluation",

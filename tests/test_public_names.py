@@ -17,6 +17,7 @@ def test_the_names_of_ibdata():
         "Experiment",
         "IbdataError",
         "__version__",
+        "baselines",
         "difference",
         "estimate",
         "evaluate",

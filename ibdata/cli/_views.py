@@ -10,21 +10,23 @@ import click
 OPTIONS = [
     click.option(
         "--observe",
-        metavar="WHAT",
+        metavar="COLUMNS",
         default="classic",
-        help="Observe classic (6 variables), markov (the whole state), or columns: obs_gain,latent_mu_v.",
+        help="The observed columns: classic (6 variables), markov (the whole state), or names with commas, "
+        "such as obs_gain,latent_mu_v.",
     ),
-    click.option("--actions", is_flag=True, help="Also observe the action of the step before."),
+    click.option("--actions", is_flag=True, help="Observe the action of the step before too."),
     click.option(
         "--reward",
-        metavar="WHAT",
+        metavar="REWARD",
         default="classic",
         help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
     ),
     click.option(
         "--imperfections",
         metavar="YAML",
-        help="Imperfect measurements, such as '{delay: {obs_fatigue: 3}}'; see the docs, under Views.",
+        help="Delay, noise, rounding and missing values of columns, such as '{delay: {obs_fatigue: 3}}'; "
+        "docs/views.md lists them.",
     ),
 ]
 

@@ -45,7 +45,10 @@ if TYPE_CHECKING:
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
 @click.option(
-    "--episodes", type=int, default=100, show_default=True, help="Episodes per policy and setpoint."
+    "--episodes",
+    type=int,
+    default=None,
+    help="Episodes per policy and setpoint; default 100, or 200 with --against.",
 )
 @click.option(
     "--start", default="default", metavar="S", help="Start state: default, uniform, or '{burn_in: [15, 64]}'."
@@ -59,10 +62,16 @@ if TYPE_CHECKING:
 @click.option(
     "--reward",
     default="classic",
-    metavar="WHAT",
+    metavar="REWARD",
     help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
 )
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
+@click.option(
+    "--against",
+    default=None,
+    metavar="SET",
+    help="Compare with the shipped results of offline algorithms on an experiment such as optimized-40.",
+)
 @allow_code_option
 @quiet_option
 @json_option
@@ -83,6 +92,7 @@ def command(
     ibdata evaluate --policy safe --policy random --steps 1000 --discount 1
     ibdata evaluate --policy safe --setpoint 10 --setpoint 100
     ibdata evaluate --policy '{kind: gaussian, base: {kind: bad}, scale: 0.1}'
+    ibdata evaluate --policy safe --against optimized-40
     """
     from ibdata.evaluation import evaluate
 
@@ -138,6 +148,22 @@ def _print(evaluation: Evaluation) -> None:
             for r in evaluation.results
         ],
     )
+    if evaluation.baselines:
+        say()
+        print_table(
+            (f"baseline of {evaluation.baselines[0].set}", "seed", "return", "± s.e.", "p10", "literature"),
+            [
+                (
+                    b.algorithm,
+                    "-" if b.seed is None else str(b.seed),
+                    _number(b.mean_return, 1),
+                    _number(b.standard_error, 1),
+                    _number(b.p10, 1),
+                    _number(None if b.mean_return is None else b.mean_return / 100, 2),
+                )
+                for b in evaluation.baselines
+            ],
+        )
     if evaluation.differences:
         say()
         print_table(

@@ -80,8 +80,9 @@ def command(
 ) -> None:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
-    Every transition is kept, including the last of each episode with its next observation. Floats become
-    float32, except in csv. The output appears only when it is complete.
+    Every transition is kept, including the last of each episode with its next observation. (Only if --observe
+    names hidden columns, and the dataset does not have them after the last row, is that row left out, and the
+    output says so.) Floats become float32, except in csv. The output appears only when it is complete.
 
     \b
     ibdata export data/random --to minari --out minari-datasets

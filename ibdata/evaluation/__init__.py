@@ -2,116 +2,34 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset import reference_returns
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED
-from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import ConfigError, UsageError
+from ibdata.evaluation.against import baselines_of, results_of
+from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
 from ibdata.evaluation.policies import Acting, policies_of
+from ibdata.evaluation.results import Difference as Difference
+from ibdata.evaluation.results import Evaluation as Evaluation
+from ibdata.evaluation.results import Result as Result
 from ibdata.experiment import Experiment, validated
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import view_options
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
-
-
-class Result(NamedTuple):
-    """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
-
-    `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
-    are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
-    `score`, which is 100 for `optimized`, and `expert_score`, which is 100 for `expert`; `score_error` is the
-    standard error of `score`, without that of the scale. `clipped` is the share of the actions that were
-    clipped to [-1, 1]. Errors are None for one episode.
-    """
-
-    policy: str
-    setpoint: float | None
-    episodes: int
-    mean_return: float
-    standard_error: float | None
-    interval: tuple[float, float] | None
-    p10: float
-    mean_reward: float
-    score: float | None
-    score_error: float | None
-    expert_score: float | None
-    clipped: float
-
-
-class Difference(NamedTuple):
-    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
-
-    policy: str
-    less: str
-    setpoint: float | None
-    mean_difference: float
-    standard_error: float | None
-    interval: tuple[float, float] | None
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Evaluation(Tabular):
-    """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
-
-    `notes` says why errors or scores are missing, a line for each reason.
-    """
-
-    results: list[Result]
-    differences: list[Difference]
-    scale: str | None
-    returns: Floats  # (policies, setpoints, episodes)
-    steps: int
-    discount: float
-    notes: list[str]
-
-    def tables(self) -> list[Table]:
-        """The results and, if there are several policies, their differences."""
-        said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
-        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
-        if self.differences:
-            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
-        return shown
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The results, a row each, as a pandas DataFrame; the setpoint is missing where it means all."""
-        import pandas as pd
-
-        return pd.DataFrame(self.results, columns=list(Result._fields))
-
-    def plain(self) -> dict[str, Any]:
-        """Everything but the returns of single episodes, as plain data."""
-        return {
-            "results": [result._asdict() for result in self.results],
-            "differences": [difference._asdict() for difference in self.differences],
-            "scale": self.scale,
-            "steps": self.steps,
-            "discount": self.discount,
-            "notes": self.notes,
-        }
-
-
-def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else row.setpoint
-    return row._replace(setpoint=shown)
 
 
 def evaluate(
@@ -120,12 +38,13 @@ def evaluate(
     *,
     steps: int = 100,
     discount: float = 0.97,
-    episodes: int = 100,
+    episodes: int | None = None,
     start: Any = "default",
     dynamics: Any = "siemens",
     seed: int = 0,
     history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
+    against: str | None = None,
     progress: bool | None = False,
     observe: str | Sequence[str] = "classic",
     actions: bool = False,
@@ -148,13 +67,15 @@ def evaluate(
             {"drifting": [50, 70]} for the values at the start. There is no score for drifting setpoints.
         steps: steps per episode.
         discount: the discount factor, in [0, 1].
-        episodes: episodes per policy and setpoint.
+        episodes: episodes per policy and setpoint, by default 100, or 200 with `against`.
         start: the start state, as in an experiment.
         dynamics: the dynamics, as in an experiment.
         seed: the seed of all random numbers.
         history: the number of observations that an object sees, if it has no attribute `history_length`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
+        against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
+            with the policies. The other arguments but `policy` must be the default ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
         observe: what objects see in place of the six observed variables; this and the following are options
             of a view (docs/views.md). Policies of other kinds always see those variables.
@@ -180,6 +101,8 @@ def evaluate(
         )
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
+    if episodes is None:
+        episodes = 100 if against is None else SETTINGS["episodes"]
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     plain = {
@@ -199,6 +122,7 @@ def evaluate(
         **{**options, "policies": list(policies.values())}
     )  # of any class
     vars(experiment)["labels"] = labels
+    baselines = [] if against is None else baselines_of(against, experiment, float(discount), view)
     with bar(progress, experiment.rows, "steps") as advance:
         played = episodes_of(experiment, float(discount), advance, view)
     scale = None
@@ -216,8 +140,15 @@ def evaluate(
         for a, b in combinations(range(len(labels)), 2)
         for p, part in _parts(points)
     ]
+    differences += [
+        _difference(name, line.label, points[0], played.discounted[i] - line.values)
+        for i, name in enumerate(labels)
+        for line in baselines
+        if line.values is not None
+    ]
     text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
-    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing)
+    known = results_of(baselines)
+    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing, known)
 
 
 def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
@@ -264,18 +195,8 @@ def _overall(label: str, rows: list[Result], values: Floats) -> Result:
         sum(getattr(row, name) for row in rows) / len(rows) for name in ("mean_reward", "clipped")
     )
     p10 = float(np.quantile(values, 0.1))
-    return Result(
-        label,
-        None,
-        values.size,
-        *estimate(list(values)),
-        p10,
-        reward,
-        _mean(scores),
-        error,
-        _mean(experts),
-        clipped,
-    )
+    both = _mean(scores), error, _mean(experts)
+    return Result(label, None, values.size, *estimate(list(values)), p10, reward, *both, clipped)
 
 
 def _mean(scores: list[float | None]) -> float | None:

@@ -63,7 +63,9 @@ def export(
 ) -> Exported:
     """Write a dataset, or a split of it, in the format of another library.
 
-    Every transition is kept. `out` appears only when it is complete; nothing is left behind on failure.
+    Every transition is kept, unless a view observes hidden columns that the dataset does not have after the
+    last row of an episode; `left_out` counts these rows. `out` appears only when it is complete; nothing is
+    left behind on failure.
 
     Args:
         dataset: A `Dataset`, or the path of one.

@@ -89,3 +89,12 @@ def test_close_setpoints_are_told_apart(ibdata):
     close = ("--setpoint", "50.0000001", "--setpoint", "50.0000002")
     lines = ibdata("evaluate", "--policy", "safe", *close, *FEW).stdout.splitlines()
     assert [line.split()[1] for line in lines[1:4]] == ["50.0000001", "50.0000002", "all"]
+
+
+def test_the_baselines_of_a_set_stand_below_the_policies(ibdata):
+    lines = ibdata("evaluate", "--policy", "optimized", "--against", "optimized-0").stdout.splitlines()
+    assert lines[1].split()[:3] == ["optimized", "70", "200"]
+    assert lines[3].split()[:4] == ["baseline", "of", "siemens-offline/optimized-0", "seed"]
+    assert lines[4].split()[:3] == ["behaviour", "-", "-5971.2"]
+    (difference,) = [line for line in lines if line.startswith("optimized - behaviour")]
+    assert difference.split()[4].lstrip("-") == "0.0"

@@ -117,7 +117,8 @@ def mutate(name, folder):
     package = folder / "ibdata"
     for room in ("dynamics", "numerics", "system"):
         shutil.copytree(DYNAMICS.parent / room, package / room, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(DYNAMICS.parent / "errors.py", package)
+    for file_of_all in ("errors.py", "variables.py"):
+        shutil.copy(DYNAMICS.parent / file_of_all, package)
     (package / "__init__.py").touch()
     file, changes = MUTANTS[name]
     path = package / "dynamics" / file

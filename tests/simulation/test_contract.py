@@ -188,7 +188,9 @@ def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):
 
 
 def test_the_short_form_of_a_policy_that_remembers_is_refused():
-    with pytest.raises(TypeError, match="recalling: found a call of act or log_prob, expected a call of decide"):
+    with pytest.raises(
+        TypeError, match="recalling: found a call of act or log_prob, expected a call of decide"
+    ):
         Recalling().act(np.zeros((1, 3, 6), np.float32), np.zeros((1, 3)))
 
 

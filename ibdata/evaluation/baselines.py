@@ -1,0 +1,114 @@
+"""Results of offline algorithms on shipped experiments. `scripts/baselines` makes them."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.models import JsonObject, Sha256
+from ibdata.numerics.confidence import estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = npt.NDArray[np.float64]
+FILE = Path(__file__).with_name("baselines.jsonl")
+BEHAVIOUR = "behaviour"
+# The literature's evaluation (Hein et al., 2021 and later): these episodes, the same for all results.
+SETTINGS: dict[str, Any] = {
+    "setpoint": 70.0,
+    "steps": 100,
+    "discount": 0.97,
+    "episodes": 200,
+    "start": "default",
+    "dynamics": "siemens",
+    "seed": 0,
+}
+
+
+class Baseline(JsonObject):
+    """A line of the file: a policy learned from the dataset of a shipped experiment, or its behaviour.
+
+    `mean_return`, `standard_error` and `p10` are those of `returns`, which are None if the policy failed.
+    """
+
+    set: str  # the name of the shipped experiment
+    algorithm: str
+    seed: int | None  # of the training; None for the behaviour
+    mean_return: float | None
+    standard_error: float | None
+    p10: float | None
+    failure: str | None = None
+    training_steps: int
+    seconds: float  # of training
+    cpu_seconds: float
+    content_root: Sha256
+    hyperparameters: dict[str, Any]
+    versions: dict[str, str]
+    returns: str | None  # of the shared episodes in their order: base64 of little-endian float32
+
+    @property
+    def key(self) -> tuple[str, str, int | None]:
+        """The set, the algorithm and the seed."""
+        return self.set, self.algorithm, self.seed
+
+    @property
+    def label(self) -> str:
+        """The algorithm and the seed."""
+        return self.algorithm if self.seed is None else f"{self.algorithm} seed {self.seed}"
+
+    @property
+    def values(self) -> Floats | None:
+        """The returns (episodes,)."""
+        if self.returns is None:
+            return None
+        return np.frombuffer(base64.b64decode(self.returns), "<f4").astype(np.float64)
+
+
+def measured(returns: Floats | None) -> dict[str, Any]:
+    """The fields of a baseline that its returns give, after rounding to float32."""
+    if returns is None:
+        return dict.fromkeys(("mean_return", "standard_error", "p10", "returns"))
+    kept = returns.astype("<f4")
+    values = kept.astype(np.float64)
+    mean, error, _ = estimate([values])
+    return {
+        "mean_return": mean,
+        "standard_error": error,
+        "p10": float(np.quantile(values, 0.1)),
+        "returns": base64.b64encode(kept.tobytes()).decode(),
+    }
+
+
+def shipped_baselines(file: Path = FILE) -> list[Baseline]:
+    """The lines of a file, in its order."""
+    if not file.exists():
+        return []
+    return [Baseline.model_validate_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def baselines() -> pd.DataFrame:
+    """Results of offline algorithms of d3rlpy on shipped experiments: one row per set, algorithm and seed.
+
+    The rows whose algorithm is "behaviour" are those of the policies that made the sets. All policies were
+    evaluated in the same 200 episodes: `ibdata.evaluate(policy, episodes=200)` plays them too, so that its
+    returns and those here can be compared episode by episode. docs/baselines.md describes the training.
+
+    Returns:
+        A DataFrame with the columns `set`, `algorithm`, `seed` (missing for the behaviour), `mean_return`,
+        `standard_error` and `p10` (discounted and unscaled; missing where the policy failed), `failure` (the
+        reason), `training_steps`, `seconds` and `cpu_seconds` of training, `content_root` of the dataset,
+        `hyperparameters` and `versions` (a dict each) and `returns` (an array (200,) each).
+    """
+    import pandas as pd
+
+    found = shipped_baselines()
+    frame = pd.DataFrame([dict(line) for line in found], columns=list(Baseline.model_fields))
+    frame["returns"] = pd.Series([line.values for line in found], dtype=object)
+    return frame.astype(
+        {"seed": "Int64", "mean_return": "float64", "standard_error": "float64", "p10": "float64"}
+    )

@@ -1,0 +1,104 @@
+"""What an evaluation returns."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.tabular import Table, Tabular
+from ibdata.evaluation.against import BaselineResult
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = npt.NDArray[np.float64]
+
+
+class Result(NamedTuple):
+    """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
+
+    `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
+    are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
+    `score`, which is 100 for `optimized`, and `expert_score`, which is 100 for `expert`; `score_error` is the
+    standard error of `score`, without that of the scale. `clipped` is the share of the actions that were
+    clipped to [-1, 1]. Errors are None for one episode.
+    """
+
+    policy: str
+    setpoint: float | None
+    episodes: int
+    mean_return: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+    p10: float
+    mean_reward: float
+    score: float | None
+    score_error: float | None
+    expert_score: float | None
+    clipped: float
+
+
+class Difference(NamedTuple):
+    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
+
+    policy: str
+    less: str
+    setpoint: float | None
+    mean_difference: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Evaluation(Tabular):
+    """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
+
+    `notes` says why errors or scores are missing, a line for each reason. `baselines` are those of the set
+    that the policies are compared with.
+    """
+
+    results: list[Result]
+    differences: list[Difference]
+    scale: str | None
+    returns: Floats  # (policies, setpoints, episodes)
+    steps: int
+    discount: float
+    notes: list[str]
+    baselines: list[BaselineResult] = dataclasses.field(default_factory=list)
+
+    def tables(self) -> list[Table]:
+        """The results and, if there are several policies, their differences."""
+        said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
+        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
+        if self.baselines:
+            shown.append(Table(BaselineResult._fields, self.baselines))
+        if self.differences:
+            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
+        return shown
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The results, a row each, as a pandas DataFrame; the setpoint is missing where it means all."""
+        import pandas as pd
+
+        return pd.DataFrame(self.results, columns=list(Result._fields))
+
+    def plain(self) -> dict[str, Any]:
+        """Everything but the returns of single episodes, as plain data."""
+        return {
+            "results": [result._asdict() for result in self.results],
+            "differences": [difference._asdict() for difference in self.differences],
+            "scale": self.scale,
+            "steps": self.steps,
+            "discount": self.discount,
+            "notes": self.notes,
+            **({"baselines": [each._asdict() for each in self.baselines]} if self.baselines else {}),
+        }
+
+
+def _with_all(row: Result | Difference) -> Result | Difference:
+    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else row.setpoint
+    return row._replace(setpoint=shown)

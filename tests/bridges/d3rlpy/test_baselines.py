@@ -1,0 +1,109 @@
+"""The baselines: their rows are d3rlpy's transitions, and their runs repeat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
+from helpers import script
+
+import ibdata
+from training import offline
+
+SMALL = ["episodes=3", "steps=200"]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory) -> ibdata.Dataset:
+    folder = tmp_path_factory.mktemp("baselines") / "small"
+    return ibdata.generate("siemens-offline/optimized-40", folder, workers=1, overrides=SMALL)
+
+
+@pytest.fixture(scope="module")
+def rows(small) -> offline.Rows:
+    return offline.rows_of(small)
+
+
+def test_the_rows_are_the_transitions_that_d3rlpy_reads_from_the_export(small, rows, tmp_path):
+    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, reward_scale=0.01)
+    with (tmp_path / "x.h5").open("rb") as file:
+        replay = ReplayBuffer.load(file, InfiniteBuffer())
+    theirs = [replay.transition_picker(e, i) for e in replay.episodes for i in range(e.transition_count)]
+    ours = rows.batch(rows.transitions)
+    assert len(theirs) == len(ours) == 600
+    for name in ("observation", "action", "reward", "next_observation", "next_action"):
+        expected = np.stack([getattr(transition, name) for transition in theirs])
+        found = getattr(ours, f"{name}s")
+        assert found.dtype == np.float32
+        assert np.array_equal(found, expected), name
+    assert [t.terminal for t in theirs] == ours.terminals[:, 0].tolist()
+    assert [t.interval for t in theirs] == ours.intervals[:, 0].tolist()
+
+
+def test_observations_are_standardised_as_d3rlpy_does_it(small, rows, tmp_path):
+    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, reward_scale=0.01)
+    with (tmp_path / "x.h5").open("rb") as file:
+        replay = ReplayBuffer.load(file, InfiniteBuffer())
+    scaler = offline.StandardObservationScaler()
+    scaler.fit_with_transition_picker(replay.episodes, replay.transition_picker)
+    mean, std = rows.moments()
+    np.testing.assert_allclose(mean, scaler.mean, rtol=1e-6)
+    np.testing.assert_allclose(std, scaler.std, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", offline.CONFIGS)
+def test_a_run_does_not_depend_on_those_before_it(rows, algorithm):
+    """Of BCQ and BEAR the policy is asked row by row, so that few observations suffice here."""
+    seen = rows.observations[:3].reshape(3, 30, 6).astype(np.float64)
+    actions = []
+    for _ in range(2):
+        learned, said = offline.train(algorithm, rows, seed=1, steps=3)
+        policy = offline.policy_of(algorithm, learned)
+        draws = np.full((3, 1), 0.3)
+        act = policy.act(seen, draws) if policy is not learned else policy.predict(rows.observations[:3])
+        actions.append(act)
+    assert actions[0].shape == (3, 3)
+    assert np.array_equal(*actions)
+    assert said["training_steps"] == 3
+    assert said["hyperparameters"]["batch_size"] == 256
+    other, _ = offline.train(algorithm, rows, seed=2, steps=3)
+    assert not np.array_equal(other.predict(rows.observations[:3]), learned.predict(rows.observations[:3]))
+
+
+def test_bcq_and_bear_draw_by_the_numbers_that_they_are_given(rows):
+    learned, _ = offline.train("bcq", rows, seed=0, steps=2)
+    policy = offline.policy_of("bcq", learned)
+    seen = np.repeat(rows.observations[:1].reshape(1, 30, 6).astype(np.float64), 3, axis=0)
+    first, second, third = policy.act(seen, np.array([[0.1], [0.1], [0.9]]))
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, third)
+
+
+def test_a_result_is_what_evaluate_measures_of_the_policy(small, rows, monkeypatch):
+    baselines = script("baselines")
+    monkeypatch.setattr(baselines, "dataset", lambda name, data: small)
+    run = baselines.Run("siemens-offline/optimized-40", "bc", 1)
+    line = baselines.learned(run, None, steps=20)
+    policy, _ = offline.train("bc", rows, seed=1, steps=20)
+    found = ibdata.evaluate(policy, 70, history=30, episodes=200)
+    assert line.values.tolist() == found.returns[0, 0].astype(np.float32).tolist()
+    assert (line.mean_return, line.standard_error, line.p10) == pytest.approx(
+        (found.results[0].mean_return, found.results[0].standard_error, found.results[0].p10), rel=1e-4
+    )
+    assert line.content_root == small.content_root
+    assert {"ibdata", "d3rlpy", "torch", "numpy"} == set(line.versions)
+
+
+def test_a_policy_that_fails_is_a_result(small, monkeypatch):
+    class Broken:
+        def predict(self, x):
+            return np.full((len(x), 3), np.nan)
+
+    baselines = script("baselines")
+    monkeypatch.setattr(baselines, "dataset", lambda name, data: small)
+    train = offline.train
+    monkeypatch.setattr(offline, "train", lambda *given: (Broken(), train(*given, steps=1)[1]))
+    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", "bc", 0), None)
+    assert line.mean_return is line.values is None
+    assert "expected finite numbers" in line.failure
+    assert baselines.said(line).startswith("failed: policy broken")

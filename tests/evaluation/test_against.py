@@ -1,0 +1,119 @@
+"""Policies are compared with the shipped baselines of a set, episode by episode."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata import IbdataError
+from ibdata.evaluation import against
+from ibdata.evaluation.baselines import Baseline, measured
+
+OWN = np.linspace(-6100.0, -5900.0, 200)
+
+
+def baseline(name: str, algorithm: str, seed: int | None, returns) -> Baseline:
+    return Baseline(
+        set=name,
+        algorithm=algorithm,
+        seed=seed,
+        training_steps=1,
+        seconds=1.0,
+        cpu_seconds=1.0,
+        content_root="0" * 64,
+        hyperparameters={},
+        versions={},
+        **measured(returns),
+    )
+
+
+@pytest.fixture
+def shipped(monkeypatch):
+    lines = [
+        baseline("siemens-offline/optimized-40", "behaviour", None, OWN - 100.0),
+        baseline("siemens-offline/optimized-40", "bc", 2, OWN),
+        baseline("siemens-offline/optimized-40", "cql", 0, None),
+        baseline("d4rl-like/medium", "bc", 0, OWN),
+        baseline("neorl-like/medium", "bc", 0, OWN),
+    ]
+    monkeypatch.setattr(against, "shipped_baselines", lambda: lines)
+
+
+def test_differences_are_those_of_the_returns_of_equal_episodes(shipped):
+    found = ibdata.evaluate(["safe", "optimized"], against="optimized-40")
+    assert found.returns.shape == (2, 1, 200)
+    assert [(each.algorithm, each.seed) for each in found.baselines] == [
+        ("behaviour", None),
+        ("bc", 2),
+        ("cql", 0),
+    ]
+    assert found.baselines[1].mean_return == pytest.approx(-6000.0)
+    assert found.baselines[2].mean_return is None
+    assert [(d.policy, d.less) for d in found.differences] == [
+        ("optimized", "safe"),
+        ("safe", "behaviour"),
+        ("safe", "bc seed 2"),
+        ("optimized", "behaviour"),
+        ("optimized", "bc seed 2"),
+    ]
+    expected = found.returns[1, 0] - OWN
+    assert found.differences[-1].mean_difference == pytest.approx(expected.mean(), abs=0.01)
+    assert found.differences[-1].standard_error == pytest.approx(
+        expected.std(ddof=1) / np.sqrt(200), rel=1e-4
+    )
+
+
+def test_the_shipped_behaviour_does_not_differ_from_itself():
+    (difference,) = [
+        d for d in ibdata.evaluate("optimized", against="optimized-0").differences if d.less == "behaviour"
+    ]
+    assert abs(difference.mean_difference) < 0.001
+    assert difference.standard_error < 0.001
+
+
+def test_baselines_are_shown_and_in_the_plain_data_only_if_they_are_asked_for(shipped):
+    found = ibdata.evaluate("safe", against="d4rl-like/medium")
+    assert found.plain()["baselines"][0]["set"] == "d4rl-like/medium"
+    assert "d4rl-like/medium" in repr(found)
+    assert "baselines" not in ibdata.evaluate("safe", episodes=2, steps=2).plain()
+    assert ibdata.evaluate("safe", steps=2).returns.shape == (1, 1, 100)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"episodes": 100}, "episodes: found 100, expected 200"),
+        ({"steps": 50}, "steps: found 50, expected 100"),
+        ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
+        ({"setpoint": 50}, "setpoint: found 50, expected 70"),
+        ({"setpoint": [70, 50]}, "setpoint: found [70.0, 50.0], expected 70"),
+        ({"setpoint": "drifting"}, "setpoint: found drifting, expected 70"),
+        ({"start": "uniform"}, "start: found uniform, expected default"),
+        ({"start": {"burn_in": [1, 2]}}, "start: found {'burn_in': [1, 2]}, expected default"),
+        ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
+        ({"seed": 1}, "seed: found 1, expected 0"),
+        (
+            {"against": "medium"},
+            "against: found 'medium', expected one of optimized-40, d4rl-like/medium, neorl",
+        ),
+        ({"against": "optimised-40"}, "did you mean 'optimized-40'?"),
+    ],
+)
+def test_other_episodes_and_unknown_sets_are_refused_in_one_line(shipped, changes, message):
+    with pytest.raises(IbdataError) as caught:
+        ibdata.evaluate("safe", **{"against": "optimized-40", **changes})
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_view_of_observations_is_compared_but_not_another_reward(shipped):
+    def still(observations):
+        return np.zeros((len(observations), 3))
+
+    found = ibdata.evaluate(still, against="optimized-40", actions=True)
+    assert len(found.differences) == 2
+    with pytest.raises(
+        IbdataError, match="reward: found delta, expected classic: against=… compares with it"
+    ):
+        ibdata.evaluate(still, against="optimized-40", reward="delta")

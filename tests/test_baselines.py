@@ -1,0 +1,242 @@
+"""The results of offline algorithms: how the script keeps them, and what the page says of them."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from helpers import ROOT, script
+
+import ibdata
+from ibdata.evaluation.baselines import FILE, SETTINGS, Baseline, measured, shipped_baselines
+from measuring.documents import measured as tables_of
+
+LINES = shipped_baselines()
+PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def baselines():
+    return script("baselines")
+
+
+@pytest.fixture(scope="module")
+def page():
+    from training import page
+
+    return page
+
+
+def line(run, shift=0.0) -> Baseline:
+    returns = np.linspace(-7000.0, -6000.0, 200) + shift
+    return Baseline(
+        **run._asdict(),
+        training_steps=1,
+        seconds=1.0,
+        cpu_seconds=1.0,
+        content_root="0" * 64,
+        hyperparameters={},
+        versions={},
+        **measured(returns),
+    )
+
+
+def test_the_plan_names_each_run_once_and_begins_with_seed_0_of_the_siemens_sets(baselines):
+    plan = baselines.plan()
+    assert len(plan) == len(set(plan)) == 24 + 24 * 4 * 3 + 4 * 2 * 3
+    first = plan[: 16 + 64]
+    assert {run.set for run in first} == set(baselines.SIEMENS)
+    assert {run.seed for run in first} == {None, 0}
+    assert all(run.seed in (None, 0) for run in plan[: 24 + 24 * 4 + 8])
+
+
+def test_a_line_keeps_the_returns_and_their_statistics():
+    returns = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
+    kept = measured(returns)
+    made = Baseline.model_validate_json(
+        line(script("baselines").plan()[0]).model_copy(update=kept).model_dump_json()
+    )
+    np.testing.assert_allclose(made.values, returns, rtol=1e-7)
+    assert made.mean_return == pytest.approx(returns.mean())
+    assert made.standard_error == pytest.approx(returns.std(ddof=1) / np.sqrt(200), rel=1e-4)
+    assert made.p10 == pytest.approx(np.quantile(returns, 0.1))
+    assert measured(None) == {"mean_return": None, "standard_error": None, "p10": None, "returns": None}
+
+
+def test_lines_are_kept_in_the_order_of_the_plan_and_are_never_replaced(baselines, tmp_path):
+    plan, file = baselines.plan()[:20], tmp_path / "x.jsonl"
+    for run in reversed(plan):
+        assert baselines.add(line(run), file)
+    assert not baselines.add(line(plan[3], shift=1.0), file)
+    assert shipped_baselines(file) == [line(run) for run in plan]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.jsonl"]
+
+
+def test_the_script_makes_what_is_missing_and_says_so(baselines, tmp_path, monkeypatch, capsys):
+    plan, made = baselines.plan()[14:20], []
+    monkeypatch.setattr(baselines, "plan", lambda: plan)
+    monkeypatch.setattr(baselines, "made", lambda run, data: made.append(run) or line(run))
+    monkeypatch.setattr(sys, "argv", ["baselines", "--out", str(tmp_path / "x.jsonl")])
+    baselines.add(line(plan[1]), tmp_path / "x.jsonl")
+    baselines.main()
+    assert made == [plan[0], *plan[2:]]
+    baselines.main()
+    assert len(made) == 5
+    capsys.readouterr()
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--list"])
+    baselines.main()
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[2] == (
+        "3/6 siemens-offline/bad-0 bc 0: return -65.00 ± 0.21, 10th percentile -69.00, in hundreds"
+    )
+
+
+def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, tmp_path, monkeypatch, capsys):
+    plan = baselines.plan()[14:18]
+
+    def made(run, data):
+        if run == plan[1]:
+            raise FloatingPointError("NaN")
+        return line(run)
+
+    monkeypatch.setattr(baselines, "plan", lambda: plan)
+    monkeypatch.setattr(baselines, "made", made)
+    monkeypatch.setattr(sys, "argv", ["baselines", "--out", str(tmp_path / "x.jsonl")])
+    with pytest.raises(SystemExit, match="failed: 1 of 4 runs"):
+        baselines.main()
+    assert shipped_baselines(tmp_path / "x.jsonl") == [line(run) for run in (plan[0], *plan[2:])]
+    assert "2/4 siemens-offline/optimized-80 behaviour: failed\nTraceback" in capsys.readouterr().err
+
+
+def test_one_run_is_made_again_and_compared(baselines, tmp_path, monkeypatch, capsys):
+    file = tmp_path / "x.jsonl"
+    run = baselines.Run("siemens-offline/optimized-40", "bc", 0)
+    baselines.add(line(run), file)
+    monkeypatch.setattr(baselines, "made", lambda run, data: line(run, shift=100.0))
+    wanted = ["--set", "optimized-40", "--algorithm", "bc", "--seed", "0"]
+    monkeypatch.setattr(sys, "argv", ["baselines", *wanted, "--out", str(file)])
+    baselines.main()
+    new, old = capsys.readouterr().out.splitlines()
+    assert "return -64.00" in new
+    assert "bc 0, in x.jsonl: return -65.00" in old
+    assert shipped_baselines(file) == [line(run)]
+
+
+CODE = f"""
+import sys, time
+sys.path[:0] = [{str(ROOT / "scripts")!r}, {str(ROOT / "tests")!r}]
+from helpers import script
+from test_baselines import line
+
+baselines, seconds = script("baselines"), float(sys.argv.pop())
+plan = baselines.plan()[14:20]
+baselines.plan = lambda: plan
+baselines.made = lambda run, data: time.sleep(seconds if run == plan[2] else 0) or line(run)
+baselines.main()
+"""
+
+
+@pytest.mark.slow
+def test_runs_that_are_killed_go_on_where_they_stopped(tmp_path):
+    """The third run sleeps, and the process is killed meanwhile."""
+    command = [sys.executable, "-c", CODE, "--out", str(tmp_path / "x.jsonl")]
+    with subprocess.Popen([*command, "3600"], stdout=subprocess.PIPE, text=True) as process:
+        printed = [process.stdout.readline() for _ in range(2)]
+        time.sleep(0.2)
+        process.kill()
+    assert [text.split()[0] for text in printed] == ["1/6", "2/6"]
+    assert len(shipped_baselines(tmp_path / "x.jsonl")) == 2
+    done = subprocess.run([*command, "0"], capture_output=True, text=True, check=True)
+    assert [text.split()[0] for text in done.stdout.splitlines()] == ["3/6", "4/6", "5/6", "6/6"]
+    plan = script("baselines").plan()[14:20]
+    assert shipped_baselines(tmp_path / "x.jsonl") == [line(run) for run in plan]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.jsonl"]
+
+
+def test_the_page_holds_the_results_that_were_run_and_no_others(baselines, page):
+    assert tables_of(PAGE) == f"\n{page.block(LINES, baselines.plan())}\n"
+
+
+def test_every_number_of_the_reading_stands_in_the_tables():
+    reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
+    numbers = re.findall(r"−[\d.]+\d", reading)
+    assert numbers
+    assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
+
+
+def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_run(baselines, page):
+    runs = [baselines.Run("siemens-offline/bad-0", "bc", seed) for seed in (0, 1)]
+    runs.append(baselines.Run("siemens-offline/bad-0", "cql", 0))
+    failed = line(runs[2]).model_copy(update={**measured(None), "failure": "NaN"})
+    block = page.block([line(runs[0]), line(runs[1], shift=100.0), failed], baselines.plan())
+    assert block.startswith("3 of 312 runs are done.")
+    rows = [text for text in block.splitlines() if text.startswith("| `siemens-offline/bad-0`")]
+    assert rows == [
+        "| `siemens-offline/bad-0` | – | −64.5 [−65.0, −64.0] | – | – | 1 failed |",
+        "| `siemens-offline/bad-0` | – | −68.5 [−69.0, −68.0] | – | – | 1 failed |",
+    ]
+
+
+def test_runs_are_counted_by_their_paired_difference_from_the_behaviour(baselines, page):
+    def of(algorithm, returns):
+        run = baselines.Run("siemens-offline/bad-0", algorithm, None if algorithm == "behaviour" else 0)
+        return line(run).model_copy(update=measured(returns))
+
+    own = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
+    noise = np.where(np.arange(200) % 2, 1.0, -1.0)
+    lines = [
+        of("behaviour", own),
+        of("bc", own + 1.0 + noise),  # far less than the standard deviation of the returns
+        of("td3+bc", own + noise),
+        of("iql", own - 1.0 + noise),
+        of("cql", None),
+    ]
+    assert page.verdicts(lines).splitlines()[2:] == [
+        "| BC | 1 | 0 | 0 |",
+        "| TD3+BC | 0 | 1 | 0 |",
+        "| IQL | 0 | 0 | 1 |",
+        "| CQL | 0 | 0 | 1 |",
+    ]
+
+
+def test_the_protocol_on_the_page_is_that_of_the_shipped_results():
+    for each in LINES:
+        if each.algorithm != "behaviour":
+            numbers = {**each.hyperparameters, "steps": each.training_steps}
+            wanted = {"steps": 15_000, "history": 30, "reward_scale": 0.01, "hidden_units": [64, 64]}
+            assert {**numbers, **wanted, "batch_size": 256} == numbers
+            assert numbers.get("gamma", 0.97) == 0.97
+    assert "15,000 steps with batches of 256" in PAGE
+    assert SETTINGS["episodes"] == 200
+
+
+def test_shipped_lines_are_those_of_the_plan_in_its_order(baselines):
+    keys = [baselines.Run(*each.key) for each in LINES]
+    assert keys == [run for run in baselines.plan() if run in set(keys)]
+    assert FILE.stat().st_size < 650_000
+    for each in LINES:
+        assert {name: getattr(each, name) for name in measured(None)} == measured(each.values)
+
+
+def test_the_behaviour_is_played_again_with_the_same_returns(baselines, monkeypatch):
+    class Dataset:
+        content_root = "0" * 64
+
+    monkeypatch.setattr(baselines, "dataset", lambda name, data: Dataset)
+    shipped = {each.set: each for each in LINES if each.algorithm == "behaviour"}
+    for name in ("siemens-offline/optimized-40", "siemens-offline/bad-0"):
+        again = baselines.behaviour(baselines.Run(name, "behaviour", None), None)
+        assert again.returns == shipped[name].returns
+
+
+def test_the_data_frame_has_a_row_per_line():
+    frame = ibdata.baselines()
+    assert len(frame) == len(LINES) > 0
+    assert frame["seed"].isna().sum() == (frame["algorithm"] == "behaviour").sum()
+    assert frame["returns"].dropna().map(np.shape).unique().tolist() == [(200,)]
+    row = frame.iloc[0]
+    assert row["mean_return"] == pytest.approx(row["returns"].mean())
