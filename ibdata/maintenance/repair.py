@@ -15,8 +15,9 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.warm_up import warm_up
+from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.maintenance.evidence import file_with, refuse_unproven
+from ibdata.simulation import self_check
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
@@ -121,6 +122,7 @@ def _make_again(
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
             warm_up(experiment)
+        known_answer("episodes made again may differ")
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         written = []
@@ -175,7 +177,8 @@ def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
 
 def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
     """Make again the manifest of a dataset of this spec, and the shards that cannot be read."""
-    reproducible = all([warm_up(experiment) for experiment in spec.experiments])
+    for experiment in spec.experiments:
+        warm_up(experiment)
     whole: list[WrittenShard] = []
     wrong: list[Shard] = []
     digests: list[tuple[Shard, list[bytes]]] = []
@@ -193,7 +196,8 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
     refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
-        finish(spec, [*whole, *made.values()], staged, reproducible, provenance(spec))
+        right = self_check.is_right(known_answer())
+        finish(spec, [*whole, *made.values()], staged, right, provenance(spec))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         for path in damaged:
             path.unlink()  # it was made again under another name
