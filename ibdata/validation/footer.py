@@ -52,8 +52,9 @@ def _wrong(found: Struct, schema: pa.Schema, listed: Container[str], file: pq.Pa
     expected = struct(parquet.footer(Path(), _written(schema.empty_table())))
     for own, right in zip(_columns(found), _columns(expected), strict=True):
         if own != right:
-            what = "a type" if own.get(NULLABLE) == right.get(NULLABLE) else "a column with optional values"
-            yield f"{_name([own[NAME]])}: found {what} of Parquet that ibdata does not write there"
+            same = own.get(NULLABLE) == right.get(NULLABLE)
+            what = "another type of Parquet" if same else "a column in which values may be missing"
+            yield f"{own[NAME].decode()}: found {what}, expected the column as ibdata writes it"
     if [key for key in found.get(KEYS, []) if key[1] != ARROW] or len(found.get(KEYS, [])) > 1:
         yield "found metadata of the file, expected no metadata"
     for key in found.get(KEYS, []):

@@ -302,7 +302,7 @@ FOOTERS: dict[str, tuple[Callable[[pa.Table, Path], object], str]] = {
         lambda table, path: pq.write_table(
             table.cast(table.schema.set(3, table.schema.field(3).with_nullable(True))), path, **AS_WRITTEN
         ),
-        "obs_velocity: found a column with optional values",
+        "obs_velocity: found a column in which values may be missing",
     ),
     "another Arrow schema": (with_other_schema, "found another Arrow schema in the footer"),
 }
