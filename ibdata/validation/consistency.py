@@ -41,6 +41,10 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
     Returns:
         The first problem of each kind.
     """
+    if spec.least_shards > len(listed.shards):  # a list of so many could fill the memory
+        message = f"shards: found {len(listed.shards)}, expected at least {spec.least_shards}"
+        yield Problem(manifest.PATH, None, "experiments", message)
+        return
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     files = sorted(file.path for file in listed.files if file.path != manifest.REPORT)
     planned = sorted([*(entry.path for entry in listed.shards), *metadata_files(spec, [], "")])

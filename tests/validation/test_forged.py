@@ -351,3 +351,16 @@ def test_row_groups_that_the_file_does_not_count_are_named(copied):
     path.write_bytes(patched(path.read_bytes(), *rows))
     (found,) = footer_of_a_forger(copied, path)
     assert found.startswith("found row groups with more or less rows")
+
+
+def test_a_plan_of_more_shards_than_are_listed_is_refused_before_a_list_of_them_is_made(copied, monkeypatch):
+    def forged(listed: Json) -> None:
+        listed["experiments"][0]["episodes"] = 10**6
+        listed["experiments"][0]["output"]["shard_rows"] = 1
+
+    seal(copied, forged)
+    monkeypatch.setattr("ibdata.experiment.dataset_spec.plan", lambda experiment: pytest.fail("planned"))
+    (found,) = validate(copied)
+    assert (found.rule, found.path) == ("experiments", manifest.PATH)
+    with pytest.raises(DatasetError, match=r"experiments: shards: found \d+, expected at least"):
+        reproduce(copied)
