@@ -80,6 +80,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     problems = list(check_files(folder, listed))
     damaged = [problem.path for problem in problems if problem.path in entries]
     if not damaged:
+        refuse_other_plan(spec_in(folder, listed), listed)
         return []
     replacement.refuse_folders(folder, damaged)
     for problem in problems:  # before any file is written
@@ -207,6 +208,11 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
 def _spec_from_experiments(folder: Path) -> DatasetSpec:
     """The spec of a dataset without a manifest, from meta/experiment*.yaml. Splits made later are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
+    if not several and not os.path.lexists(folder / manifest.EXPERIMENT):
+        raise DatasetError(
+            f"{folder}: {manifest.PATH} and {manifest.EXPERIMENT} are lost, so nothing tells what to make "
+            "again; restore one of the two"
+        )
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
 
