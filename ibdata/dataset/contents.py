@@ -14,7 +14,7 @@ from ibdata.dataset.models import Info, Manifest, Stats
 from ibdata.dataset.overview import Splits, overview
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.selection import known_of
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError, printable
 from ibdata.numerics.naming import counted
 from ibdata.system import object_store
 
@@ -43,7 +43,9 @@ class Contents:
 
     def __repr__(self) -> str:
         n = self.info_model.counts
-        return f"<ibdata.Dataset {self.place}: {counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}>"
+        size = f"{counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}"
+        size = f"{counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}"
+        return f"<ibdata.Dataset {printable(self.place)}: {size}>"
 
     def _repr_html_(self) -> str:
         return overview(self)

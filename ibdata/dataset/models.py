@@ -208,6 +208,8 @@ def parse(form: type[Parsed], data: Any) -> Parsed:
     where = printable(".".join(str(part) for part in first["loc"]) or "top")
     if first["type"] == "missing":
         raise ValueError(f"{where}: missing, expected a value")
+    if first["type"] == "value_error":  # of a validator of ibdata, which says it all
+        raise ValueError(f"{where}: {first['ctx']['error']}")
     found = printable(repr(first["input"]))[:60]
     expected = MEANT.get(first.get("ctx", {}).get("pattern", ""), first["msg"])
     raise ValueError(f"{where}: found {found}, expected {expected}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import stat
 from collections.abc import Iterator, Sequence
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 
 from ibdata.errors import DatasetError
 
+TAIL = 8  # bytes at the end of a file: the length of the footer, and "PAR1"
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
@@ -47,35 +49,23 @@ def read(
     Raises:
         DatasetError: The file cannot be read, lacks a column, or has another number of rows.
     """
-    with _opened(path, names, rows, data) as file:
+    with opened(path, data, names, rows) as file:
         return file.read(columns=None if names is None else list(names))
 
 
 def described(path: Path) -> tuple[pa.Schema, int]:
     """The schema and the number of rows of a file. Raises the errors of `read`."""
-    with _opened(path, None, None) as file:
+    with opened(path) as file:
         return file.schema_arrow, file.metadata.num_rows
 
 
-def wrong_statistics(path: Path, names: Sequence[str]) -> str | None:
-    """Describe the first minimum or maximum in the footer that differs from its rows. Raises as `read`.
-
-    Readers skip row groups by these numbers.
-
-    Args:
-        path: The file.
-        names: The columns to look at, of numbers that are finite.
-    """
-    with _opened(path, names, None) as file:
-        places = {file.schema_arrow.names[i]: i for i in range(len(file.schema_arrow.names))}
-        for group in range(file.num_row_groups):
-            rows, kept = file.read_row_group(group, columns=list(names)), file.metadata.row_group(group)
-            for name in names:
-                listed, values = kept.column(places[name]).statistics, rows[name].to_numpy()
-                found = None if listed is None else (listed.min, listed.max, listed.null_count)
-                if found is not None and found != (values.min(), values.max(), 0):
-                    return f"{name}: the footer lists other extremes of row group {group} than its rows have"
-    return None
+def footer(path: Path, data: bytes | None = None) -> bytes:
+    """The bytes of the footer of a file that is a Parquet file; its structure is that of Thrift."""
+    with io.BytesIO(data) if data is not None else path.open("rb") as file:
+        end = file.seek(-TAIL, os.SEEK_END)
+        length = int.from_bytes(file.read(4), "little")
+        file.seek(end - length)
+        return file.read(length)
 
 
 def batches(
@@ -91,7 +81,7 @@ def batches(
 
     Without `threads` the caller's thread decodes each alone, which takes less of the processors' time.
     """
-    with _opened(path, names, rows) as file:
+    with opened(path, None, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
         ends = list(accumulate(sizes))
         stop = file.metadata.num_rows if stop is None else stop
@@ -107,9 +97,10 @@ def batches(
 
 
 @contextmanager
-def _opened(
-    path: Path, names: Sequence[str] | None, rows: int | None, data: bytes | None = None
+def opened(
+    path: Path, data: bytes | None = None, names: Sequence[str] | None = None, rows: int | None = None
 ) -> Iterator[pq.ParquetFile]:
+    """A context with an open file. Arguments and errors are those of `read`."""
     with (
         _readable(path, data),
         pq.ParquetFile(

@@ -31,6 +31,7 @@ __all__ = [
     "find",
     "load",
     "load_all",
+    "refuse_unreadable",
     "shipped",
     "suites",
     "validated",
@@ -136,6 +137,18 @@ def as_recorded(experiment: Experiment) -> Experiment:
         )
     vars(recorded)["folder"] = experiment.folder
     return recorded
+
+
+def refuse_unreadable(experiment: Experiment) -> None:
+    """Raise ConfigError if the YAML that a dataset records of an experiment is none that ibdata reads.
+
+    It has all defaults written out, so it is larger and deeper than the YAML that a person writes.
+    """
+    try:
+        Document(as_yaml(experiment))
+    except StrictYamlError as error:
+        found = f"{experiment.name}: with all defaults written out, {error.message}"
+        raise ConfigError([f"{found}; make several experiments of it"]) from None
 
 
 def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:

@@ -131,19 +131,23 @@ def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
     return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
 
 
-def _drop_stale_bytecode(source: Source) -> None:
-    """Remove bytecode that is not that of its source. Python only compares time and size of the source."""
+def _drop_stale_bytecode(source: Source) -> bool:
+    """Remove bytecode that is not that of its source; return whether there was such.
+
+    Python itself only compares time and size of the source.
+    """
     kept = Path(cache_from_source(str(source.path)))
     if not (source.path.suffix == ".py" and source.path.is_file() and kept.is_file()):
-        return
+        return False
     loader = SourceFileLoader(source.module, str(source.path))
     with suppress(SyntaxError, ValueError, EOFError):
         if loader.get_code(source.module) == loader.source_to_code(source.path.read_bytes(), source.path):
-            return
+            return False
     try:
         kept.unlink(missing_ok=True)
     except OSError:
         raise UsageError(f"{kept}: holds other code than {source.path}; remove it") from None
+    return True
 
 
 def _is_machine_code(module: ModuleType) -> bool:
@@ -159,8 +163,8 @@ def provenance(spec: DatasetSpec) -> list[Code]:
     After the policies have been imported, the first one also holds the modules that they imported although
     their source files do not tell, as from a folder that is on `sys.path` for a moment.
 
-    Raises UsageError if the target's file or a declared one is missing, or if a module was changed after this
-    process imported it.
+    Raises UsageError if the target's file or a declared one is missing, or if this process has imported other
+    code than a module's file holds.
     """
     policies = {(policy.target, *(policy.files or ())): policy for policy in customs(spec)}
     if not policies:
@@ -209,12 +213,23 @@ _imported: dict[str, tuple[ModuleSpec, str | None]] = {}
 
 
 def _sha256(source: Source) -> str | None:
-    """Return the hash of a module's file; UsageError if the file changed since this process imported it."""
+    """Return the hash of a module's file. Raises UsageError if this process has imported other code."""
     archive = next((path for path in source.path.parents if path.is_file()), source.path)  # a zip file
     found = file_sha256(archive)
     spec = getattr(sys.modules.get(source.module), "__spec__", None)
     if spec is None:
         return found
+    if _drop_stale_bytecode(source):
+        raise UsageError(
+            f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
+            "size of the file are the same; the bytecode was removed, so run again"
+        )
+    other = spec.origin if spec.has_location else None
+    if other and os.path.realpath(other) != os.path.realpath(source.path) and file_sha256(other) != found:
+        raise UsageError(
+            f"{source.path}: found another module with the name {source.module} in use, {other}; rename one "
+            "of the two"
+        )
     known, was = _imported.get(source.module, (None, None))
     if known is not spec:  # imported or reloaded since then
         _imported[source.module] = spec, found

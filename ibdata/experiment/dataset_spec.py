@@ -17,7 +17,7 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.plan import Shard, plan, segments
+from ibdata.experiment.plan import Shard, episodes_per_shard, plan, segments
 from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
@@ -112,6 +112,11 @@ class DatasetSpec:
     def episodes(self) -> int:
         """The number of episodes in the dataset."""
         return sum(len(e.cells) * e.episodes for e in self.experiments)
+
+    @property
+    def least_shards(self) -> int:
+        """The least number of shards, which is known without a list of them."""
+        return sum(-(-len(e.cells) * e.episodes // episodes_per_shard(e)) for e in self.experiments)
 
     @property
     def labels(self) -> list[str]:

@@ -36,12 +36,17 @@ def plan(experiment: Experiment) -> list[Shard]:
 
     A new shard begins where a declared split begins or ends, so that every split consists of whole files.
     """
-    per_shard = max(1, experiment.output.shard_rows // experiment.steps)
+    per_shard = episodes_per_shard(experiment)
     shards: list[Shard] = []
     for first, stop, splits in segments(experiment, experiment.splits):
         for start in range(first, stop, per_shard):
             shards.append(Shard(len(shards), start, min(start + per_shard, stop), splits))
     return shards
+
+
+def episodes_per_shard(experiment: Experiment) -> int:
+    """The largest number of episodes of a shard."""
+    return max(1, experiment.output.shard_rows // experiment.steps)
 
 
 def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[int, int, tuple[str, ...]]]:

@@ -131,7 +131,7 @@ def _place(mark: Any) -> tuple[int, int]:
 
 def _decoded(text: str | bytes) -> str:
     if len(text) > MAX_BYTES:
-        raise StrictYamlError(1, 1, f"found {len(text)} bytes, expected at most {MAX_BYTES}")
+        raise StrictYamlError(1, 1, f"found more than {MAX_BYTES} bytes, expected at most so many")
     if isinstance(text, str):
         return text
     try:

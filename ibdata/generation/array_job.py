@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
-from ibdata.experiment import Config, Overrides, load
+from ibdata.experiment import Config, Overrides, load, refuse_unreadable
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -78,6 +78,7 @@ def generate_shards(
     """
     own = Range.parse(shards)
     experiment = load(config, overrides, seed)
+    refuse_unreadable(experiment)
     run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.experiment import Config, Experiment, Overrides, load
+from ibdata.experiment import Config, Experiment, Overrides, load, refuse_unreadable
 from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -68,6 +68,7 @@ def generate(
         IbdataError: The system refuses to write, or a worker fails.
     """
     experiment = load(config, overrides, seed)
+    refuse_unreadable(experiment)
     run = select_engine(engine, workers, address)
     if is_url(out):
         remote = Remote(str(out))

@@ -21,7 +21,7 @@ from ibdata.experiment.custom_code import (
 )
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import receipt
-from ibdata.generation.warm_up import warm_up
+from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.simulation import self_check
 from ibdata.system.atomic_files import create_or_compare, plain_bytes, write
 from ibdata.system.object_store import is_url
@@ -33,7 +33,7 @@ Parts = dict[str, str | None]  # hashes and versions that are compared, by the n
 
 
 class Origin(JsonObject):
-    """The origin of a run: the hash of its machine's self-check, and the code of its custom policies."""
+    """The origin of a run: the answer of its machine's self-check, and the code of its custom policies."""
 
     known_answer: Sha256
     code: list[Code]
@@ -41,7 +41,7 @@ class Origin(JsonObject):
     @property
     def reproducible(self) -> bool:
         """Whether the machine computes the same bits as all others."""
-        return self.known_answer == self_check.SHA256
+        return self_check.is_right(self.known_answer)
 
     def note(self) -> bytes:
         """The bytes of the file that notes it."""
@@ -56,11 +56,12 @@ def observe(spec: DatasetSpec, where: Path | str) -> Origin:
     code = provenance(spec)
     for experiment in spec.experiments:
         warm_up(experiment)
-    return _imported(spec, code, where)
+    found = _imported(spec, code, where)
+    return Origin(known_answer=known_answer(), code=found)  # importing may change what the processor does
 
 
-def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> Origin:
-    """Import all policies; return the origin. Raises UsageError if their code changed meanwhile.
+def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Code]:
+    """Import all policies; return their code. Raises UsageError if it changed meanwhile.
 
     What was found only by importing is part of it.
     """
@@ -69,7 +70,7 @@ def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> Origin:
     found = provenance(spec)
     bring_back_others()
     _refuse_parts(_parts(code), _parts(found), _parts(code), where)
-    return Origin(known_answer=self_check.digest(), code=found)
+    return found
 
 
 def begin(root: Path, origin: Origin, where: Path | str) -> None:
@@ -122,7 +123,8 @@ def agree(root: Path, spec: DatasetSpec) -> None:
         return
     origin = get(root, root)
     forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
-    _refuse_other(origin, _imported(spec, origin.code, root), root)
+    code = _imported(spec, origin.code, root)
+    _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
     _agreed[:] = [note]
 
 
@@ -130,8 +132,8 @@ def _refuse_other(began: Origin, here: Origin, where: Path | str) -> None:
     refuse_other_code(began.code, here.code, where)
     if began.known_answer != here.known_answer:
         raise UsageError(
-            f"{where}: this machine computes other bits than the one on which the run began; "
-            f"--resume on a machine like that one, {_again(where)}"
+            f"{where}: this machine computes other bits than the one on which the run began, or a library "
+            f"has told its processor to; --resume on a machine like that one, {_again(where)}"
         )
 
 

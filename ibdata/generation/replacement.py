@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from ibdata.dataset import manifest
@@ -253,10 +254,21 @@ def _swap(new: Path, folder: Path, part: str) -> None:
 
 
 def _give_back(new: Path, folder: Path) -> None:
-    """Move files that a user has put into an old folder to the new one."""
+    """Move files that a user has put into an old folder to the new one.
+
+    A file that readers of the new data would take goes beside them; a line on stderr says where it is.
+    """
     for part in PARTS:
         for old in (new / part, new / f"old-{part}"):
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
+                if is_ours(path) or is_busy(path):
+                    continue
                 read = part == "data" and is_stranger(path)
-                if not (is_ours(path) or is_busy(path) or read or os.path.lexists(folder / part / path.name)):
+                if not read and not os.path.lexists(folder / part / path.name):
                     path.rename(folder / part / path.name)
+                    continue
+                names = (f"moved-{path.name}" if i == 1 else f"moved-{i}-{path.name}" for i in count(1))
+                name = next(name for name in names if not os.path.lexists(folder / name))
+                path.rename(folder / name)
+                told = f"{folder / part / path.name}: is not of the dataset; it is now {folder / name}"
+                print(printable(f"ibdata: {told}"), file=sys.stderr, flush=True)

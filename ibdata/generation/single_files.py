@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from itertools import count
 from pathlib import Path
@@ -41,16 +42,21 @@ def place_single_files(new: Path, folder: Path) -> None:
 def _keep_edited(folder: Path, name: str, sha256: str | None, made: bytes = b"") -> None:
     """Keep a card or report under another name unless it is the old one, which has this SHA-256.
 
-    A card that is only damaged, when compared with the one that was `made`, is not kept. A line on stderr
-    says where an edited one is.
+    A card that is only damaged, when compared with the one that was `made`, is not kept; one that cannot be
+    read is. A line on stderr says where an edited one is.
     """
     path = folder / name
-    if path.is_symlink() or file_sha256(path) in (None, sha256):
+    found_sha256 = file_sha256(path)
+    if path.is_symlink() or not path.is_file() or found_sha256 == sha256:
         return
-    found = path.read_bytes()
-    if name != manifest.CARD or has_other_text(found, made):
+    found = None if found_sha256 is None else path.read_bytes()
+    if found is None or name != manifest.CARD or has_other_text(found, made):
         stem, end = path.stem, path.suffix
         names = (f"{stem}-edited{end}" if i == 1 else f"{stem}-edited-{i}{end}" for i in count(1))
-        name = next(name for name in names if create_or_compare(folder, name, found))
+        if found is None:
+            name = next(name for name in names if not os.path.lexists(folder / name))
+            path.rename(folder / name)
+        else:
+            name = next(name for name in names if create_or_compare(folder, name, found))
         told = f"ibdata: {path}: found a text that ibdata did not write; it is now in {name}"
         print(printable(told), file=sys.stderr, flush=True)

@@ -15,8 +15,9 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.warm_up import warm_up
+from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.maintenance.evidence import file_with, refuse_unproven
+from ibdata.simulation import self_check
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
@@ -79,6 +80,7 @@ def _mend(folder: Path, listed: Manifest, workers: int | None, allow_code: bool)
     problems = list(check_files(folder, listed))
     damaged = [problem.path for problem in problems if problem.path in entries]
     if not damaged:
+        refuse_other_plan(spec_in(folder, listed), listed)
         return []
     replacement.refuse_folders(folder, damaged)
     for problem in problems:  # before any file is written
@@ -121,6 +123,7 @@ def _make_again(
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
             warm_up(experiment)
+        known_answer("episodes made again may differ")
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         written = []
@@ -175,7 +178,8 @@ def _rebuild(folder: Path, workers: int | None, allow_code: bool) -> list[str]:
 
 def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
     """Make again the manifest of a dataset of this spec, and the shards that cannot be read."""
-    reproducible = all([warm_up(experiment) for experiment in spec.experiments])
+    for experiment in spec.experiments:
+        warm_up(experiment)
     whole: list[WrittenShard] = []
     wrong: list[Shard] = []
     digests: list[tuple[Shard, list[bytes]]] = []
@@ -193,7 +197,8 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
     refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
-        finish(spec, [*whole, *made.values()], staged, reproducible, provenance(spec))
+        right = self_check.is_right(known_answer())
+        finish(spec, [*whole, *made.values()], staged, right, provenance(spec))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         for path in damaged:
             path.unlink()  # it was made again under another name
@@ -203,6 +208,11 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
 def _spec_from_experiments(folder: Path) -> DatasetSpec:
     """The spec of a dataset without a manifest, from meta/experiment*.yaml. Splits made later are lost."""
     several = sorted((folder / "meta").glob("experiment-*.yaml"))
+    if not several and not os.path.lexists(folder / manifest.EXPERIMENT):
+        raise DatasetError(
+            f"{folder}: {manifest.PATH} and {manifest.EXPERIMENT} are lost, so nothing tells what to make "
+            "again; restore one of the two"
+        )
     experiments = tuple(load(path) for path in several or [folder / manifest.EXPERIMENT])
     return DatasetSpec(experiments[0].name, experiments)
 

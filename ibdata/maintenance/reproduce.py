@@ -12,13 +12,14 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.custom_code import consented_spec, in_one_folder
+from ibdata.experiment.custom_code import consented_spec, in_one_folder, provenance
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.warm_up import warm_up
+from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.system.object_store import refuse_url
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
 from ibdata.validation.rules import Problem
+from ibdata.validation.validate import wrong_files
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.finish import root_of
 from ibdata.writing.summary import simulated
@@ -29,7 +30,8 @@ def reproduce(
 ) -> tuple[int, list[Problem]]:
     """Make episodes again in memory and compare them with the digests that the dataset lists.
 
-    The content root must also be that of the experiment's cells and the listed digests.
+    The files that hold these episodes must have the SHA-256 that the manifest lists, and the content root
+    must be that of the experiment's cells and the listed digests.
 
     Args:
         folder: The folder of the dataset; nothing is written to it.
@@ -38,7 +40,8 @@ def reproduce(
             the same environment.
 
     Returns:
-        How many episodes were made again, and a problem for each that differs.
+        How many episodes were made again, and a problem for each that differs, and for each file that is
+        missing or changed.
 
     Raises:
         DatasetError: There is no finished dataset, or it is of an older data version.
@@ -53,10 +56,13 @@ def reproduce(
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
     count, problems = 0, list(_root(spec, listed, digests))
-    asked = _parts(spec, None if episodes is None else str(episodes), len(digests))
+    asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
+    problems += wrong_files(path, listed, {listed.shards[part.number].path for part in asked})
     with in_one_folder(spec):
         for experiment in spec.experiments:
             warm_up(experiment)
+        provenance(spec)  # refuses bytecode of other code, which would run
+        known_answer("episodes made again may differ")
         for part, floats in (made for run in asked for made in simulated(spec, run)):
             experiment = spec.of_shard(part)
             lengths = [experiment.steps] * (part.stop - part.first)

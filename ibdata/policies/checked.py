@@ -92,11 +92,11 @@ class CheckedPolicy(NamedTuple):
         """Return the result of calling `ask`."""
         try:
             return ask()
-        except IbdataError:  # raised by a signal handler, for example
+        except (IbdataError, KeyboardInterrupt):  # raised by a signal handler, for example
             raise
         except AnswerError as error:
             raise PolicyError(f"{self._place(given, 0)}: {error}") from error
-        except (Exception, SystemExit) as error:  # a policy must not end the run
+        except BaseException as error:  # a policy must not end the run
             raise PolicyError(f"{self._place(given, 0)}: {told(error)}") from error
 
     def _numbers(

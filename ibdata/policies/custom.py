@@ -155,9 +155,9 @@ class Custom(Adapter):
                 found = getattr(self._imported(module), name)
                 made = isinstance(found, type) or not (has_method(found) or is_torch_module(found))
                 own = found(**self.params) if made and callable(found) else found
-        except UsageError:
+        except (UsageError, KeyboardInterrupt):
             raise
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             line = f"{self.target}: cannot be loaded: {told(error)}"
             if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
                 folders = " or ".join(map(str, code_places()))

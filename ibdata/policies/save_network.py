@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.policies.safetensors import written
-from ibdata.policies.weights_file import COLUMNS, LAYOUT, kept
+from ibdata.policies.weights_file import COLUMNS, LAYOUT, denormal, kept
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import refusals
 
@@ -163,7 +163,9 @@ def _modules(module: Any) -> list[Any]:
 
 
 def _numbers(parameter: Any) -> npt.NDArray[np.float32]:
-    return np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)
+    """The numbers of a parameter; 0 in place of denormal ones, which some machines take for 0."""
+    numbers = np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)
+    return np.where(denormal(numbers), np.float32(0.0), numbers)
 
 
 def _tensors(actor: _Actor) -> tuple[dict[str, npt.NDArray[np.float32]], str]:

@@ -122,9 +122,9 @@ def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) 
     """What a call of the object returns; AnswerError if it raises an exception."""
     try:
         return call(*arrays, **options)
-    except IbdataError:  # raised by a signal handler, for example
+    except (IbdataError, KeyboardInterrupt):  # raised by a signal handler, for example
         raise
-    except (Exception, SystemExit) as error:  # user code must not end the run
+    except BaseException as error:  # user code must not end the run
         raise AnswerError(f"{told(error)}; it was given {given}") from error
 
 

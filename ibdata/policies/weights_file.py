@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import ConfigDict, Field, FiniteFloat, Json
 
 from ibdata.dataset.models import JsonObject, parse
 from ibdata.errors import printable
 from ibdata.policies import safetensors
+from ibdata.policies.base import NormalSingle
 from ibdata.policies.forward import Float32s, packed
 from ibdata.system.atomic_files import plain_bytes
 
@@ -39,14 +41,14 @@ class Metadata(JsonObject):
 
     layout: Literal["ibdata-network-1"]
     frames: Annotated[int, Field(ge=1, le=1000)]
-    mean: Json[list[Annotated[FiniteFloat, Field(ge=-HUGE, le=HUGE)]]]
+    mean: Json[list[Annotated[FiniteFloat, Field(ge=-HUGE, le=HUGE), NormalSingle]]]
     std: Json[list[Positive]]
     clip: Positive = HUGE
     activation: Literal["relu", "tanh"] = "relu"
     squash: Literal["tanh", "clip"]
     log_std: Literal["clamp", "tanh"] = "clamp"
-    log_std_low: Annotated[float, Field(ge=-20.0, le=20.0)] = -20.0
-    log_std_high: Annotated[float, Field(ge=-20.0, le=20.0)] = 2.0
+    log_std_low: Annotated[float, Field(ge=-20.0, le=20.0), NormalSingle] = -20.0
+    log_std_high: Annotated[float, Field(ge=-20.0, le=20.0), NormalSingle] = 2.0
     provenance: Annotated[str, Field(max_length=10_000)] = ""
     format: str = ""  # written by some libraries
 
@@ -172,6 +174,12 @@ def _layers(tensors: Mapping[str, Float32s], inputs: int) -> list[Layer]:
     return [*layers, (np.concatenate(weights), np.concatenate(biases))]
 
 
+def denormal(numbers: Float32s) -> npt.NDArray[np.bool_]:
+    """Whether each number is denormal. Its bits are compared, as the processor may take it for 0."""
+    size = np.ascontiguousarray(numbers).view(np.uint32) & 0x7FFFFFFF
+    return (size > 0) & (size < 0x00800000)
+
+
 def _layer(left: dict[str, Float32s], name: str, outputs: int | None, inputs: int) -> Layer:
     """Take a layer's weights (outputs, inputs) and biases (outputs,) out of `left`."""
     found = []
@@ -182,5 +190,10 @@ def _layer(left: dict[str, Float32s], name: str, outputs: int | None, inputs: in
         outputs = outputs or (tensor.shape or (0,))[0] or 1
         if tensor.shape != (outputs, *rest):
             raise ValueError(f"{name}.{part}: found the shape {tensor.shape}, expected {(outputs, *rest)}")
+        if denormal(tensor).any():
+            raise ValueError(
+                f"{name}.{part}: found a number closer to 0 than {TINY!r}, which some machines take for 0; "
+                "expected 0 in its place"
+            )
         found.append(tensor)
     return found[0], found[1]

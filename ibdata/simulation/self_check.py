@@ -53,6 +53,20 @@ def keeps_denormals(least: float = sys.float_info.min) -> bool:
     return least / 2.0 * 2.0 == least
 
 
+def answer() -> str:
+    """The SHA-256 of all that this process computes of the known runs, and of what it does with denormals."""
+    return _hashed(digest(), digest(OTHERS), keeps_denormals())
+
+
+def is_right(found: str) -> bool:
+    """Whether this is the `answer` of a machine that computes the same bits as all others."""
+    return found == _hashed(SHA256, OTHERS_SHA256, True)
+
+
 def matches() -> bool:
-    """Whether this machine computes the known runs bit for bit."""
-    return keeps_denormals() and digest() == SHA256 and digest(OTHERS) == OTHERS_SHA256
+    """Whether this process computes the known runs bit for bit, and keeps denormal numbers."""
+    return is_right(answer())
+
+
+def _hashed(first: str, others: str, denormals: bool) -> str:
+    return hashlib.sha256(f"{first} {others} {denormals}".encode()).hexdigest()

@@ -58,10 +58,10 @@ def stoppable() -> Iterator[None]:
         if not _held:
             raise Interrupted(number)
 
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # as under nohup, or in a shell's background job
-            signal.signal(number, stop)
     try:
+        for number, handler in before.items():
+            if handler is not signal.SIG_IGN:  # as under nohup, or in a shell's background job
+                signal.signal(number, stop)
         yield
     except Exception as error:
         if _arrived and not isinstance(error, Interrupted):  # some code turns every exception into its own

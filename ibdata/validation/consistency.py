@@ -14,13 +14,13 @@ from pydantic import ValidationError
 
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
-from ibdata.dataset.episodes import read_episodes
+from ibdata.dataset.episodes import SCHEMA, read_episodes
 from ibdata.dataset.models import Info, Manifest, Statistic, Stats
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.validation.rows import foreign_metadata
+from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card, machine_readable
@@ -41,6 +41,10 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
     Returns:
         The first problem of each kind.
     """
+    if spec.least_shards > len(listed.shards):  # a list of so many could fill the memory
+        message = f"shards: found {len(listed.shards)}, expected at least {spec.least_shards}"
+        yield Problem(manifest.PATH, None, "experiments", message)
+        return
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     files = sorted(file.path for file in listed.files if file.path != manifest.REPORT)
     planned = sorted([*(entry.path for entry in listed.shards), *metadata_files(spec, [], "")])
@@ -183,6 +187,10 @@ def _episodes(
     found = read_episodes(folder, listed)
     if more := foreign_metadata(found.schema):
         yield Problem(EPISODES, None, "schema", more)
+    else:
+        data = manifest.listed_content(folder, listed, EPISODES)
+        if wrong := wrong_footer(folder / EPISODES, SCHEMA, SCHEMA.names, data):
+            yield Problem(EPISODES, None, "footer", wrong)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)

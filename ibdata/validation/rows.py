@@ -18,9 +18,10 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
+from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
-from ibdata.writing.arrow import STATISTICS
+from ibdata.writing.arrow import STATISTICS, arrow_schema
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
@@ -50,6 +51,7 @@ def check_shard(
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     version = spec.data_version if data_version is None else data_version
+    problems: list[Problem] = []
     try:
         schema, rows = parquet.described(path)
         expected = (shard.stop - shard.first) * experiment.steps
@@ -58,8 +60,8 @@ def check_shard(
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
-        if wrong := parquet.wrong_statistics(path, STATISTICS):
-            return None, [Problem(listed, None, "footer", wrong)]
+        if wrong := wrong_footer(path, arrow_schema(columns(experiment)), STATISTICS):
+            problems.append(Problem(listed, None, "footer", wrong))
         batches = parquet.batches(path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
@@ -72,7 +74,7 @@ def check_shard(
                 before.result()
     except DatasetError as error:
         return None, [Problem.of(error, listed, path, "parquet")]
-    problems = found.problems()
+    problems += found.problems()
     return (None if problems else account.content()), problems
 
 
@@ -150,13 +152,6 @@ def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
     return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else foreign_metadata(found)
-
-
-def foreign_metadata(found: pa.Schema) -> str | None:
-    """Describe metadata of a schema; ibdata writes none, because pandas would name columns by it."""
-    own = [("the file", found.metadata), *((f"column {field.name}", field.metadata) for field in found)]
-    where, keys = next(((where, keys) for where, keys in own if keys), ("", None))
-    return f"found metadata {sorted(keys)[0]!r} of {where}, expected no metadata" if keys else None
 
 
 def _plain_type(kind: pa.DataType) -> str:

@@ -108,15 +108,25 @@ def _problems(folder: Path, listed: Manifest, quick: bool, progress: bool | None
 
 
 @contextmanager
-def _hashing(folder: Path, listed: Manifest) -> Iterator[Hashes]:
+def _hashing(folder: Path, listed: Manifest, only: Container[str] | None = None) -> Iterator[Hashes]:
     """The SHA-256 of the listed files, made in threads; hashing releases the interpreter's lock."""
     late = LATE if _replacement_begun(folder) else ()
-    paths = [entry.path for entry in listed.files if entry.path not in late]
+    own = [path for path in listed.entries() if only is None or path in only]
+    paths = [path for path in own if path not in late]
     with ThreadPoolExecutor(THREADS) as threads:
         try:
             yield {path: threads.submit(file_sha256, manifest.locate(folder, path)) for path in paths}
         finally:
             threads.shutdown(cancel_futures=True)
+
+
+def wrong_files(folder: Path, listed: Manifest, paths: Container[str]) -> list[Problem]:
+    """Those of these listed files that are missing or changed. Raises ReplacedError as `listed_content`."""
+    with _hashing(folder, listed, paths) as hashes:
+        problems = list(_changed(folder, listed, hashes))
+    if problems:
+        manifest.refuse_replaced(folder, listed)
+    return problems
 
 
 def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
@@ -125,9 +135,7 @@ def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
         yield from _wrong_files(folder, listed, hashes)
 
 
-def _wrong_files(
-    folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen
-) -> Iterator[Problem]:
+def _changed(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen) -> Iterator[Problem]:
     known = listed.entries()
     for path, future in hashes.items():
         found, expected = future.result(), known[path].sha256
@@ -138,9 +146,15 @@ def _wrong_files(
         elif found != expected:
             message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"
             yield Problem(path, None, "hash", message)
+
+
+def _wrong_files(
+    folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen
+) -> Iterator[Problem]:
+    yield from _changed(folder, listed, hashes, advance)
     if _replacement_begun(folder):
         return  # unlisted files in data/ may belong to the new dataset
-    for file in strangers(folder, known):
+    for file in strangers(folder, listed.entries()):
         what = "folder" if file.is_dir() else "file"
         message = f"found a {what} that the manifest does not list; move it away"
         yield Problem(str(file.relative_to(folder)), None, "file", message)

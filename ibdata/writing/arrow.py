@@ -46,6 +46,7 @@ def writer_options(described: list[Column]) -> Mapping[str, Any]:
         "column_encoding": {c.name: "DELTA_BINARY_PACKED" for c in described if c.dtype.startswith("int")},
         "write_statistics": [c.name for c in described if c.name in STATISTICS],
         "write_page_checksum": True,
+        "write_page_index": False,
     }
 
 

@@ -14,6 +14,7 @@ from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.rollout import Columns, parts, rollout
+from ibdata.simulation.self_check import keeps_denormals
 from ibdata.simulation.variables import Table, layout
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.statistics import SAMPLE_ROWS, Floats, Moments, merged, moments, sample_stride, sums
@@ -48,10 +49,19 @@ def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Column
 
 
 def simulated(spec: DatasetSpec, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
-    """Simulate a shard part by part."""
-    experiment = spec.of_shard(shard)
+    """Simulate a shard part by part.
+
+    Raises IbdataError if code of a policy switches denormal numbers off or on, on which bits may depend.
+    """
+    experiment, kept = spec.of_shard(shard), keeps_denormals()
     for first, stop in parts(experiment, shard.first, shard.stop):
-        yield shard._replace(first=first, stop=stop), rollout(experiment, first, stop)
+        floats = rollout(experiment, first, stop)
+        if keeps_denormals() != kept:
+            raise IbdataError(
+                f"{shard.stem}: a policy switched denormal numbers {'off' if kept else 'on'} in the middle "
+                "of a run; do it where the policy's module is imported"
+            )
+        yield shard._replace(first=first, stop=stop), floats
 
 
 class ShardSummarizer:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from helpers.datasets import AS_WRITTEN
 
 import ibdata
 from ibdata import Experiment
@@ -124,17 +125,25 @@ def _column(change: Callable[[pa.ChunkedArray], pa.ChunkedArray]) -> Callable[[s
     def word(rest: str) -> None:
         path, name = rest.split()
         table = pq.read_table(path)
-        number = table.column_names.index(name)
-        pq.write_table(table.set_column(number, name, change(table[name])), path)
+        changed = change(table[name])
+        field = pa.field(name, changed.type, nullable=changed.null_count > 0)
+        _write_table(table.set_column(table.column_names.index(name), field, changed), path)
 
     return word
 
 
 def _table(change: Callable[[pa.Table], pa.Table]) -> Callable[[str], None]:
     def word(path: str) -> None:
-        pq.write_table(change(pq.read_table(path)), path)
+        _write_table(change(pq.read_table(path)), path)
 
     return word
+
+
+def _write_table(table: pa.Table, path: str) -> None:
+    options = {
+        key: [name for name in names if name in table.column_names] for key, names in AS_WRITTEN.items()
+    }
+    pq.write_table(table, path, **options)
 
 
 def _special(make: Callable[[Path], None]) -> Callable[[str], None]:

@@ -232,7 +232,7 @@ def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Random, "history_length", 1)
-    monkeypatch.setattr("ibdata.simulation.self_check.matches", lambda: True)  # it plays this policy too
+    monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
 
     def generate(answer, resume=False):
         calls = itertools.count()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, find, load, shipped, suites
+from ibdata.experiment import Experiment, find, load, refuse_unreadable, shipped, suites
 from ibdata.policies import POLICIES, Wrapper
 from ibdata.policies.choice import Choice
 
@@ -231,3 +231,13 @@ def test_a_path_that_cannot_be_read_is_a_usage_error(config, tmp_path, monkeypat
     with pytest.raises(UsageError) as caught:
         load(config)
     assert not isinstance(caught.value, ConfigError)
+
+
+def test_an_experiment_whose_record_could_not_be_read_is_refused():
+    block = "safe"
+    for _ in range(18):
+        block = {"kind": "sticky", "base": block, "kappa": 0.5}
+    experiment = load({"name": "deep", "setpoints": 70, "policies": [block]})
+    with pytest.raises(ConfigError, match=r"^deep: with all defaults written out, found more than 20 levels"):
+        refuse_unreadable(experiment)
+    refuse_unreadable(load("random"))

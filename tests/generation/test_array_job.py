@@ -22,6 +22,7 @@ from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import origin, receipt
 from ibdata.generation.ranges import Range
+from ibdata.simulation import self_check
 from ibdata.system import lock
 
 pytestmark = pytest.mark.slow
@@ -140,15 +141,27 @@ def test_where_no_run_was_begun_there_is_nothing_to_finish(found):
         ibdata.finalize("out")
 
 
+OTHER_BITS = {
+    "of the known run": ("digest", lambda run=self_check.EXPERIMENT: "0" * 64),
+    "of the other known run": (
+        "digest",
+        lambda run=self_check.EXPERIMENT: self_check.SHA256 if run is self_check.EXPERIMENT else "0" * 64,
+    ),
+    "denormals": ("keeps_denormals", lambda: False),
+}
+
+
+@pytest.mark.parametrize("change", OTHER_BITS.values(), ids=OTHER_BITS)
 def test_a_machine_with_other_bits_than_the_first_is_refused_and_those_of_the_first_are_said(
-    tiny, monkeypatch
+    tiny, monkeypatch, capsys, change
 ):
     with monkeypatch.context() as other:
-        other.setattr("ibdata.simulation.self_check.digest", lambda: "0" * 64)
+        other.setattr(self_check, *change)
         make(tiny, "1/2")
+    assert capsys.readouterr().err.count("the manifest says reproducible: false") == 1
     with pytest.raises(UsageError, match=r"^out: this machine computes other bits than the one on"):
         make(tiny, "2/2")
-    monkeypatch.setattr("ibdata.simulation.self_check.digest", lambda: "0" * 64)
+    monkeypatch.setattr(self_check, *change)
     make(tiny, "2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
 

@@ -122,6 +122,15 @@ def test_other_exceptions_pass_and_leave_what_can_be_resumed(monkeypatch, tmp_pa
     assert assert_resumable_or_nothing({}, tiny, _Folder(monkeypatch, tmp_path))
 
 
+def test_a_policy_that_switches_denormal_numbers_off_during_a_run_ends_it(monkeypatch, tiny):
+    answers = iter([True, True, True, False])  # before and after each shard
+    monkeypatch.setattr("ibdata.writing.summary.keeps_denormals", lambda: next(answers))
+    found = r"^data/part-00001: a policy switched denormal numbers off in the middle"
+    with pytest.raises(IbdataError, match=found):
+        ibdata.generate(tiny, "a/b", workers=1)
+    monkeypatch.undo()
+
+
 def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatch, tiny, shard_file):
     """After the first run, which warms up, the second shard's policy fails at step 3."""
     calls = iter(range(1000))
@@ -133,7 +142,7 @@ def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatc
 
     monkeypatch.setattr("ibdata.policies.random.Random.history_length", 1)
     monkeypatch.setattr("ibdata.policies.random.Random.act", act)
-    monkeypatch.setattr("ibdata.simulation.self_check.matches", lambda: True)  # it plays this policy too
+    monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):
         ibdata.generate(tiny, "a/b", workers=1)
     assert [Path(path).name for path in contents(".") if "part-" in path] == [

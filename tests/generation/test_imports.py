@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import py_compile
 import sys
 import textwrap
@@ -134,3 +135,39 @@ def test_names_that_are_written_out_in_a_call_are_imports(here):
     sys.path.insert(0, str(Path().absolute()))
     sources, _ = imported("pol_imports")
     assert sources.keys() == {"pol_imports.py", "helper_f.py", "helper_h.py"}
+
+
+@pytest.mark.slow
+def test_bytecode_of_other_code_is_found_wherever_python_finds_the_module(here, monkeypatch):
+    """The time and the size of the helper stay, so Python takes its bytecode for right."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    helper = Path(for_the_import_only())
+    for size in (0.25, 0.75):
+        helper.write_text(f"SIZE = {size}\n")
+        os.utime(helper, (10**9, 10**9))
+        if size == 0.25:
+            ibdata.generate(OWN, "one", workers=1, allow_code=True)
+    with pytest.raises(
+        UsageError, match=r"lib/helper_a\.py: its bytecode was that of other code, .* run again"
+    ):
+        ibdata.generate(OWN, "two", workers=1, allow_code=True)
+    assert not Path("two").exists()
+    made = ibdata.generate(OWN, "two", workers=1, allow_code=True)
+    assert set(made.to_pandas()["act_velocity"]) == {0.75}
+
+
+@pytest.mark.slow
+def test_two_modules_of_one_name_are_refused_by_their_names(here):
+    policies = []
+    for folder, size in (("a_own", 0.25), ("b_own", 0.75)):
+        Path(folder).mkdir()
+        policy("from helper_two import SIZE\n")
+        Path("pol_imports.py").rename(Path(folder, f"pol_{folder}.py"))
+        Path(folder, "helper_two.py").write_text(f"SIZE = {size}\n")
+        policies.append({"kind": "custom", "target": f"{folder}/pol_{folder}.py:P", "name": folder})
+    experiment = Experiment.model_validate({**OWN.plain(), "policies": policies})
+    line = (
+        r"helper_two\.py: found another module with the name helper_two in use, .*helper_two\.py; rename one"
+    )
+    with pytest.raises(UsageError, match=line):
+        ibdata.generate(experiment, "two", workers=1, allow_code=True)

@@ -13,7 +13,7 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import UsageError
-from ibdata.generation import replacement
+from ibdata.generation import replacement, single_files
 from ibdata.maintenance.card import card
 from ibdata.writing.card import has_other_text
 from ibdata.writing.metadata import as_json
@@ -144,3 +144,37 @@ def test_a_link_in_the_place_of_the_card_is_replaced_and_leads_to_what_it_led_to
 )
 def test_what_is_cut_or_has_a_flipped_bit_is_no_text_of_somebody(found, own):
     assert has_other_text(found, b"a card: part-00000-0a1b2c3d.parquet") is own
+
+
+def test_a_card_that_cannot_be_read_is_kept_under_another_name(here, capsys, monkeypatch):
+    text = edit(here / manifest.CARD)
+    real = single_files.file_sha256
+
+    def unreadable(path):
+        return None if path == here / manifest.CARD else real(path)
+
+    with monkeypatch.context() as denied:
+        for module in ("generation.single_files", "validation.validate"):
+            denied.setattr(f"ibdata.{module}.file_sha256", unreadable)
+        assert ibdata.repair(here, workers=1) == [manifest.CARD]
+    assert (here / "README-edited.md").read_bytes() == text
+    assert "it is now in README-edited.md" in capsys.readouterr().err
+    assert ibdata.validate(here) == []
+
+
+def test_what_somebody_puts_into_data_during_a_replacement_is_moved_beside_it(here, capsys, monkeypatch):
+    commit = replacement.commit
+
+    def late(folder):
+        for name in ("mine.csv", ".hidden"):
+            (here / "data" / name).write_text(name)
+        commit(folder)
+
+    monkeypatch.setattr(replacement, "commit", late)
+    for found in ("moved-mine.csv", "moved-2-mine.csv"):
+        made = ibdata.generate(PLAIN, "here", overrides=["steps=6"], workers=1, overwrite=True)
+        assert made.info["counts"]["steps"] == 6
+        assert (here / found).read_text() == "mine.csv"
+        assert f"is not of the dataset; it is now here/{found}" in capsys.readouterr().err
+        assert (here / "data" / ".hidden").read_text() == ".hidden"
+        assert ibdata.validate(here) == []

@@ -14,7 +14,10 @@ import pytest
 
 import ibdata
 from ibdata import Dataset, Experiment
+from ibdata.writing.arrow import STATISTICS
 
+# Options of `pyarrow.parquet.write_table` with which a footer is as in a file of ibdata's.
+AS_WRITTEN: dict[str, Any] = {"write_statistics": list(STATISTICS), "use_dictionary": ["policy"]}
 Digests = Callable[[pa.Table], dict[int, bytes]]
 Root = Callable[[Dataset, pa.Table], str]
 

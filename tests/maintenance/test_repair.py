@@ -341,3 +341,31 @@ def test_a_shard_whose_footer_is_damaged_is_made_again_where_the_manifest_is_los
     (copied / manifest.PATH).unlink()
     with pytest.raises(DatasetError, match="has other content; nothing was changed"):
         ibdata.repair(copied)
+
+
+def test_a_dataset_without_manifest_and_experiment_is_lost(copied):
+    for path in (manifest.PATH, manifest.EXPERIMENT):
+        (copied / path).unlink()
+    with pytest.raises(DatasetError, match=r"manifest\.json and meta/experiment\.yaml are lost, so nothing"):
+        repair(copied, workers=1)
+
+
+def test_a_forged_plan_is_named_although_every_file_is_as_listed(copied):
+    listed = json.loads((copied / manifest.PATH).read_bytes())
+    listed["experiments"][0]["steps"] += 1
+    listed["checksum"] = manifest.checksum(listed)
+    (copied / manifest.PATH).write_bytes(as_json(listed))
+    with pytest.raises(DatasetError, match=r"experiments: .* see ibdata validate"):
+        repair(copied, workers=1)
+
+
+@pytest.mark.parametrize("damage", ["write", "remove"])
+def test_reproduce_names_the_file_of_its_episodes_that_is_changed_or_missing(copied, shard_file, damage):
+    path = shard_file(copied, 1)
+    (copied / path).write_bytes(b"garbage") if damage == "write" else (copied / path).unlink()
+    count, problems = reproduce(copied)
+    assert count == 12
+    assert [problem.path for problem in problems] == [path]
+    first = manifest.read(copied).shards[1].episodes[0]
+    assert reproduce(copied, f"{first - 1}-{first - 1}") == (1, [])
+    assert len(reproduce(copied, f"{first}-{first}")[1]) == 1

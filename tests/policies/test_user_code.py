@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from ibdata.policies.user_code import told
+from ibdata.policies.ways import AnswerError, _called
 
 CODE = """
 import json
@@ -88,3 +89,15 @@ def test_code_that_is_no_python_is_named_by_its_line(tmp_path, monkeypatch):
 
 def test_an_error_of_ibdata_itself_has_no_place():
     assert told(ValueError("boom")) == "ValueError: boom"
+
+
+@pytest.mark.parametrize("error", [BaseException("x"), GeneratorExit()])
+def test_what_is_no_exception_of_python_is_told_too_but_a_key_that_stops_passes(error):
+    def fails(seen):
+        raise error
+
+    with pytest.raises(AnswerError, match=f"{type(error).__name__}.*; it was given"):
+        _called("nothing", fails, None)
+    error = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        _called("nothing", fails, None)

@@ -9,6 +9,7 @@ import pytest
 from helpers import networks
 
 from ibdata.policies.safetensors import read, written
+from ibdata.policies.save_network import save_network
 from ibdata.policies.weights_file import Weights
 
 GOOD = networks.weights()
@@ -63,6 +64,14 @@ WRONG_BYTES = {
     "no text in metadata": (changed(lambda p: {**p, "__metadata__": {"a": 1}}), "header that is not valid"),
     "NaN": (replaced("mean.bias", [0, np.nan, 0]), "mean.bias: found NaN or infinity"),
     "infinity": (replaced("layers.1.bias", [np.inf] * 5), "layers.1.bias: found NaN or infinity"),
+    "denormal": (
+        replaced("mean.weight", np.full((3, 5), -1e-42)),
+        "mean.weight: found a number closer to 0 than",
+    ),
+    "a denormal bias": (
+        replaced("log_std.bias", [0, 1e-38, 0]),
+        "log_std.bias: found a number closer to 0 than",
+    ),
     "no mean": (without("mean.weight", "mean.bias"), "mean.weight: missing"),
     "no bias": (without("layers.1.bias"), "layers.1.bias: missing"),
     "no layer between": (without("layers.0.weight", "layers.0.bias"), "mean.weight: found the shape (3, 5)"),
@@ -115,6 +124,48 @@ def test_wrong_metadata_are_one_line(key):
         Weights(written(networks.tensors(), texts))
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("mean", "[0, 1e-42, 0, 0, 0, 0]"), ("log_std_low", "-1e-42"), ("log_std_high", "1e-42")],
+)
+def test_denormal_metadata_are_one_line(key, value):
+    with pytest.raises(
+        ValueError, match=rf"^metadata: {key}.*: found -?1e-42, which some machines take for 0"
+    ):
+        Weights(written(networks.tensors(), {**networks.metadata(), key: value}))
+
+
+class Linear:
+    """A module as torch has them, of which a network is saved."""
+
+    def __init__(self, weight):
+        self.weight, self.bias = (Parameter(x) for x in (weight, np.zeros(len(weight), dtype=np.float32)))
+
+    def named_modules(self, remove_duplicate=True):
+        return [("", self)]
+
+    def children(self):
+        return []
+
+
+class Parameter:
+    def __init__(self, numbers):
+        self.numpy = lambda: numbers
+
+    def detach(self):
+        return self
+
+    cpu = detach
+
+
+def test_denormal_weights_of_a_trained_network_are_saved_as_0(tmp_path):
+    weight = np.full((3, 6), -1e-42, dtype=np.float32)
+    weight[0, 0] = 1.5
+    save_network(tmp_path / "actor.safetensors", Linear(weight))
+    tensors, _ = read((tmp_path / "actor.safetensors").read_bytes())
+    assert tensors["mean.weight"].ravel().tolist() == [1.5, *[0.0] * 17]
 
 
 @pytest.mark.parametrize("end", range(0, len(GOOD), 97))

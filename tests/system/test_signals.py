@@ -80,3 +80,20 @@ def test_other_errors_stay_as_they_are():
 
     with pytest.raises(OSError, match="full"):
         work()
+
+
+def test_a_signal_that_arrives_while_handlers_are_installed_leaves_none_of_them(monkeypatch):
+    install, installed = signal.signal, []
+
+    def installing(number, handler):
+        before = install(number, handler)
+        installed.append(number)
+        if len(installed) == 1:
+            arrive(number)
+        return before
+
+    with monkeypatch.context() as late:
+        late.setattr(signal, "signal", installing)
+        with pytest.raises(Interrupted), stoppable():
+            pass
+    assert len(installed) == 1 + 2 * len(STOPPING)

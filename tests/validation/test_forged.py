@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.datasets import AS_WRITTEN
 
 import ibdata
 from ibdata.dataset import manifest
@@ -190,7 +192,7 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
             table[field.name] if field.name == "policy" else pa.array(columns[field.name], field.type)
             for field in table.schema
         ]
-        pq.write_table(pa.table(arrays, schema=table.schema), path)
+        pq.write_table(pa.table(arrays, schema=table.schema), path, **AS_WRITTEN)
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
         written.append(WrittenShard(shard, entry, stored_content(spec, shard, path)))
@@ -266,3 +268,99 @@ def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):
     forge(copied, lambda columns: None)
     assert validate(copied) == []
     assert reproduce(copied) == (12, [])
+
+
+def patched(data: bytes, old: bytes, new: bytes) -> bytes:
+    """A Parquet file with other bytes in its footer."""
+    start = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    assert old in data[start:]
+    return data[:start] + data[start:].replace(old, new)
+
+
+def with_other_schema(table: pa.Table, path: Path) -> None:
+    """A file whose Arrow schema, which not every reader takes, has another type in one column."""
+    other = table.schema.set(3, pa.field("obs_velocity", pa.int32(), nullable=False))
+    with pq.ParquetWriter(path, table.schema, **AS_WRITTEN) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"ARROW:schema": base64.b64encode(other.serialize())})
+
+
+FOOTERS: dict[str, tuple[Callable[[pa.Table, Path], object], str]] = {
+    "statistics of another column": (
+        lambda table, path: pq.write_table(table, path, **{**AS_WRITTEN, "write_statistics": ["reward"]}),
+        "reward: found statistics in row group 0",
+    ),
+    "an order": (
+        lambda table, path: pq.write_table(table, path, **AS_WRITTEN, sorting_columns=[pq.SortingColumn(11)]),
+        "found an order of rows in row group 0",
+    ),
+    "a page index": (
+        lambda table, path: pq.write_table(table, path, **AS_WRITTEN, write_page_index=True),
+        "episode: found a page index in row group 0",
+    ),
+    "nullable": (
+        lambda table, path: pq.write_table(
+            table.cast(table.schema.set(3, table.schema.field(3).with_nullable(True))), path, **AS_WRITTEN
+        ),
+        "obs_velocity: found a column in which values may be missing",
+    ),
+    "another Arrow schema": (with_other_schema, "found another Arrow schema in the footer"),
+}
+
+
+def footer_of_a_forger(folder: Path, path: Path) -> list[str]:
+    """What `validate` says of a file's footer after all hashes were made right again."""
+    info = json.loads((folder / "meta/info.json").read_bytes())
+    info["counts"]["data_bytes"] = sum(path.stat().st_size for path in (folder / "data").iterdir())
+    (folder / "meta/info.json").write_bytes(as_json(info))
+    seal(folder)
+    problems = validate(folder)
+    assert {(p.path, p.rule) for p in problems} <= {(str(path.relative_to(folder)), "footer")}
+    return [problem.message for problem in problems]
+
+
+@pytest.mark.parametrize(("write", "message"), FOOTERS.values(), ids=FOOTERS)
+def test_a_footer_by_which_readers_may_skip_rows_is_named(copied, write, message):
+    path = next((copied / "data").iterdir())
+    write(pq.read_table(path), path)
+    (found,) = footer_of_a_forger(copied, path)
+    assert found.startswith(message)
+
+
+@pytest.mark.parametrize("path", ["data", "meta/episodes.parquet"])
+@pytest.mark.parametrize("fields", ["those of today", "those of old readers"])
+def test_each_extreme_that_a_footer_lists_is_compared(copied, path, fields):
+    """Statistics hold each extreme twice: fields 1 and 2 for old readers, 5 and 6 for those of today."""
+    place = next((copied / "data").iterdir()) if path == "data" else copied / path
+    kept = pq.ParquetFile(place).metadata.row_group(0).column(0).statistics
+    low, high = (b"\x08" + x.to_bytes(8, "little") for x in (kept.min, kept.max))
+    other = b"\x08" + (kept.max + 1).to_bytes(8, "little")
+    numbers = [b"\x18", b"\x18"] if fields == "those of old readers" else [b"\x28", b"\x18"]
+    old, new = (numbers[0] + x + numbers[1] + low for x in (high, other))
+    place.write_bytes(patched(place.read_bytes(), old, new))
+    (found,) = footer_of_a_forger(copied, place)
+    assert found == "episode: the footer lists other extremes of row group 0 than its rows have"
+
+
+def test_row_groups_that_the_file_does_not_count_are_named(copied):
+    path = next((copied / "data").iterdir())
+    table = pq.read_table(path)
+    pq.write_table(pa.concat_tables([table, table]), path, row_group_size=len(table), **AS_WRITTEN)
+    counts = (2 * 2 * len(table), 2 * len(table))  # as Thrift writes them: doubled, in two bytes of 7 bits
+    rows = [bytes([0x16, n & 127 | 128, n >> 7, 0x19]) for n in counts]
+    path.write_bytes(patched(path.read_bytes(), *rows))
+    (found,) = footer_of_a_forger(copied, path)
+    assert found.startswith("found row groups with more or less rows")
+
+
+def test_a_plan_of_more_shards_than_are_listed_is_refused_before_a_list_of_them_is_made(copied, monkeypatch):
+    def forged(listed: Json) -> None:
+        listed["experiments"][0]["episodes"] = 10**6
+        listed["experiments"][0]["output"]["shard_rows"] = 1
+
+    seal(copied, forged)
+    monkeypatch.setattr("ibdata.experiment.dataset_spec.plan", lambda experiment: pytest.fail("planned"))
+    (found,) = validate(copied)
+    assert (found.rule, found.path) == ("experiments", manifest.PATH)
+    with pytest.raises(DatasetError, match=r"experiments: shards: found \d+, expected at least"):
+        reproduce(copied)

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.datasets import AS_WRITTEN
 
 import ibdata
 from ibdata.dataset import manifest
@@ -43,7 +44,8 @@ def change(copied, shard, sign) -> Callable[[str, int, object], None]:
         values[row] = value
         index = table.column_names.index(name)
         column = pa.array(values, table.schema.field(name).type)
-        pq.write_table(table.set_column(index, table.schema.field(name), column), copied / shard)
+        changed = table.set_column(index, table.schema.field(name), column)
+        pq.write_table(changed, copied / shard, **AS_WRITTEN)
         sign(copied, shard)
 
     return put
@@ -107,9 +109,9 @@ def test_a_missing_value_is_named(copied, shard, sign):
     values = [None if i == 4 else x for i, x in enumerate(table["obs_shift"].to_pylist())]
     index = table.column_names.index("obs_shift")
     changed = table.set_column(index, "obs_shift", pa.array(values, pa.float32()))
-    pq.write_table(changed, copied / shard)
+    pq.write_table(changed, copied / shard, **AS_WRITTEN)
     sign(copied, shard)
-    assert rules(copied) == {(shard, 4, "nulls"), RESIZED}
+    assert rules(copied) == {(shard, None, "footer"), (shard, 4, "nulls"), RESIZED}
 
 
 @pytest.mark.parametrize("change_schema", ["drop", "rename", "type", "order"])
