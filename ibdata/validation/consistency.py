@@ -189,7 +189,7 @@ def _episodes(
         yield Problem(EPISODES, None, "schema", more)
     else:
         data = manifest.listed_content(folder, listed, EPISODES)
-        if wrong := wrong_footer(folder / EPISODES, SCHEMA, SCHEMA.names, data):
+        if wrong := wrong_footer(folder / EPISODES, SCHEMA, data):
             yield Problem(EPISODES, None, "footer", wrong)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:

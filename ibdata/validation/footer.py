@@ -6,7 +6,7 @@ The numbers are those of the fields in github.com/apache/parquet-format, parquet
 from __future__ import annotations
 
 import base64
-from collections.abc import Container, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
@@ -27,9 +27,7 @@ NULLABLE, NAME, FIELD_ID = 3, 4, 9  # of a column in the schema, whose first ent
 ARROW = b"ARROW:schema"
 
 
-def wrong_footer(
-    path: Path, schema: pa.Schema, listed: Container[str], data: bytes | None = None
-) -> str | None:
+def wrong_footer(path: Path, schema: pa.Schema, data: bytes | None = None) -> str | None:
     """Describe the first part of a footer that is wrong or that ibdata never writes.
 
     Raises the errors of `parquet.read`.
@@ -37,18 +35,17 @@ def wrong_footer(
     Args:
         path: The file.
         schema: Its columns as ibdata writes them.
-        listed: The columns that may have statistics, which are compared with the rows.
         data: The bytes of the file, if they were read already.
     """
     with parquet.opened(path, data) as file:
         try:
             found = struct(parquet.footer(path, data))
-            return next(_wrong(found, schema, listed, file), None)
+            return next(_wrong(found, schema, file), None)
         except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
             return f"found a footer that is not valid ({type(error).__name__}: {error})"
 
 
-def _wrong(found: Struct, schema: pa.Schema, listed: Container[str], file: pq.ParquetFile) -> Iterator[str]:
+def _wrong(found: Struct, schema: pa.Schema, file: pq.ParquetFile) -> Iterator[str]:
     expected = struct(parquet.footer(Path(), _written(schema.empty_table())))
     for own, right in zip(_columns(found), _columns(expected), strict=True):
         if own != right:
@@ -69,10 +66,10 @@ def _wrong(found: Struct, schema: pa.Schema, listed: Container[str], file: pq.Pa
             yield f"found an order of rows in row group {number}, expected none"
         if [_name(chunk[META][PATH]) for chunk in group[CHUNKS]] != names:
             yield f"found other columns in row group {number} than the file has"
-        yield from _of_columns(number, group, listed, file)
+        yield from _of_columns(number, group, file)
 
 
-def _of_columns(number: int, group: Struct, listed: Container[str], file: pq.ParquetFile) -> Iterator[str]:
+def _of_columns(number: int, group: Struct, file: pq.ParquetFile) -> Iterator[str]:
     compared: dict[str, Struct] = {}
     for chunk in group[CHUNKS]:
         meta = chunk[META]
@@ -83,9 +80,7 @@ def _of_columns(number: int, group: Struct, listed: Container[str], file: pq.Par
                 yield f"{name}: found {strange[key]} in row group {number}, expected none"
         if flat and meta[VALUES] != group[GROUP_ROWS]:
             yield f"{name}: found {meta[VALUES]} values in row group {number}, expected {group[GROUP_ROWS]}"
-        if STATISTICS in meta and _name(meta[PATH][:1]) not in listed:
-            yield f"{name}: found statistics in row group {number}, expected none"
-        elif STATISTICS in meta and flat:
+        if STATISTICS in meta and flat:  # of any column; earlier versions wrote those of all
             compared[name] = {key: value for key, value in meta[STATISTICS].items() if key in KNOWN}
     rows = file.read_row_group(number, columns=list(compared))
     right = struct(parquet.footer(Path(), _written(rows)))[GROUPS][0][CHUNKS] if compared else []

@@ -21,7 +21,7 @@ from ibdata.system.progress import Advance, unseen
 from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
-from ibdata.writing.arrow import STATISTICS, arrow_schema
+from ibdata.writing.arrow import arrow_schema
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
@@ -60,7 +60,7 @@ def check_shard(
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
-        if wrong := wrong_footer(path, arrow_schema(columns(experiment)), STATISTICS):
+        if wrong := wrong_footer(path, arrow_schema(columns(experiment))):
             problems.append(Problem(listed, None, "footer", wrong))
         batches = parquet.batches(path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
