@@ -88,8 +88,7 @@ def noise_floor(
 
     Raises:
         UsageError: The dataset has no such split, setpoint or policy, or no such row; or its dynamics have
-        another
-            `eta_squash` than the published ones.
+            another `eta_squash` than the published ones.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     source = Source(ds)
