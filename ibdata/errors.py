@@ -108,6 +108,15 @@ def printable(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+def excerpt(value: object, most: int = 60) -> str:
+    """The beginning of a value's representation, in one line.
+
+    >>> excerpt([[1, 2], [3, 4]], 8)
+    '[[1, 2],'
+    """
+    return " ".join(repr(value).split())[:most]
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """'; did you mean …?' if a known word is similar, else an empty text."""
     near = nearest(word, known)

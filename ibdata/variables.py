@@ -84,3 +84,12 @@ def of_role(*roles: str) -> tuple[str, ...]:
     ('drift_rate', 'drift_left')
     """
     return tuple(variable.name for variable in _TABLE if variable.role in roles)
+
+
+def variable_of(column: str) -> str:
+    """The variable of a column.
+
+    >>> variable_of("obs_fatigue"), variable_of("latent_theta_1")
+    ('fatigue', 'theta_1')
+    """
+    return column.split("_", 1)[1]

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from helpers import ROOT, script
+from helpers.baseline_lines import baseline
 
 import ibdata
 from ibdata.evaluation.baselines import FILE, SETTINGS, Baseline, measured, shipped_baselines
@@ -32,17 +33,7 @@ def page():
 
 
 def line(run, shift=0.0) -> Baseline:
-    returns = np.linspace(-7000.0, -6000.0, 200) + shift
-    return Baseline(
-        **run._asdict(),
-        training_steps=1,
-        seconds=1.0,
-        cpu_seconds=1.0,
-        content_root="0" * 64,
-        hyperparameters={},
-        versions={},
-        **measured(returns),
-    )
+    return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
 
 
 def test_the_plan_names_each_run_once_and_begins_with_seed_0_of_the_siemens_sets(baselines):

@@ -65,7 +65,7 @@ def arrays_of(
         "step": made.step,
         "terminated": made.terminated,
         "truncated": made.truncated,
-        **{name: _numpy(table[name])[made.rows] for name in columns},
+        **{name: table[name].to_numpy()[made.rows] for name in columns},
     }
     if not drop or history == 1:
         return arrays
@@ -129,9 +129,3 @@ def windows_of(
         }
         stored = in_folder(Path(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
-
-
-def _numpy(column: pa.ChunkedArray) -> Array:
-    """A column as an array, labels as objects."""
-    array: Array = column.to_numpy()
-    return array

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 
 Action = tuple[float, float, float]
 CHANGES = (-1.0, 0.0, 1.0)
@@ -50,4 +50,4 @@ def discrete_actions(given: Any, used: npt.NDArray[np.bool_]) -> npt.NDArray[np.
 
 
 def _refusal(given: Any, expected: str) -> UsageError:
-    return UsageError(f"action: found {' '.join(repr(given).split())[:80]}, expected {expected}")
+    return UsageError(f"action: found {excerpt(given, 80)}, expected {expected}")

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.naming import counted
 
 Indices = npt.NDArray[np.int64]
@@ -41,6 +41,6 @@ def checked_lanes(given: Any, count: int) -> Indices:
     lanes = np.atleast_1d(np.asarray(given))
     whole = lanes.dtype.kind in "iu" and lanes.ndim == 1 and lanes.size > 0
     if not whole or not np.isin(lanes, np.arange(count)).all() or len(np.unique(lanes)) < len(lanes):
-        found = " ".join(repr(given).split())[:60]
+        found = excerpt(given)
         raise UsageError(f"lanes: found {found}, expected different whole numbers from 0 to {count - 1}")
     return lanes.astype(np.int64)

@@ -51,7 +51,7 @@ class Lane(Simulation):
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
         """Make a step; return observation, scaled reward, and hidden variables by column name."""
         (floats, integers), (dv, dg, dh) = self._state, action
-        if not self._plain:
+        if self.keeps_costs:
             self.costs_before[:] = self.seen[:, 0, COSTS]
         kernel.simulate_lane(
             floats, integers, dv, dg, dh, raw, self._parameters, self.seen, self._rows, self._out

@@ -10,7 +10,7 @@ import numpy as np
 
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Indices, Simulation
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers
 from ibdata.simulation.episodes import Draw
@@ -82,7 +82,7 @@ class Replay(NamedTuple):
         addresses = _addresses(given["dataset"])
         episodes = addresses.episodes(given["episode"])
         if len(episodes) not in (1, lanes):
-            expected = f"one, or one for each of {lanes} lanes" if lanes > 1 else "one"
+            expected = "one episode" + (f", or one for each of {lanes} lanes" if lanes > 1 else "")
             raise UsageError(f"episode: found {len(episodes)} episodes, expected {expected}")
         for experiment, _, _ in addresses.by_experiment(np.unique(episodes)):
             _refuse_other_settings(experiment, settings)
@@ -118,9 +118,7 @@ def _addresses(place: Any) -> Addresses:
     from ibdata.validation.addresses import Addresses
 
     if not isinstance(place, Dataset | str | os.PathLike):
-        raise UsageError(
-            f"dataset: found {' '.join(repr(place).split())[:60]}, expected a Dataset, or its folder or URL"
-        )
+        raise UsageError(f"dataset: found {excerpt(place)}, expected a Dataset, or its folder or URL")
     ds = opened(place)
     if ds not in _KNOWN:
         _KNOWN[ds] = Addresses(ds)

@@ -20,8 +20,8 @@ from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.scalars import WHOLE, Real
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.policies.base import FrozenModel
-from ibdata.variables import VARIABLES
-from ibdata.views.options import ViewOptions, bounds_of, variable_of, view_options
+from ibdata.variables import VARIABLES, variable_of
+from ibdata.views.options import ViewOptions, bounds_of, view_options
 
 MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095

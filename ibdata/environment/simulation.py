@@ -11,16 +11,15 @@ import numpy.typing as npt
 from ibdata.dynamics import State, initial_state
 from ibdata.environment.fitting_state import fitting_state
 from ibdata.environment.settings import Settings
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose
 from ibdata.policies import OBSERVATION
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import episodes
 from ibdata.simulation.episodes import NO_PAST, Episodes, Past, put, take
-from ibdata.simulation.variables import hidden, record_rows
+from ibdata.simulation.variables import hidden, observed_rows, values_of
 from ibdata.variables import VARIABLES, rows
-from ibdata.views.options import variable_of
 from ibdata.views.window import Window
 
 Indices = npt.NDArray[np.int64]
@@ -46,9 +45,10 @@ class Simulation:
         self.window = None
         if not self.view.is_classic:
             self.window = Window(self.view, settings.drifting, n, settings.history)
+        self.keeps_costs = self.view.reward.kind == "delta"
         self.costs_before = self.seen[:, 0, COSTS].copy()  # consumption and fatigue before the last step
         columns = self.view.columns(settings.drifting)
-        self._observed = record_rows([variable_of(name) for name in columns])
+        self._observed = observed_rows(self.view, settings.drifting)
         self._clean = {
             f"clean_{name}": i for i, name in enumerate(columns) if name in self.view.imperfections.columns
         }
@@ -95,7 +95,8 @@ class Simulation:
         everyone = len(which) == self.n
         state = self._state if everyone else take(self._state, which)
         seen = self.seen if everyone else self.seen[which]
-        self.costs_before[which] = seen[:, 0, COSTS]
+        if self.keeps_costs:
+            self.costs_before[which] = seen[:, 0, COSTS]
         self._episodes.advance(state, action[None], raw, drift, Past(seen, NO_PAST.actions))
         if not everyone:
             put(self._state, which, state)
@@ -110,8 +111,7 @@ class Simulation:
 
     def observed(self) -> Float32s:
         """The true values of the observed columns, (n, columns)."""
-        values: Float32s = (np.concatenate(self._state)[self._observed].T + 0.0).astype(np.float32)
-        return values
+        return values_of(self._state, self._observed)
 
     def rewards(self) -> npt.NDArray[np.float64]:
         """The rewards (n,), scaled; a new array each time."""
@@ -151,7 +151,7 @@ def checked_actions(given: Any, used: npt.NDArray[np.bool_]) -> Float32s:
         proposed[~used] = 0.0
     if proposed.shape != shape or not np.isfinite(proposed).all():
         raise UsageError(
-            f"action: found {' '.join(repr(given).split())[:80]}, expected {shape} finite numbers: "
+            f"action: found {excerpt(given, 80)}, expected {shape} finite numbers: "
             "changes of velocity, gain and shift in [-1, 1]"
         )
     out = np.empty(shape, dtype=np.float32)

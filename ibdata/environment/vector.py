@@ -16,7 +16,7 @@ from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Float32s, Indices, Simulation, checked_actions
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip
@@ -121,7 +121,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
                 episode of a lane ends, the next one takes the random numbers of `np_random` again.
 
         Raises:
-            UsageError: an option cannot be meant.
+            UsageError: an option is invalid.
             DatasetError: this ibdata cannot simulate the dataset again.
         """
         mask = self._mask((options or {}).get("reset_mask"))
@@ -164,8 +164,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             return np.ones(self.num_envs, dtype=bool)
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
             raise UsageError(
-                f"reset_mask: found {' '.join(repr(mask).split())[:60]}, expected a boolean array of shape "
-                f"({self.num_envs},)"
+                f"reset_mask: found {excerpt(mask)}, expected a boolean array of shape ({self.num_envs},)"
             )
         if not mask.any():
             raise UsageError("reset_mask: found no lane, expected at least one")

@@ -13,14 +13,13 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
 from ibdata.policies.given import Given
 from ibdata.simulation.rollout import CHUNK, Block, blocks, read_only
-from ibdata.simulation.variables import record_rows
+from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
-from ibdata.views.options import PLAIN, ViewOptions, variable_of
+from ibdata.views.options import PLAIN, ViewOptions
 from ibdata.views.rewards import COSTS
 from ibdata.views.window import Window
 
 Floats = npt.NDArray[np.float64]
-Float32s = npt.NDArray[np.float32]
 
 
 class EvaluationBlock(Block):
@@ -42,14 +41,9 @@ class EvaluationBlock(Block):
         if self.view.is_classic or not isinstance(self.policy, Acting) or length == 0:
             return
         drifting = self.experiment.drifting
-        self.observed = record_rows([variable_of(name) for name in self.view.columns(drifting)])
+        self.observed = observed_rows(self.view, drifting)
         self.window = Window(self.view, drifting, self.n, length)
-        self.window.begin(self.lanes, self._true_values(), self.indices)
-
-    def _true_values(self) -> Float32s:
-        """The true values of the observed columns (n, columns)."""
-        values: Float32s = (np.concatenate(self.state)[self.observed].T + 0.0).astype(np.float32)
-        return values
+        self.window.begin(self.lanes, values_of(self.state, self.observed), self.indices)
 
     def questions(self, t: int, count: int, span: int) -> Iterator[Given]:
         """As in `Block`, with the frames of the view in place of the observations."""
@@ -58,7 +52,7 @@ class EvaluationBlock(Block):
                 yield given
                 continue
             if t + i:
-                self.window.push(self.lanes, self._true_values(), given.actions[:, 0])
+                self.window.push(self.lanes, values_of(self.state, self.observed), given.actions[:, 0])
             yield given._replace(observations=read_only(self.window.frames))
 
     @staticmethod

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ibdata.dataset.opened import Place
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
@@ -163,7 +163,7 @@ def _applied(given: npt.ArrayLike, n: int) -> Float32s:
     out = np.empty((n, 3), dtype=np.float32)
     if proposed.shape != out.shape or clip_and_round(proposed, out) < 0:
         raise UsageError(
-            f"actions: found {' '.join(repr(given).split())[:80]}, expected ({n}, 3) finite numbers: "
+            f"actions: found {excerpt(given, 80)}, expected ({n}, 3) finite numbers: "
             "for each row the changes of velocity, gain and shift in [-1, 1]"
         )
     return out

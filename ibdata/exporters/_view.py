@@ -13,7 +13,9 @@ import pyarrow as pa
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.reader import Dataset
+from ibdata.dataset.selection import selected
 from ibdata.dataset.transitions import Transitions, left_out, needed, transitions, whole_episodes
+from ibdata.dataset.viewed import BLOCK_ROWS
 from ibdata.system.progress import Advance, bar
 from ibdata.views.options import PLAIN, ViewOptions
 
@@ -24,7 +26,6 @@ Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
 
 EXTRAS = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
-BLOCK_ROWS = 65_536
 
 
 class Block(NamedTuple):
@@ -129,8 +130,7 @@ class View:
 
     def described(self) -> pd.DataFrame:
         """The rows of `Dataset.episodes` that are exported."""
-        episodes = self.dataset.episodes
-        return episodes if self.split is None else episodes[[self.split in own for own in episodes["splits"]]]
+        return self.dataset.episodes[selected(self.dataset.episode_table, self.split, None, None)]
 
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
         """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar."""

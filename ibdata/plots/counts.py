@@ -13,10 +13,10 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError
 from ibdata.plots.groups import Episodes, Floats, Numbers
 from ibdata.system.progress import bar
+from ibdata.views.options import ACTIONS
 
 STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 PAIRS = tuple(combinations(range(len(STEERINGS)), 2))
-ACTIONS = ("act_velocity", "act_gain", "act_shift")
 COSTS = ("next_obs_consumption", "next_obs_fatigue")
 STEERING_EDGES = np.linspace(0.0, 100.0, 51)
 ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins, so that 0 is in the middle of one

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import IbdataError
+from ibdata.errors import IbdataError, excerpt
 from ibdata.policies.actions import as_numbers
 from ibdata.policies.base import Floats, Policy
 from ibdata.policies.given import Given
@@ -135,7 +135,7 @@ def _numbers(given: str, answer: Any, shape: tuple[int, ...]) -> Floats:
     except (TypeError, ValueError):
         numbers = np.empty(())
     if numbers.shape != shape:
-        found = numbers.shape or " ".join(repr(answer).split())[:60]
+        found = numbers.shape or excerpt(answer)
         raise AnswerError(f"it was given {given}; it returned {found}; expected {shape}")
     return numbers
 

@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dynamics import State
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
-from ibdata.variables import FLOATS, INTEGERS, VARIABLES, of_role
+from ibdata.variables import FLOATS, INTEGERS, VARIABLES, of_role, variable_of
+from ibdata.views.options import ViewOptions
 
 Table = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
 
@@ -110,6 +112,17 @@ def layout(experiment: Experiment) -> Layout:
         names.index("act_velocity"),
         names.index("action_log_prob"),
     )
+
+
+def observed_rows(view: ViewOptions, drifting: bool) -> npt.NDArray[np.int64]:
+    """The rows, see `record_rows`, of the variables that a view observes."""
+    return record_rows([variable_of(name) for name in view.columns(drifting)])
+
+
+def values_of(state: State, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """The values of variables in a state of n lanes, (n, rows), as a dataset holds them."""
+    values: npt.NDArray[np.float32] = (np.concatenate(state)[rows].T + 0.0).astype(np.float32)
+    return values
 
 
 def record_rows(names: Sequence[str]) -> npt.NDArray[np.int64]:

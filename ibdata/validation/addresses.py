@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
@@ -45,7 +45,7 @@ def whole(what: str, given: Any) -> Ints:
     """Whole numbers (n,) from a number or an array."""
     found = np.asarray(given)
     if found.dtype.kind not in "iu" or found.ndim > 1:
-        raise UsageError(f"{what}: found {' '.join(repr(given).split())[:60]}, expected whole numbers")
+        raise UsageError(f"{what}: found {excerpt(given)}, expected whole numbers")
     return np.atleast_1d(found).astype(np.int64)
 
 

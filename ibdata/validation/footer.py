@@ -63,7 +63,7 @@ def _wrong(found: Struct, schema: pa.Schema, file: pq.ParquetFile) -> Iterator[s
     names = [file.schema.column(i).path for i in range(len(file.schema))]
     for number, group in enumerate(found[GROUPS]):
         if ORDER in group:
-            yield f"found an order of rows in row group {number}, expected none"
+            yield f"found an order of rows in row group {number}, expected no statement of an order"
         if [_name(chunk[META][PATH]) for chunk in group[CHUNKS]] != names:
             yield f"found other columns in row group {number} than the file has"
         yield from _of_columns(number, group, file)
@@ -77,7 +77,7 @@ def _of_columns(number: int, group: Struct, file: pq.ParquetFile) -> Iterator[st
         flat = len(meta[PATH]) == 1
         for part, strange in ((chunk, OF_CHUNK), (meta, OF_META)):
             for key in strange.keys() & part.keys():
-                yield f"{name}: found {strange[key]} in row group {number}, expected none"
+                yield f"{name}: found {strange[key]} in row group {number}, expected a column without it"
         if flat and meta[VALUES] != group[GROUP_ROWS]:
             yield f"{name}: found {meta[VALUES]} values in row group {number}, expected {group[GROUP_ROWS]}"
         if STATISTICS in meta and flat:  # of any column; earlier versions wrote those of all

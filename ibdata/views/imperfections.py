@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, suggestion
-from ibdata.variables import of_role
+from ibdata.variables import of_role, variable_of
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -83,7 +83,7 @@ class Measurement:
         self._noise, self._quantum = of(imperfections.noise), of(imperfections.quantise)
         self._missing = of(imperfections.missing)
         self._seed = imperfections.seed
-        self._slots = np.array([ADDRESSED.index(name.split("_", 1)[1]) for name in columns])
+        self._slots = np.array([ADDRESSED.index(variable_of(name)) for name in columns])
         self._random = bool(self._noise.any() or self._missing.any())
 
     def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:

@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any, TypedDict
 
 from ibdata.errors import UsageError, suggestion
-from ibdata.variables import VARIABLES, of_role
+from ibdata.variables import VARIABLES, of_role, variable_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
 from ibdata.views.rewards import CLASSIC, Reward, reward_of
 
@@ -141,15 +141,6 @@ def _refuse_unobserved(options: ViewOptions) -> None:
         if name not in known:
             near = suggestion(name, known)
             raise UsageError(f"imperfections: found {name!r}, expected one of the observed columns{near}")
-
-
-def variable_of(column: str) -> str:
-    """The variable of a column.
-
-    >>> variable_of("obs_fatigue"), variable_of("latent_theta_1")
-    ('fatigue', 'theta_1')
-    """
-    return column.split("_", 1)[1]
 
 
 def bounds_of(

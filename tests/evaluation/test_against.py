@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.baseline_lines import baseline as made
 
 import ibdata
 from ibdata import IbdataError
 from ibdata.evaluation import against
-from ibdata.evaluation.baselines import Baseline, measured
+from ibdata.evaluation.baselines import Baseline
 
 OWN = np.linspace(-6100.0, -5900.0, 200)
 
 
 def baseline(name: str, algorithm: str, seed: int | None, returns) -> Baseline:
-    return Baseline(
-        set=name,
-        algorithm=algorithm,
-        seed=seed,
-        training_steps=1,
-        seconds=1.0,
-        cpu_seconds=1.0,
-        content_root="0" * 64,
-        hyperparameters={},
-        versions={},
-        **measured(returns),
-    )
+    return made(returns, set=name, algorithm=algorithm, seed=seed)
 
 
 @pytest.fixture

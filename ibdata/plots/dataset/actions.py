@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ibdata.plots.counts import ACTION_EDGES, ACTIONS
+from ibdata.plots.counts import ACTION_EDGES
 from ibdata.plots.style import SERIES
 from ibdata.plots.summary import Summary
+from ibdata.views.options import ACTIONS
 
 TITLE = "Actions"
 
