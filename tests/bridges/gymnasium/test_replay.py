@@ -167,7 +167,7 @@ def test_a_refused_replay_leaves_the_episode_as_it_is(played):
         each.reset(seed=1, options={"dataset": ds, "episode": 1})
     with pytest.raises(UsageError, match=f"^episode: found 99, expected one of 0 to {len(episodes) - 1}$"):
         env.reset(seed=2, options={"dataset": ds, "episode": 99})
-    with pytest.raises(UsageError, match=r"^episode: found 2 episodes, expected one$"):
+    with pytest.raises(UsageError, match=r"^episode: found 2 episodes, expected one episode$"):
         env.reset(options={"dataset": ds, "episode": [0, 1]})
     actions = random_actions()[:, 0]
     assert episode(env, actions) == episode(other, actions)

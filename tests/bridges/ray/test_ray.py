@@ -121,7 +121,7 @@ def test_workers_that_always_die_are_an_error_of_one_line_and_leave_nothing(clus
 
 
 def test_an_error_of_a_worker_reaches_the_caller_as_it_was(cluster, tmp_path):
-    experiment = deadly(tmp_path, deaths=1, number=0)
+    experiment = deadly(tmp_path, deaths=1000, number=0)
     with pytest.raises(PolicyError, match=r"^policy custom: episode \d+: step 0: found action"):
         ibdata.generate(experiment, "out", engine="ray", allow_code=True)
 
