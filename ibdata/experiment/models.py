@@ -17,7 +17,7 @@ from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import BurnIn, Output, Split, Start
 from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.plain import plain
-from ibdata.experiment.scalars import WHOLE, FileName, SplitName
+from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
@@ -92,6 +92,9 @@ class Experiment(FrozenModel):
     splits: dict[SplitName, Split] = Field(
         default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
     )
+    licence: Licence = Field(
+        default=LICENCE, description="licence of the dataset, an SPDX expression; its card names it"
+    )
 
     @cached_property
     def folder(self) -> Path | None:
@@ -161,9 +164,19 @@ class Experiment(FrozenModel):
         """The same cells with fewer steps and episodes, and without what is said of other episodes."""
         return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
 
-    def plain(self) -> dict[str, Any]:
-        """The experiment as plain data for YAML, including defaults."""
+    def in_full(self) -> dict[str, Any]:
+        """The experiment as plain data for YAML, including all defaults."""
         return self.model_dump(mode="json", exclude_none=True)
+
+    def plain(self) -> dict[str, Any]:
+        """The experiment as a dataset records it: in full, but without the licence if it is the default one.
+
+        So the experiments that were recorded before there were licences keep their bytes.
+        """
+        plain = self.in_full()
+        if self.licence == LICENCE:
+            del plain["licence"]
+        return plain
 
     @model_validator(mode="after")
     def _check(self) -> Experiment:

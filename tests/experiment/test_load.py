@@ -15,7 +15,7 @@ from ibdata.policies.choice import Choice
 KINDS = ", ".join(POLICIES)
 BASES = ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper | Choice))
 FIXED = ", ".join(kind for kind, policy in POLICIES.items() if hasattr(policy, "mean_action"))
-KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
+KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits, licence"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
 RESERVED = "a reserved name on some systems; choose another"
 
