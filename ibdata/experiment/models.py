@@ -233,7 +233,7 @@ class Experiment(FrozenModel):
                 yield (
                     ("splits", name, "episodes"),
                     f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                    f"{self.episodes - 1}",
+                    f"{self.episodes - 1}; change it, or leave out all splits by the override splits={{}}",
                 )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:

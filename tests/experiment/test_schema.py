@@ -119,6 +119,10 @@ def test_the_siemens_sets_are_each_baseline_at_five_levels_and_random_actions():
         assert (cell.policy.form(), cell.label) == (expected, name)
         assert (made.dynamics, made.setpoints, made.start) == ("siemens", 70.0, "default")
         assert (made.episodes, made.steps) == (100, 1000)
+        assert {name: list(split.indices(100)) for name, split in made.splits.items()} == {
+            "train": list(range(90)),
+            "validation": list(range(90, 100)),
+        }
 
 
 def test_the_batch_of_depeweg_has_seven_runs_to_train_and_three_to_test_at_each_setpoint():
