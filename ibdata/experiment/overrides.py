@@ -67,7 +67,7 @@ def _written(overrides: Sequence[str]) -> Iterator[tuple[Loc, Any, str]]:
 
 
 def _mapped(data: Any, overrides: Mapping[str, Any], above: Loc = ()) -> Iterator[tuple[Loc, Any, str]]:
-    """The same of a mapping. Where one that is not empty meets one of its form, the paths are of its values."""
+    """The same of a mapping. A mapping with values that meets one of its form gives their paths."""
     for key, value in overrides.items():
         loc = (*above, *_path(str(key)))
         if not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
