@@ -16,12 +16,14 @@ import pytest
 from helpers.datasets import AS_WRITTEN
 
 import ibdata
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest, parquet
 from ibdata.dataset.digest import content_root
+from ibdata.dataset.thrift import struct
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.atomic_files import FileEntry
+from ibdata.validation.pages import wrong_pages
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
@@ -273,8 +275,9 @@ def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):
 def patched(data: bytes, old: bytes, new: bytes) -> bytes:
     """A Parquet file with other bytes in its footer."""
     start = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
-    assert old in data[start:]
-    return data[:start] + data[start:].replace(old, new)
+    assert old in data[start:-8]
+    footer = data[start:-8].replace(old, new)
+    return data[:start] + footer + len(footer).to_bytes(4, "little") + data[-4:]
 
 
 def with_other_schema(table: pa.Table, path: Path) -> None:
@@ -373,3 +376,54 @@ def test_a_plan_of_more_shards_than_are_listed_is_refused_before_a_list_of_them_
     assert (found.rule, found.path) == ("experiments", manifest.PATH)
     with pytest.raises(DatasetError, match=r"experiments: shards: found \d+, expected at least"):
         reproduce(copied)
+
+
+def varint(number: int) -> bytes:
+    """A number as Thrift writes it: doubled, in bytes of 7 bits."""
+    number, found = 2 * number, b""
+    while number > 127:
+        number, found = number >> 7, found + bytes([number & 127 | 128])
+    return found + bytes([number])
+
+
+def test_a_column_that_the_footer_places_elsewhere_is_named(copied):
+    """Here its pages stand twice in the file; they could differ, and readers differ in how they find them."""
+    path = next((copied / "data").iterdir())
+    file = pq.ParquetFile(path)
+    column = file.metadata.row_group(0).column(file.schema.names.index("reward"))
+    start, data = column.data_page_offset, path.read_bytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    pages = data[start : start + column.total_compressed_size]
+    old, new = (b"\x26" + varint(place) for place in (start, footer))  # fields 7 and 9: the second next
+    path.write_bytes(patched(data[:footer] + pages + data[footer:], old, new))
+    (found,) = footer_of_a_forger(copied, path)
+    assert found == "reward: found other pages in row group 0 than the footer says"
+
+
+@pytest.mark.parametrize(("name", "field", "change"), [
+    ("reward", 11, lambda meta: meta[9]),
+    ("reward", 7, lambda meta: meta[7] - 1),
+    ("reward", 5, lambda meta: meta[5] - 1),
+    ("policy", 11, lambda meta: meta[9]),
+    ("policy", 9, lambda meta: meta[11]),
+], ids=["a dictionary", "fewer bytes", "fewer values", "no dictionary", "the dictionary as data"])  # fmt: skip
+def test_pages_are_where_the_footer_says(copied, name, field, change):
+    path = next((copied / "data").iterdir())
+    groups = struct(parquet.footer(path))[4]
+    with path.open("rb") as file:
+        assert list(wrong_pages(file, groups)) == []
+        meta = next(chunk[3] for chunk in groups[0][1] if chunk[3][3] == [name.encode()])
+        meta[field] = change(meta)
+        assert (
+            next(wrong_pages(file, groups))
+            == f"{name}: found other pages in row group 0 than the footer says"
+        )
+
+
+def test_bytes_that_belong_to_no_column_are_named(copied):
+    path = next((copied / "data").iterdir())
+    data = path.read_bytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    path.write_bytes(data[:footer] + bytes(100) + data[footer:])
+    (found,) = footer_of_a_forger(copied, path)
+    assert found == f"found bytes that belong to no column, expected the footer at byte {footer}"
