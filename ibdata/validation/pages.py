@@ -13,7 +13,13 @@ from ibdata.dataset.parquet import TAIL
 from ibdata.dataset.thrift import Struct, struct_and_size
 
 CHUNKS, META = 1, 3
-PATH, VALUES, BYTES, PAGES, DICTIONARY = 3, 5, 7, 9, 11  # of the description of a chunk; the last two are places
+PATH, VALUES, BYTES, PAGES, DICTIONARY = (
+    3,
+    5,
+    7,
+    9,
+    11,
+)  # of the description of a chunk; the last two are places
 KIND, PAGE_BYTES, DATA_PAGE, PAGE_VALUES = 1, 3, 5, 1  # of the header of a page
 OF_DATA, OF_DICTIONARY = 0, 2  # kinds of pages
 MAGIC = 4  # bytes at the beginning of a file: "PAR1"

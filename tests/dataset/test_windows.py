@@ -57,7 +57,7 @@ def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
 
 
 def test_a_folder_is_not_used_again_for_episodes_in_another_order(tmp_path):
-    """Datasets whose policies are listed in another order have one root, but other episodes at each number."""
+    """Datasets with their policies in another order have one root, but other episodes at each number."""
     made = []
     for policies in (["random", "safe"], ["safe", "random"]):
         experiment = {"name": "two", "setpoints": 70, "policies": policies, "episodes": 2, "steps": 5}
