@@ -121,9 +121,9 @@ def compile_others_anew(anew: bool) -> None:
     of which a number was compiled in or a function is called.
     """
     if anew:
-        FunctionCache.load_overload = lambda *_: None
+        setattr(FunctionCache, "load_overload", lambda *_: None)  # noqa: B010  # mypy refuses an assignment
     elif "load_overload" in vars(FunctionCache):
-        del FunctionCache.load_overload
+        delattr(FunctionCache, "load_overload")
 
 
 @cache
