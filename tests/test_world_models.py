@@ -28,7 +28,7 @@ def test_the_tables_are_those_of_the_stored_results(script):
 @pytest.fixture(scope="module")
 def ds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("models") / "made"
-    changes = {"episodes": 95, "splits": {}, "steps": 100}
+    changes = {"episodes": 95, "steps": 100}
     return ibdata.generate("siemens-offline/optimized-40", folder, workers=1, overrides=changes)
 
 

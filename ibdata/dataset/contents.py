@@ -98,9 +98,13 @@ class Contents:
         columns = stats.all if split is None else stats.splits[self._known(split)]
         return {name: column.plain() for name, column in columns.items()}
 
-    @cached_property
+    @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
+        return self._episode_frame.copy()  # because nobody's changes of it may change what is read
+
+    @cached_property
+    def _episode_frame(self) -> pd.DataFrame:
         frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
         return frame
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.errors import ConfigError, Loc, Problems, suggestion
@@ -177,6 +177,14 @@ class Experiment(FrozenModel):
         if self.licence == LICENCE:
             del plain["licence"]
         return plain
+
+    @field_validator("splits")
+    @classmethod
+    def _in_numbers(cls, splits: dict[str, Split], known: ValidationInfo) -> dict[str, Split]:
+        """Give the shares of splits the numbers of their episodes, and leave out those without any."""
+        episodes = known.data.get("episodes")
+        found = {name: split.in_numbers(episodes) for name, split in splits.items()} if episodes else splits
+        return {name: split for name, split in found.items() if split is not None}
 
     @model_validator(mode="after")
     def _check(self) -> Experiment:

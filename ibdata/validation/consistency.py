@@ -78,8 +78,8 @@ def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest)
     if listed.data_version < spec.data_version:
         raise DatasetError(
             f"{folder}: found data version {listed.data_version}, in which policies did not see the burn-in; "
-            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use ibdata "
-            f"{listed.versions.get('ibdata')}, which made it"
+            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use an ibdata "
+            "before 0.9"
         )
 
 

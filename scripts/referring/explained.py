@@ -30,7 +30,7 @@ output:
   latent: true                  # or false, full (with derived values), next (also of t + 1)
   shard_rows: 1000000           # rows per file
 splits:                         # named sets of episodes, each made of whole files
-  train: {setpoint: 20, episodes: 8}   # the first 8 of each policy; or {start: 0, stop: 7}
+  train: {setpoint: 20, episodes: 8}   # the first 8 of each policy; or {start: 0, stop: 7}, or first 80%
   test: {setpoint: 70, policy: safe}
 licence: CC-BY-4.0              # of the dataset: an SPDX expression, such as MIT OR Apache-2.0
 ```

@@ -136,7 +136,7 @@ def test_out_defaults_to_the_experiments_name(ibdata, tmp_path: Path):
 
 
 def test_a_shipped_suite_is_made_in_a_folder_of_its_name(ibdata, tmp_path):
-    tiny = ("--set", "episodes=1", "--set", "splits={}", "--set", "steps=3", "--workers", "1")
+    tiny = ("--set", "episodes=1", "--set", "steps=3", "--workers", "1")
     done = ibdata("generate", "--config", "siemens-offline", *tiny, "--json")
     data = json.loads(done.stdout)
     assert (data["out"], data["rows"], len(data["datasets"])) == ("data/siemens-offline", 48, 16)

@@ -15,7 +15,7 @@ from ibdata.generation.suite import preview_all
 from ibdata.validation.validate import validate
 
 PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
-SMALL = ["episodes=1", "splits={}", "steps=20"]
+SMALL = ["episodes=1", "steps=20"]
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ from helpers import script
 import ibdata
 from training import offline
 
-SMALL = ["episodes=3", "splits={}", "steps=200"]
+SMALL = ["episodes=3", "steps=200"]
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ HISTORY = 6  # the optimized policy looks five steps back
 
 def fitted(config, folder: Path, source: str, steps: int):
     dataset = ibdata.generate(
-        CONFIGS / f"{source}.yaml", folder / "data", workers=1, overrides=["episodes=10", "splits={}"]
+        CONFIGS / f"{source}.yaml", folder / "data", workers=1, overrides=["episodes=10"]
     )
     ibdata.export(dataset, "d3rlpy", folder / "x.h5", history=HISTORY, reward_scale=0.01, verify=True)
     with (folder / "x.h5").open("rb") as file:
