@@ -62,10 +62,13 @@ class Simulation:
         """Begin episodes in these lanes: the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.first_setpoint)
         begun = self._episodes.begin(_one_step(draw), which, setpoints, self.settings.history)
-        numbers = np.zeros(len(which), dtype=np.int64)
-        if self.view.imperfections:  # their random numbers have the address of an episode
-            numbers = (draw(which, 1)[:, 0] >> np.uint64(1)).astype(np.int64)
-        self.place(which, *begun, numbers)
+        self.place(which, *begun, self._numbers(which, draw))
+
+    def _numbers(self, which: Indices, draw: Draw) -> Indices:
+        """Numbers of new episodes (k,): parts of the addresses of the imperfections' random numbers."""
+        if not self.view.imperfections:
+            return np.zeros(len(which), dtype=np.int64)
+        return (draw(which, 1)[:, 0] >> np.uint64(1)).astype(np.int64)
 
     def replay(
         self, which: Indices, draw: episodes.Draw, start: Any, setpoints: episodes.Floats, numbers: Indices
@@ -75,11 +78,10 @@ class Simulation:
         begun = own.begin(draw, np.arange(len(which)), setpoints, self.settings.history)
         self.place(which, *begun, numbers)
 
-    def set_state(self, given: State, which: Indices) -> None:
+    def set_state(self, given: State, which: Indices, draw: Draw) -> None:
         """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
         state = fitting_state(given, len(which), self.settings.drifting)
-        past, numbers = Past.of(state, self.settings.history), np.zeros(len(which), dtype=np.int64)
-        self.place(which, state, past, numbers)
+        self.place(which, state, Past.of(state, self.settings.history), self._numbers(which, draw))
 
     def place(self, which: Indices, state: State, past: Past, numbers: Indices) -> None:
         """Put these lanes into the states of k lanes that have this past, as episodes with these numbers."""

@@ -137,7 +137,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             UsageError: It is no such state, or its setpoint moves and that of the environment does not, or
                 the reverse.
         """
-        self._lane.set_state(state, self._lane.everyone)
+        self._lane.set_state(state, self._lane.everyone, self._draw)
         self._replayed = None
         return self._begin()
 

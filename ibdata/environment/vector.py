@@ -17,6 +17,7 @@ from ibdata.environment.simulation import Float32s, Indices, Simulation, checked
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams
 from ibdata.errors import UsageError, excerpt
+from ibdata.numerics.philox import Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip
@@ -154,7 +155,12 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             UsageError: It is no such state, or there are no such lanes.
         """
         which = self._simulation.everyone if lanes is None else checked_lanes(lanes, self.num_envs)
-        self._simulation.set_state(state, which)
+
+        def draw(lanes: Indices, count: int) -> Raw:
+            self._streams.resume(lanes)  # only now that the state is accepted
+            return self._streams.take(lanes, count)
+
+        self._simulation.set_state(state, which, draw)
         self._streams.resume(which)
         self._began(which)
         return self._simulation.observations(), self._info(np.isin(self._simulation.everyone, which))

@@ -9,32 +9,21 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
+from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.safetensors import written
-from ibdata.policies.weights_file import COLUMNS, LAYOUT, denormal, kept
+from ibdata.policies.weights_file import COLUMNS, LAYOUT, kept
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import refusals
 
 ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
-IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
-SAC_BOUNDS = (-20.0, 2.0)  # to which Stable-Baselines3 clamps log standard deviations
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
-
-
-class _Actor(NamedTuple):
-    """An actor: its hidden layers and what follows them."""
-
-    hidden: list[Any]  # modules
-    mean: Any  # a Linear
-    squash: str
-    log_std: Any = None  # a Linear, or numbers (3,)
-    bounds: tuple[float, float] = SAC_BOUNDS
-    scaling: Mapping[str, Any] = {}  # mean, std and clip, if the library scales observations itself
+INPUTS, TOLERANCE = 64, 1e-3  # with which the actions of the file and of the model are compared
 
 
 def save_network(
@@ -68,10 +57,11 @@ def save_network(
         The SHA-256 of the file, which identifies the policy.
 
     Raises:
-        UsageError: The model has another form, or other numbers of inputs and outputs.
+        UsageError: The model has another form, other numbers of inputs and outputs, or other actions than its
+            layers alone give.
     """
     try:
-        actor = _actor(model)
+        actor = actor_of(model, history)
         tensors, activation = _tensors(actor)
     except AttributeError as error:
         raise UsageError(f"model: found {type(model).__name__} ({error}), expected {KNOWN}") from None
@@ -94,81 +84,45 @@ def save_network(
         weights = kept(data)
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
+    _refuse_other_actions(model, actor, tensors, activation)
     target = Path(path).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
     return weights.sha256
 
 
-def _actor(model: Any) -> _Actor:
-    """The actor of a model. Raises AttributeError if it is none that is known."""
-    if hasattr(model, "impl"):
-        return _of_d3rlpy(model)
-    if hasattr(model, "get_vec_normalize_env"):
-        return _of_stable_baselines(model)
-    *hidden, last = _modules(model)
-    tanh = type(last).__name__ == "Tanh"
-    *hidden, last = hidden if tanh else [*hidden, last]
-    return _Actor(hidden, last, "tanh" if tanh else "clip")
+def _refuse_other_actions(
+    model: Any, actor: Actor, tensors: Mapping[str, npt.NDArray[np.float32]], activation: str
+) -> None:
+    """Raise UsageError if a model's own actions are not those of its layers."""
+
+    def layer(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return x @ tensors[f"{name}.weight"].T + tensors[f"{name}.bias"]
+
+    first = "layers.0" if actor.hidden else "mean"
+    width = tensors[f"{first}.weight"].shape[1]
+    x = inputs = np.random.default_rng(0).uniform(-2.0, 2.0, (INPUTS, width)).astype(np.float32)
+    for i in range(len(actor.hidden) // 2):
+        x = (
+            np.tanh(layer(f"layers.{i}", x))
+            if activation == "tanh"
+            else np.maximum(layer(f"layers.{i}", x), 0)
+        )
+    x = layer("mean", x)
+    expected = np.tanh(x) if actor.squash == "tanh" else np.clip(x, -1.0, 1.0)
+    try:
+        found = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
+        far = float(np.abs(found - expected).max())
+    except Exception as error:
+        raise UsageError(f"model: its actions could not be compared ({error}); expected {KNOWN}") from None
+    if not far <= TOLERANCE:
+        raise UsageError(
+            f"model: found {type(model).__name__}, whose actions are up to {far:.2g} from those of its "
+            f"layers alone; expected {KNOWN}, which does nothing else"
+        )
 
 
-def _of_stable_baselines(model: Any) -> _Actor:
-    _refuse_other_bounds(model.action_space.low, model.action_space.high)
-    if getattr(model, "use_sde", False):
-        raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")
-    found, scaling = model.get_vec_normalize_env(), {}
-    if found is not None and found.norm_obs:
-        std = np.sqrt(found.obs_rms.var + found.epsilon)
-        scaling = {"mean": found.obs_rms.mean.ravel(), "std": std.ravel(), "clip": found.clip_obs}
-    policy = model.policy
-    if not hasattr(policy, "actor"):  # PPO
-        extractor, hidden = policy.pi_features_extractor, policy.mlp_extractor.policy_net
-        mean, squash, log_std, bounds = policy.action_net, "clip", _numbers(policy.log_std), (-20.0, 20.0)
-    elif hasattr(policy.actor, "latent_pi"):  # SAC
-        extractor, hidden = policy.actor.features_extractor, policy.actor.latent_pi
-        mean, squash, log_std, bounds = policy.actor.mu, "tanh", policy.actor.log_std, SAC_BOUNDS
-    else:  # TD3
-        return _actor(policy.actor.mu)._replace(scaling=scaling)
-    modules = [*_modules(extractor), *_modules(hidden)]
-    return _Actor(modules, mean, squash, log_std, bounds, scaling)
-
-
-def _of_d3rlpy(model: Any) -> _Actor:
-    if model.impl is None:
-        raise UsageError("model: found an algorithm of d3rlpy that is not built, expected a trained one")
-    if (scaler := model.config.action_scaler) is not None:
-        _refuse_other_bounds(scaler.minimum, scaler.maximum)
-    scaling = {}
-    if (scaler := model.config.observation_scaler) is not None:
-        scaling = {"mean": scaler.mean, "std": scaler.std + scaler.eps}
-    policy = model.impl.policy
-    hidden = _modules(policy._encoder)
-    if hasattr(policy, "_fc"):  # deterministic
-        return _Actor(hidden, policy._fc, "tanh", scaling=scaling)
-    # With a parameter (IQL, AWAC), the distribution that was trained is not that of a draw before the tanh.
-    log_std = None if policy._use_std_parameter else policy._logstd
-    return _Actor(hidden, policy._mu, "tanh", log_std, (policy._min_logstd, policy._max_logstd), scaling)
-
-
-def _refuse_other_bounds(low: Any, high: Any) -> None:
-    if not (np.all(np.asarray(low) == -1.0) and np.all(np.asarray(high) == 1.0)):
-        raise UsageError(f"model: found actions from {low} to {high}, expected -1 to 1")
-
-
-def _modules(module: Any) -> list[Any]:
-    """The innermost modules of a torch module, in order, without those that change nothing."""
-    every = (part for _, part in module.named_modules(remove_duplicate=False))  # one ReLU may occur twice
-    inner = [part for part in every if not list(part.children())]
-    return [part for part in inner if type(part).__name__ not in IGNORED]
-
-
-def _numbers(parameter: Any) -> npt.NDArray[np.float32]:
-    """The numbers of a parameter; 0 in place of denormal ones, which some machines take for 0."""
-    numbers = np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)
-    return np.where(denormal(numbers), np.float32(0.0), numbers)
-
-
-def _tensors(actor: _Actor) -> tuple[dict[str, npt.NDArray[np.float32]], str]:
+def _tensors(actor: Actor) -> tuple[dict[str, npt.NDArray[np.float32]], str]:
     """The tensors of a file of weights, and the activation of the hidden layers."""
     linear, activations = actor.hidden[::2], [type(part).__name__ for part in actor.hidden[1::2]]
     if len(actor.hidden) % 2 or len(set(activations)) > 1 or not set(activations) <= set(ACTIVATIONS):
@@ -186,6 +140,6 @@ def _tensors(actor: _Actor) -> tuple[dict[str, npt.NDArray[np.float32]], str]:
 
 
 def _of_linear(name: str, part: Any) -> dict[str, npt.NDArray[np.float32]]:
-    weight = _numbers(part.weight)
-    bias = np.zeros(len(weight), dtype=np.float32) if part.bias is None else _numbers(part.bias)
+    weight = numbers(part.weight)
+    bias = np.zeros(len(weight), dtype=np.float32) if part.bias is None else numbers(part.bias)
     return {f"{name}.weight": weight, f"{name}.bias": bias}

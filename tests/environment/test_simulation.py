@@ -203,8 +203,10 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
     def at(purpose, step, slots):
         return integers(key, np.array([index]), purpose, step, 1, slots)[0, :, 0]
 
-    lane.set_state(state_at(either, episode, first), lane.everyone)
-    lane.set_state(state_at(either, episode, first), lane.everyone)  # which took nothing from the first
+    lane.set_state(state_at(either, episode, first), lane.everyone, random_tape(1))
+    lane.set_state(
+        state_at(either, episode, first), lane.everyone, random_tape(1)
+    )  # which took nothing from the first
     observations = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy(dtype=np.float32)
     assert lane.observations()[0].tolist() == [*observations[0], *observations[0]]
     for t, action in enumerate(rows[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)):
@@ -216,6 +218,16 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
         seen, reward, _ = lane.move(checked_action(action), raw)
         assert np.float32(reward) == np.float32(rows["reward"][t])
         assert (seen[6:] == observations[t]).all()
+
+
+def test_each_state_that_is_gone_on_from_is_measured_with_noise_of_its_own():
+    simulation = Simulation(settings(setpoint=70, imperfections={"noise": {"obs_gain": 1.0}}), 3)
+    state, tape, seen = initial_state([70.0] * 3), random_tape(3), []
+    for _ in range(2):
+        simulation.set_state(state, simulation.everyone, tape)
+        seen += simulation.observations()[:, 2].tolist()
+    assert len(set(seen)) == 6
+    assert np.abs(np.array(seen) - 50.0).max() < 6.0
 
 
 @pytest.mark.parametrize(
@@ -239,13 +251,13 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
 def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
     lane = Lane(settings(setpoint=70))
     with pytest.raises(UsageError) as caught:
-        lane.set_state(fault(initial_state([70.0])), lane.everyone)
+        lane.set_state(fault(initial_state([70.0])), lane.everyone, random_tape(1))
     assert str(caught.value) == message
     moving = Lane(settings(setpoint="drifting"))
     with pytest.raises(
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
-        moving.set_state(initial_state([70.0]), moving.everyone)
+        moving.set_state(initial_state([70.0]), moving.everyone, random_tape(1))
 
 
 @pytest.mark.parametrize("kind", [Simulation, Lane])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import networks
 
+from ibdata.errors import UsageError
 from ibdata.policies.safetensors import read, written
 from ibdata.policies.save_network import save_network
 from ibdata.policies.weights_file import Weights
@@ -149,10 +150,26 @@ class Linear:
     def children(self):
         return []
 
+    def __call__(self, x):
+        return Parameter(x.numpy() @ self.weight.numpy().T)
+
+    training = False
+
+    def train(self, on):
+        pass
+
+
+class Scaled(Linear):
+    def __call__(self, x):
+        return Parameter(0.5 * super().__call__(x).numpy())
+
 
 class Parameter:
     def __init__(self, numbers):
         self.numpy = lambda: numbers
+
+    def new_tensor(self, numbers):
+        return Parameter(numbers)
 
     def detach(self):
         return self
@@ -166,6 +183,12 @@ def test_denormal_weights_of_a_trained_network_are_saved_as_0(tmp_path):
     save_network(tmp_path / "actor.safetensors", Linear(weight))
     tensors, _ = read((tmp_path / "actor.safetensors").read_bytes())
     assert tensors["mean.weight"].ravel().tolist() == [1.5, *[0.0] * 17]
+
+
+def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path):
+    with pytest.raises(UsageError, match=r"^model: found Scaled, whose actions are up to 0\."):
+        save_network(tmp_path / "actor.safetensors", Scaled(np.full((3, 6), 0.1, dtype=np.float32)))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("end", range(0, len(GOOD), 97))

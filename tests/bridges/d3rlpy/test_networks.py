@@ -13,9 +13,11 @@ import torch
 from gymnasium import Env, spaces
 from helpers import ROOT
 from stable_baselines3 import PPO, SAC, TD3
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import ibdata
+from ibdata.errors import UsageError
 from ibdata.policies.given import at_start
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled
@@ -35,6 +37,13 @@ class Still(Env):
 
     def step(self, action):
         return np.zeros(6 * FRAMES, np.float32), 0.0, False, False, {}
+
+
+class One(Still):
+    observation_space = spaces.Box(-np.inf, np.inf, (6,), np.float32)
+
+    def reset(self, **_):
+        return np.zeros(6, np.float32), {}
 
 
 class Narrow(Still):
@@ -172,6 +181,39 @@ def test_another_model_is_refused(tmp_path, model, message):
         ibdata.save_network(tmp_path / "actor.safetensors", model(), history=FRAMES)
     assert message in str(error.value)
     assert list(tmp_path.iterdir()) == []
+
+
+class Scaled(torch.nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.net = torch.nn.Sequential(torch.nn.Linear(6 * FRAMES, 8), torch.nn.ReLU(), torch.nn.Linear(8, 3))
+
+    def forward(self, x):
+        return torch.tanh(self.net(x / 10.0))
+
+
+class Halved(FlattenExtractor):
+    def forward(self, observations):
+        return 0.5 * super().forward(observations)
+
+
+@pytest.mark.parametrize("model", [
+    Scaled,
+    lambda: built(d3rlpy.algos.CRRConfig()),
+    lambda: of_stable_baselines(TD3, net={"features_extractor_class": Halved}),
+    lambda: of_stable_baselines(SAC, net={"features_extractor_class": Halved}),
+], ids=["own forward", "choice of draws", "extractor of TD3", "extractor of SAC"])  # fmt: skip
+def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
+    with pytest.raises(
+        UsageError, match=r"^model: found \w+, whose actions are up to [0-9.e-]+ from those of"
+    ):
+        saved(tmp_path / "actor.safetensors", model())
+
+
+def test_a_stack_with_the_oldest_observation_first_is_refused(tmp_path):
+    env = VecFrameStack(DummyVecEnv([One]), FRAMES)
+    with pytest.raises(UsageError, match="VecFrameStack, which puts the oldest observation first"):
+        saved(tmp_path / "actor.safetensors", of_stable_baselines(TD3, env))
 
 
 def test_a_saved_network_makes_a_dataset(tmp_path):

@@ -1,0 +1,127 @@
+"""The actors of models that other libraries have trained, read by the names of their parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError
+from ibdata.policies.weights_file import denormal
+
+IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
+SAC_BOUNDS = (-20.0, 2.0)  # to which Stable-Baselines3 clamps log standard deviations
+
+
+class Actor(NamedTuple):
+    """An actor: its hidden layers and what follows them."""
+
+    hidden: list[Any]  # modules
+    mean: Any  # a Linear
+    squash: str
+    own: Callable[[npt.NDArray[np.float32]], Any]  # the model's own actions (n, 3) for scaled inputs (n, k)
+    log_std: Any = None  # a Linear, or numbers (3,)
+    bounds: tuple[float, float] = SAC_BOUNDS
+    scaling: Mapping[str, Any] = {}  # mean, std and clip, if the library scales observations itself
+
+
+def actor_of(model: Any, history: int) -> Actor:
+    """The actor of a model. Raises AttributeError if it is none that is known."""
+    if hasattr(model, "impl"):
+        return _of_d3rlpy(model)
+    if hasattr(model, "get_vec_normalize_env"):
+        return _of_stable_baselines(model, history)
+    *hidden, last = _modules(model)
+    tanh = type(last).__name__ == "Tanh"
+    *hidden, last = hidden if tanh else [*hidden, last]
+
+    def own(inputs: npt.NDArray[np.float32]) -> Any:
+        training = model.training
+        model.train(False)  # without dropout
+        try:
+            return model(last.weight.new_tensor(inputs)).detach().cpu().numpy()
+        finally:
+            model.train(training)
+
+    return Actor(hidden, last, "tanh" if tanh else "clip", own)
+
+
+def _of_stable_baselines(model: Any, history: int) -> Actor:
+    _refuse_frame_stack(model.get_env(), history)
+    _refuse_other_bounds(model.action_space.low, model.action_space.high)
+    if getattr(model, "use_sde", False):
+        raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")
+    found, scaling = model.get_vec_normalize_env(), {}
+    if found is not None and found.norm_obs:
+        std = np.sqrt(found.obs_rms.var + found.epsilon)
+        scaling = {"mean": found.obs_rms.mean.ravel(), "std": std.ravel(), "clip": found.clip_obs}
+
+    def own(inputs: npt.NDArray[np.float32]) -> Any:
+        seen = inputs.reshape(len(inputs), *model.observation_space.shape)
+        return model.predict(seen, deterministic=True)[0]
+
+    policy = model.policy
+    if not hasattr(policy, "actor"):  # PPO
+        extractor, hidden = policy.pi_features_extractor, policy.mlp_extractor.policy_net
+        mean, squash, log_std, bounds = policy.action_net, "clip", numbers(policy.log_std), (-20.0, 20.0)
+    elif hasattr(policy.actor, "latent_pi"):  # SAC
+        extractor, hidden = policy.actor.features_extractor, policy.actor.latent_pi
+        mean, squash, log_std, bounds = policy.actor.mu, "tanh", policy.actor.log_std, SAC_BOUNDS
+    else:  # TD3
+        extractor, (*hidden, mean, _) = policy.actor.features_extractor, policy.actor.mu
+        squash, log_std, bounds = "tanh", None, SAC_BOUNDS
+    modules = [*_modules(extractor), *(part for each in hidden for part in _modules(each))]
+    return Actor(modules, mean, squash, own, log_std, bounds, scaling)
+
+
+def _refuse_frame_stack(env: Any, history: int) -> None:
+    """Raise UsageError for an environment of Stable-Baselines3 that puts the oldest observation first."""
+    while env is not None and history > 1:
+        if type(env).__name__ == "VecFrameStack":
+            raise UsageError(
+                "model: found VecFrameStack, which puts the oldest observation first, expected the newest "
+                f"first; train on an environment with history={history}"
+            )
+        env = getattr(env, "venv", None)
+
+
+def _of_d3rlpy(model: Any) -> Actor:
+    if model.impl is None:
+        raise UsageError("model: found an algorithm of d3rlpy that is not built, expected a trained one")
+    if (scaler := model.config.action_scaler) is not None:
+        _refuse_other_bounds(scaler.minimum, scaler.maximum)
+    scaling = {}
+    if (scaler := model.config.observation_scaler) is not None:
+        scaling = {"mean": scaler.mean, "std": scaler.std + scaler.eps}
+
+    def own(inputs: npt.NDArray[np.float32]) -> Any:
+        seen = inputs * scaling["std"] + scaling["mean"] if scaling else inputs
+        return model.predict(seen.astype(np.float32))
+
+    policy = model.impl.policy
+    hidden = _modules(policy._encoder)
+    if hasattr(policy, "_fc"):  # deterministic
+        return Actor(hidden, policy._fc, "tanh", own, scaling=scaling)
+    # With a parameter (IQL, AWAC), the distribution that was trained is not that of a draw before the tanh.
+    log_std = None if policy._use_std_parameter else policy._logstd
+    return Actor(hidden, policy._mu, "tanh", own, log_std, (policy._min_logstd, policy._max_logstd), scaling)
+
+
+def _refuse_other_bounds(low: Any, high: Any) -> None:
+    if not (np.all(np.asarray(low) == -1.0) and np.all(np.asarray(high) == 1.0)):
+        raise UsageError(f"model: found actions from {low} to {high}, expected -1 to 1")
+
+
+def _modules(module: Any) -> list[Any]:
+    """The innermost modules of a torch module, in order, without those that change nothing."""
+    every = (part for _, part in module.named_modules(remove_duplicate=False))  # one ReLU may occur twice
+    inner = [part for part in every if not list(part.children())]
+    return [part for part in inner if type(part).__name__ not in IGNORED]
+
+
+def numbers(parameter: Any) -> npt.NDArray[np.float32]:
+    """The numbers of a parameter; 0 in place of denormal ones, which some machines take for 0."""
+    numbers = np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)
+    return np.where(denormal(numbers), np.float32(0.0), numbers)
