@@ -141,7 +141,7 @@ def by_model(rows: Rows, target: Target, model: Model) -> float:
     seen = starts(rows).astype(np.float64).reshape(STARTS, HISTORY, 6)
     total = 0.0
     for discount in DISCOUNTS:
-        action = target.act(seen.astype(np.float32).astype(np.float64), draws.random((STARTS, 3)))
+        action = target.act(seen.astype(np.float32), draws.random((STARTS, 3)))
         moved = np.clip(seen[:, 0, 1:4] + CHANGES * action, 0.0, 100.0)
         steered = np.concatenate([seen[:, 0, :1], moved], axis=1)
         after = np.concatenate([steered, model(features(seen.reshape(STARTS, -1), steered))], axis=1)

@@ -89,18 +89,24 @@ def measures(lines: Sequence[Line]) -> str:
     return table(head, rows)
 
 
+def covered(lines: Sequence[Line], estimator: str) -> str:
+    """How many estimates there are, and how many of their 95 % intervals contain the true value."""
+    found = [(line.estimates[estimator].interval, line.value.mean_return or 0.0) for line in lines]
+    inside = [interval[0] <= value <= interval[1] for interval, value in found if interval is not None]
+    return f"{sum(inside)} of {len(inside)}"
+
+
 def weights(lines: Sequence[Line]) -> str:
-    """The median effective sample sizes, a row for each set, and the policies without a weighted estimate."""
+    """What becomes of the weights, a row for each set: median effective sample sizes, and the intervals."""
     rows = []
     for name in SETS:
         if own := of(lines, name):
             sizes = [[line.effective[n] for line in own] for n in own[0].effective]
-            without = sum(line.estimates[WEIGHTED].mean_return is None for line in own)
             shown = [f"{np.median(size):,.1f}" for size in sizes]
-            rows.append([f"`{name.partition('/')[2]}`", *shown, f"{without} of {len(own)}"])
-    steps = list(lines[0].effective)
-    head = ["set", *(f"{n} step{'s' * (n != '1')}" for n in steps), "without a weighted estimate"]
-    return table(head, rows)
+            intervals = [covered(own, estimator) for estimator in (PER_DECISION, WEIGHTED)]
+            rows.append([f"`{name.partition('/')[2]}`", *shown, *intervals])
+    steps = [f"{n} step{'s' * (n != '1')}" for n in lines[0].effective]
+    return table(["set", *steps, NAMES[PER_DECISION], NAMES[WEIGHTED]], rows)
 
 
 def times(lines: Sequence[Line]) -> str:
@@ -133,7 +139,8 @@ def block(lines: Sequence[Line]) -> str:
         parts.append(measures(own))
     parts += [
         "### Importance weights",
-        "Medians over the target policies of the effective sample size, by the number of steps.",
+        "Medians over the target policies of the effective sample size, by the number of steps. The last two "
+        "columns say how many of the 95 % intervals of the estimates contain the true value.",
         weights(lines),
         "### Time",
         "Seconds of a processor for one target policy.",

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import torch
 from torch.special import ndtr, ndtri
 
+from ibdata.policies.base import History
 from ibdata.policies.network import Network
 from ibdata.policies.support import INSIDE, Support, each
 from training.offline import HISTORY
@@ -54,16 +55,16 @@ class Target:
         """That of the file."""
         return str(self.network.sha256)
 
-    def mean(self, history: Floats) -> Any:
+    def mean(self, history: History) -> Any:
         """The network's actions (n, 3) for observations (n, HISTORY, 6)."""
         return torch.from_numpy(self.network.act(history, np.empty((len(history), 0))))
 
-    def act(self, history: Floats, u: Floats) -> Floats:
+    def act(self, history: History, u: Floats) -> Floats:
         """Actions (n, 3) from uniform random numbers (n, 3)."""
         actions: Floats = drawn(self.mean(history), torch.from_numpy(u)).numpy()
         return actions
 
-    def log_prob(self, history: Floats, action: npt.NDArray[np.float32]) -> Floats:
+    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
         """The log densities (n,) of actions (n, 3)."""
         density: Floats = log_density(self.mean(history), torch.from_numpy(action.astype(np.float64))).numpy()
         return density
