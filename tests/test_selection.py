@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers import ROOT, script
 
+import ibdata
 from measuring.documents import measured as tables_of
 from training import selecting, selection_page
 from training.selecting import ESTIMATORS, Checkpoint, Estimate, Line, plan
@@ -46,6 +47,19 @@ def test_the_plan_has_twenty_policies_of_each_of_four_sets():
     assert len(set(plan())) == len(plan()) == 80
     assert [sum(one.set == name for one in plan()) for name in selecting.SETS] == [20] * 4
     assert {one.training_steps for one in plan()} == set(selecting.GRID)
+
+
+def test_shorter_episodes_of_a_set_are_the_beginnings_of_its_own(tmp_path):
+    """So importance sampling may use `steps=100`, from which the sets are made again."""
+    long, short = (
+        ibdata.generate(
+            "siemens-offline/bad-60", tmp_path / steps, workers=1, overrides=["episodes=3", f"steps={steps}"]
+        ).arrays(history=2)
+        for steps in ("60", "20")
+    )
+    early = long["step"] < 20
+    for name in ("observations", "actions", "rewards", "episode"):
+        assert np.array_equal(long[name][early], short[name])
 
 
 def test_the_absolute_error_is_the_mean_distance():

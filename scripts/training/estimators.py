@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -111,8 +112,11 @@ def fitted_model(rows: Rows) -> Model:
 
     Predictions are clipped to what occurs in the set, so that a rollout cannot diverge.
     """
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.neural_network import MLPRegressor
+    from threadpoolctl import threadpool_limits
 
+    threadpool_limits(1)
     x = features(rows.observations[rows.transitions], rows.observations[rows.transitions + 1, STEERED])
     y = rows.observations[rows.transitions + 1, PREDICTED].astype(np.float64)
     center, spread, mean, scale = x.mean(axis=0), _spread(x), y.mean(axis=0), _spread(y)
@@ -121,7 +125,9 @@ def fitted_model(rows: Rows) -> Model:
     fitted = MLPRegressor(
         hidden_layer_sizes=HIDDEN, batch_size=BATCH, max_iter=passes, tol=0.0, random_state=0
     )
-    fitted.fit((x - center) / spread, (y - mean) / scale)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # the number of passes is fixed
+        fitted.fit((x - center) / spread, (y - mean) / scale)
     return lambda x: np.clip(fitted.predict((x - center) / spread) * scale + mean, low, high)
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from helpers import script
 
 import ibdata
 from training import checkpoints, estimators, offline, targets
-from training.selecting import Checkpoint
+from training.selecting import ESTIMATORS, Checkpoint
 
 SMALL = ["episodes=20", "steps=100"]
 
@@ -115,8 +118,7 @@ def test_a_rollout_in_the_model_steers_exactly_and_adds_up_discounted_rewards(ro
 
 def test_the_fitted_model_predicts_better_than_the_mean(rows, monkeypatch):
     monkeypatch.setattr(estimators, "EXAMPLES", 60_000)
-    with pytest.warns(match="hasn't converged"):
-        model = estimators.fitted_model(rows)
+    model = estimators.fitted_model(rows)
     at = rows.transitions
     after = rows.observations[at + 1, :6]
     found = model(estimators.features(rows.observations[at], after[:, estimators.STEERED]))
@@ -124,3 +126,33 @@ def test_the_fitted_model_predicts_better_than_the_mean(rows, monkeypatch):
     assert np.all(((found - truth) ** 2).mean(axis=0) < 0.5 * truth.var(axis=0))
     far = model(np.full((1, 64), 1e6))
     assert np.all((truth.min(axis=0) <= far) & (far <= truth.max(axis=0)))
+
+
+def test_the_script_trains_what_is_missing_and_writes_all_estimates(small, tmp_path, monkeypatch):
+    selection, one = script("selection"), Checkpoint("siemens-offline/global-100", "bc", 4)
+    other = one._replace(training_steps=2)
+    monkeypatch.setattr(selection, "plan", lambda: [other, one, one._replace(algorithm="iql")])
+    monkeypatch.setattr(selection, "dataset", lambda name, data, steps=None: small)
+    monkeypatch.setattr(selection, "EPISODES", 100)
+    monkeypatch.setattr(estimators, "by_fqe", partial(estimators.by_fqe, fits=1))
+    monkeypatch.setattr(estimators, "EXAMPLES", 2000)
+    options = Namespace(policies=tmp_path, data=None)
+    other.file(tmp_path).parent.mkdir()
+    other.file(tmp_path).write_bytes(b"kept")
+    selection.train(one, options)
+    assert other.file(tmp_path).read_bytes() == b"kept"
+    assert sorted(path.name for path in other.file(tmp_path).parent.iterdir()) == [
+        "bc-2.safetensors",
+        "bc-4.safetensors",
+    ]
+    line, target = selection.made(one, options), targets.Target(one.file(tmp_path))
+    assert (line.key, line.sha256, line.content_root) == (one, target.sha256, small.content_root)
+    truth = ibdata.evaluate(target, setpoint=70, episodes=100).results[0]
+    assert (line.value.mean_return, line.value.interval) == (truth.mean_return, truth.interval)
+    found = estimators.by_importance(small, target)
+    assert line.estimates["weighted"].mean_return == found.results[2].mean_return
+    assert line.estimates["per decision"].interval == found.results[1].interval
+    assert line.effective["3"] == found.effective[2]
+    assert list(line.estimates) == list(ESTIMATORS)
+    assert line.estimates["FQE"].mean_return == estimators.by_fqe(offline.rows_of(small), target)
+    assert list(line.cpu_seconds) == ["true value", "importance sampling", "FQE", "model"]
