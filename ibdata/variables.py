@@ -27,12 +27,12 @@ class Variable(NamedTuple):
 
 
 _TABLE = (
-    Variable("setpoint", "p", "1", 0, 100, "observation", "setpoint p, which no action changes"),
+    Variable("setpoint", "p", "1", 0, 100, "observation", "setpoint p (no action changes it)"),
     Variable("velocity", "v", "1", 0, 100, "observation", "velocity v"),
     Variable("gain", "g", "1", 0, 100, "observation", "gain g"),
     Variable("shift", "h", "1", 0, 100, "observation", "shift h"),
     Variable("fatigue", "f", "cost", 0, 300, "observation", "fatigue f"),
-    Variable("consumption", "c", "cost", None, None, "observation", "consumption c, with its noise"),
+    Variable("consumption", "c", "cost", None, None, "observation", "consumption c (with its noise)"),
     Variable("reward", "r", "cost", None, None, "reward", "reward -c - 3f of the next observation"),
     Variable("theta_0", "θ[t]", "cost", 0, 4915, "unsaved", "operational cost θ, now"),
     *(

@@ -21,15 +21,21 @@ def struct(data: bytes) -> Struct:
 
     Raises ValueError for data that are not valid, or that have a field twice.
     """
+    return struct_and_size(data)[0]
+
+
+def struct_and_size(data: bytes) -> tuple[Struct, int]:
+    """The structure with which data begin, and how many bytes it takes. Raises what `struct` raises."""
+    reader = _Reader(data)
     try:
-        return _Reader(data).struct(0)
+        return reader.struct(0), reader.at
     except IndexError:
         raise ValueError("found an end in the middle of a structure") from None
 
 
 class _Reader:
     def __init__(self, data: bytes) -> None:
-        self._data, self._at = data, 0
+        self._data, self.at = data, 0
 
     def value(self, kind: int, depth: int) -> Any:
         if kind in INTEGERS:
@@ -68,8 +74,8 @@ class _Reader:
     def _varint(self) -> int:
         number = shift = 0
         while True:
-            byte = self._data[self._at]
-            self._at += 1
+            byte = self._data[self.at]
+            self.at += 1
             number |= (byte & 127) << shift
             if byte < 128:
                 return number
@@ -78,8 +84,8 @@ class _Reader:
                 raise ValueError("found an integer of more than 64 bits")
 
     def _bytes(self, count: int) -> bytes:
-        end = self._at + count
+        end = self.at + count
         if end > len(self._data):
             raise IndexError
-        found, self._at = self._data[self._at : end], end
+        found, self.at = self._data[self.at : end], end
         return found

@@ -124,8 +124,15 @@ def windows_of(
     else:
         description = {
             "content_root": dataset.content_root,
-            "episodes": hashlib.sha256(chosen.tobytes()).hexdigest(),
+            "episodes": _identity(dataset, chosen),
             "view": options.plain(info.drifting),
         }
         stored = in_folder(Path(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
+
+
+def _identity(dataset: Dataset, chosen: npt.NDArray[np.bool_]) -> str:
+    """A hash of the episodes and their numbers. Datasets with equal roots may have another order."""
+    table = dataset.episode_table.select(["episode", "digest"]).filter(pa.array(chosen))
+    listed = zip(*(table[name].to_pylist() for name in table.column_names), strict=True)
+    return hashlib.sha256(repr(list(listed)).encode()).hexdigest()

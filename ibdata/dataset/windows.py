@@ -40,8 +40,8 @@ class Stored(NamedTuple):
         row = episode = 0
         for made in blocks:
             starts = np.flatnonzero(made.step == 0)
-            for start, stop in zip(starts, [*starts[1:], len(made.step)], strict=True):
-                length = stop - start
+            for start, length in zip(starts, np.diff(starts, append=len(made.step)), strict=True):
+                stop = start + length
                 place = len(self.frames) - row - episode - 1
                 self.frames[place - length + 1 : place + 1] = made.frames[start:stop][::-1]
                 self.frames[place - length] = made.next_frames[stop - 1]

@@ -183,9 +183,11 @@ def _metadata(view: View, episodes: pd.DataFrame, name: str) -> Mapping[str, Any
 def _references(view: View, episodes: pd.DataFrame) -> dict[str, float]:
     """The returns that `minari.get_normalized_score` takes for 0 and 1, scaled as the rewards are.
 
-    They are means over the setpoints. There are none for moving setpoints, for episodes of different lengths,
-    and where the scale has no such episodes.
+    They are means over the setpoints. There are none for other rewards than the classic one, for moving
+    setpoints, for episodes of different lengths, and where the scale has no such episodes.
     """
+    if view.options.reward.kind != "classic" or view.left_out:
+        return {}
     info, lengths = view.dataset.info_model, episodes["length"].unique().tolist()
     if info.drifting or len(lengths) > 1:
         return {}

@@ -66,15 +66,15 @@ def columns(experiment: Experiment) -> list[Column]:
     return [
         Column("episode", "index", "int64", "1", 0, None, "running number of the episode"),
         Column("step", "index", "int32", "1", 0, None, "step t within the episode"),
-        *of("obs_", "observation", OBSERVATION, " at t", False),
+        *of("obs_", "observation", OBSERVATION, ", at t", False),
         *(
-            Column(f"act_{x}", "action", dtype, "1", -1, 1, f"proposed change of {x} at t, float32")
+            Column(f"act_{x}", "action", dtype, "1", -1, 1, f"proposed change of {x}, at t (always float32)")
             for x in ("velocity", "gain", "shift")
         ),
         *of("", "reward", ("reward",), "", True),
         Column("terminated", "flag", "bool", "1", 0, 1, "always false: the benchmark never ends by itself"),
         Column("truncated", "flag", "bool", "1", 0, 1, "true on the last row of an episode"),
-        *of("next_obs_", "next_observation", OBSERVATION, " at t + 1", True),
+        *of("next_obs_", "next_observation", OBSERVATION, ", at t + 1", True),
         *of("latent_", "latent", (*latent, *derived), ", at t", False),
         *(
             of("next_latent_", "next_latent", latent, ", at t + 1", True)

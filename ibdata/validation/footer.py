@@ -1,4 +1,4 @@
-"""Check the footer of a Parquet file, by which readers skip rows: it must be true, and as ibdata writes it.
+"""Check the footer of a Parquet file, by which readers find and skip rows: it must be true, and as written.
 
 The numbers are those of the fields in github.com/apache/parquet-format, parquet.thrift.
 """
@@ -6,7 +6,9 @@ The numbers are those of the fields in github.com/apache/parquet-format, parquet
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pyarrow as pa
@@ -14,6 +16,7 @@ import pyarrow.parquet as pq
 
 from ibdata.dataset import parquet
 from ibdata.dataset.thrift import Struct, struct
+from ibdata.validation.pages import wrong_pages
 
 SCHEMA, ROWS, GROUPS, KEYS = 2, 3, 4, 5  # of the footer
 CHUNKS, GROUP_ROWS, ORDER = 1, 3, 4  # of a row group
@@ -40,7 +43,9 @@ def wrong_footer(path: Path, schema: pa.Schema, data: bytes | None = None) -> st
     with parquet.opened(path, data) as file:
         try:
             found = struct(parquet.footer(path, data))
-            return next(_wrong(found, schema, file), None)
+            with io.BytesIO(data) if data is not None else path.open("rb") as raw:
+                every = chain(_wrong(found, schema, file), wrong_pages(raw, found[GROUPS]))
+                return next(every, None)
         except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
             return f"found a footer that is not valid ({type(error).__name__}: {error})"
 

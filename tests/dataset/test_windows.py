@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+import ibdata
 from ibdata.errors import UsageError
 
 
@@ -53,6 +54,25 @@ def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
     with pytest.raises(UsageError, match=r"folder: .*mine holds something else"):
         dataset.windows(folder=tmp_path / "mine")
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+def test_a_folder_is_not_used_again_for_episodes_in_another_order(tmp_path):
+    """Datasets with their policies in another order have one root, but other episodes at each number."""
+    made = []
+    for policies in (["random", "safe"], ["safe", "random"]):
+        experiment = {"name": "two", "setpoints": 70, "policies": policies, "episodes": 2, "steps": 5}
+        made.append(ibdata.generate(experiment, tmp_path / policies[0], workers=1))
+    one, other = made
+    assert one.content_root == other.content_root
+    one.windows(policy="random", folder=tmp_path / "windows")
+    with pytest.raises(UsageError, match="windows holds something else"):
+        other.windows(policy="safe", folder=tmp_path / "windows")
+
+
+def test_episodes_without_a_transition_have_no_windows(tmp_path):
+    experiment = {"name": "short", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 1}
+    windows = ibdata.generate(experiment, tmp_path, workers=1).windows(observe=["latent_mu_v"])
+    assert (len(windows), windows.left_out) == (0, 2)
 
 
 def test_a_writer_that_fails_leaves_nothing_behind(dataset, tmp_path, monkeypatch):

@@ -144,6 +144,14 @@ def test_there_is_no_normalized_score_without_reference_returns(root, tmp_path, 
     assert not {"ref_min_score", "ref_max_score"} & metadata.keys()
 
 
+@pytest.mark.parametrize("view", [{"reward": "delta"}, {"reward": {"consumption": 1}}, {"observe": "markov"}])
+def test_there_is_no_normalized_score_for_other_returns_than_those_of_the_scale(root, tmp_path, view):
+    """The last: rows without a next hidden state are left out, so the returns are those of 999 steps."""
+    experiment = ibdata.Experiment(name="other", setpoints=75, policies=[{"kind": "random"}], steps=1000)
+    with pytest.raises(ValueError, match="Reference score not provided"):
+        normalized(experiment, tmp_path, **view)
+
+
 def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=["steps=20"])
     ibdata.export(dataset, "minari", root, verify=True)
