@@ -22,7 +22,7 @@ GRID = (1500, 3000, 6000, 10_000, 12_500, 15_000)  # steps of training
 AT = {"bc": (*GRID[:4], GRID[5]), "td3+bc": GRID, "iql": GRID, "cql": GRID[:3]}
 PER_DECISION, WEIGHTED, FQE, MODEL = ESTIMATORS = ("per decision", "weighted", "FQE", "model")
 CHOSEN = (1, 5)  # policies that a selection takes
-RESAMPLES = 2000  # of the bootstrap
+RESAMPLES = 1000  # of the bootstrap
 Floats = npt.NDArray[np.float64]
 
 
