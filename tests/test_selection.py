@@ -181,3 +181,12 @@ def test_every_number_of_the_reading_stands_in_the_tables():
     numbers = re.findall(r"−?\d+\.\d+", reading)
     assert numbers
     assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
+
+
+def test_the_script_writes_the_tables_and_leaves_the_text(selection, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.replace("80 of 80", "none of 80") + "Kept.\n", encoding="utf-8")
+    monkeypatch.setattr(selection_page, "PAGE", page)
+    monkeypatch.setattr(sys, "argv", ["selection", "--page"])
+    selection.main()
+    assert page.read_text(encoding="utf-8") == PAGE + "Kept.\n"
