@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 def say_yaml(experiment: Experiment) -> None:
     """Print an experiment as YAML; characters that the stream cannot show become escapes of YAML."""
-    from ibdata.experiment import as_yaml
+    from ibdata.experiment import in_full
 
-    text = as_yaml(experiment).decode()
+    text = in_full(experiment).decode()
     plain = all(shown(line, sys.stdout) == line for line in text.split("\n"))
-    say_all(text if plain else as_yaml(experiment, ascii=True).decode())
+    say_all(text if plain else in_full(experiment, ascii=True).decode())
 
 
 def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
@@ -33,7 +33,7 @@ def estimate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
 
     made = preview(experiment, folder, **options)
     if as_json:
-        print_json({"experiment": experiment.plain(), **made})
+        print_json({"experiment": experiment.in_full(), **made})
         return
     say_yaml(experiment)
     say()

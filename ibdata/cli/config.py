@@ -56,7 +56,7 @@ def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: boo
 
     experiment = load(config, overrides, seed)
     if as_json:
-        print_json({"experiment": experiment.plain()})
+        print_json({"experiment": experiment.in_full()})
         return
     say_yaml(experiment)
 

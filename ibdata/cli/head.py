@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from ibdata.cli._completion import columns as column_names
 from ibdata.cli._completion import splits as split_names
 from ibdata.cli._shared import json_option, place_argument, print_json, say
 from ibdata.errors import DatasetError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 MAX_ROWS = 1_000_000
 
@@ -34,17 +37,30 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
     from ibdata.dataset.reader import Dataset
 
     names = None if columns is None else [name.strip() for name in columns.split(",")]
-    batch = next(Dataset(folder).iter_batches(names, split, batch_rows=rows), None)
-    if batch is None:
+    table = _first(Dataset(folder).iter_batches(names, split, batch_rows=rows), rows)
+    if table is None:
         raise DatasetError(f"{folder}: found no rows; see ibdata validate {folder}")
     if as_json:
-        print_json({"rows": [_plain(row) for row in batch.to_pylist()]})
+        print_json({"rows": [_plain(row) for row in table.to_pylist()]})
         return
-    values = {name: batch.column(name).to_pylist() for name in batch.schema.names}
+    values = {name: table.column(name).to_pylist() for name in table.schema.names}
     width = max(map(len, values))
     for name, column in values.items():
         shown = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in column)
         say(f"{name.ljust(width)} {''.join(x.rjust(12) for x in shown)}")
+
+
+def _first(batches: Iterable[pa.RecordBatch], count: int) -> pa.Table | None:
+    """The first rows of batches, which end with a file; None if there are none."""
+    import pyarrow as pa
+
+    kept, missing = [], count
+    for batch in batches:
+        kept.append(batch.slice(0, missing))
+        missing -= kept[-1].num_rows
+        if missing == 0:
+            break
+    return pa.Table.from_batches(kept) if kept else None
 
 
 def _plain(row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -42,8 +42,11 @@ def command(folder: Path, as_json: bool) -> None:
     print_table(
         ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state"), list(map(_row, found))
     )
-    for parent in dict.fromkeys(each.path.parent for each in found):
-        own = [each for each in found if each.path.parent == parent]
+    parents = dict.fromkeys(each.path.parent for each in found)
+    below = {parent: [each for each in found if each.path.is_relative_to(parent)] for parent in parents}
+    if len(found) > max(map(len, below.values())):
+        below[folder] = found
+    for parent, own in below.items():
         if len(own) > 1:
             rows, data_bytes = sum(each.rows or 0 for each in own), sum(each.bytes for each in own)
             say(f"{parent}: {counted(len(own), 'dataset')}, {counted(rows, 'row')}, {size(data_bytes)}")

@@ -98,9 +98,13 @@ class Contents:
         columns = stats.all if split is None else stats.splits[self._known(split)]
         return {name: column.plain() for name, column in columns.items()}
 
-    @cached_property
+    @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
+        return self._episode_frame.copy()  # because nobody's changes of it may change what is read
+
+    @cached_property
+    def _episode_frame(self) -> pd.DataFrame:
         frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
         return frame
 
@@ -114,9 +118,9 @@ class Contents:
         """The undiscounted returns of the behaviour, by policy and setpoint.
 
         Returns:
-            `results`, a list of dicts with policy, setpoint, episodes, mean_return, standard_error, interval,
-            mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist for
-            episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
+            `results`, a list of dicts with policy, setpoint, episodes, steps, mean_return, standard_error,
+            interval, mean_reward (per step) and score; and `scale`, the meaning of the scores. Scores exist
+            for episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
             default, uniform and {burn_in: [15, 64]}; for others, the score is None.
         """
         return behaviour_returns(self.episode_table, self.info_model)

@@ -41,6 +41,7 @@ DATA_VERSION = 2  # raised whenever some experiment gives other bytes; see Exper
 SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
+PARTITION = re.compile(r"(episode|step|policy|reward|terminated|truncated|(action|obs|act|next|latent)_\w+)=")
 MOVES = 2  # how often a replacement may move a file while a reader looks for it
 
 
@@ -192,11 +193,17 @@ def content(folder: Path, path: str) -> bytes:
 
 
 def refuse_inside(out: Path) -> None:
-    """Raise UsageError for an output within a dataset, finished or not, because it could break readers.
+    """Raise UsageError for an output in a place in which readers of a dataset could be misled.
 
-    The folders `.next` and `.new` of any dataset count as within it.
+    It is in a dataset, finished or not, of which the folders `.next` and `.new` are a part; or it is in a
+    folder such as `policy=safe`, from whose name readers of partitioned datasets would take the column.
     """
     place = Path(os.path.realpath(out))
+    if column := next((part for part in place.parts if PARTITION.match(part)), None):
+        raise UsageError(
+            f"{out}: found the folder {column}, from whose name some readers would take the values of "
+            "a column; choose another name, without ="
+        )
     signs = (PATH, f"{RUN}/experiment.yaml", f"{NEXT}/{MARK}", f"{NEW}/{MARK}")
     for folder in place.parents:
         if any(os.path.isfile(folder / path) for path in signs):

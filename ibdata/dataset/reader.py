@@ -190,7 +190,7 @@ class Dataset(Contents):
         policy: Policy = None,
         **view: Unpack[ViewKeywords],
     ) -> Windows:
-        """The rows as `arrays` gives them, but stacked only when they are asked for.
+        """The rows as `arrays` gives them, in float32, but stacked only when they are asked for.
 
         For `torch.utils.data.DataLoader(windows, batch_size=256, shuffle=True, collate_fn=windows.collate)`.
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +21,7 @@ class Result(TypedDict):
     policy: str
     setpoint: float
     episodes: int
+    steps: int  # of an episode
     mean_return: float
     standard_error: float | None  # of the mean; None for one episode
     interval: tuple[float, float] | None  # of 95 % confidence
@@ -31,6 +34,18 @@ class Returns(TypedDict):
 
     results: list[Result]
     scale: str | None
+
+
+class Average(NamedTuple):
+    """The returns of a policy, or of all (None), over its setpoints with equal weights."""
+
+    policy: str | None
+    episodes: int
+    steps: int
+    mean_return: float
+    standard_error: float | None
+    mean_reward: float
+    score: float | None
 
 
 def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
@@ -61,6 +76,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "policy": policies[start],
                 "setpoint": setpoint,
                 "episodes": stop - start,
+                "steps": steps,
                 "mean_return": found.mean,
                 "standard_error": found.standard_error,
                 "interval": found.interval,
@@ -74,3 +90,37 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
 def _scale(info: Info, steps: int) -> reference_returns.Scale | None:
     """The scale for episodes with this number of steps."""
     return None if info.drifting else reference_returns.scale(info.dynamics, info.start, steps, 1.0)
+
+
+def averages(results: Sequence[Result]) -> list[Average]:
+    """The returns of each policy, and of all policies if there are several whose episodes are equally long.
+
+    Means and scores are those of the setpoints, averaged. A standard error is None if a setpoint has none, a
+    score is None if a setpoint has none.
+
+    Args:
+        results: At least one result of `behaviour_returns`.
+    """
+    own: dict[tuple[str, int], list[Result]] = {}
+    for result in results:
+        own.setdefault((result["policy"], result["steps"]), []).append(result)
+    made = [_average(policy, part) for (policy, _), part in own.items()]
+    if len(own) > 1 and len({steps for _, steps in own}) == 1:
+        made.append(_average(None, results))
+    return made
+
+
+def _average(policy: str | None, results: Sequence[Result]) -> Average:
+    n = len(results)
+    mean = math.fsum(r["mean_return"] for r in results) / n
+    errors = [r["standard_error"] for r in results if r["standard_error"] is not None]
+    scores = [r["score"] for r in results if r["score"] is not None]
+    return Average(
+        policy,
+        sum(r["episodes"] for r in results),
+        results[0]["steps"],
+        mean,
+        math.hypot(*errors) / n if len(errors) == n else None,
+        mean / results[0]["steps"],
+        math.fsum(scores) / n if len(scores) == n else None,
+    )

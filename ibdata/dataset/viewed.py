@@ -124,15 +124,20 @@ def windows_of(
     else:
         description = {
             "content_root": dataset.content_root,
-            "episodes": _identity(dataset, chosen),
+            "episodes": identity(dataset, chosen),
             "view": options.plain(info.drifting),
         }
         stored = in_folder(Path(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
 
 
-def _identity(dataset: Dataset, chosen: npt.NDArray[np.bool_]) -> str:
-    """A hash of the episodes and their numbers. Datasets with equal roots may have another order."""
+def identity(dataset: Dataset, chosen: npt.NDArray[np.bool_]) -> str:
+    """A hash of the contents and the numbers of episodes, whose order a content root does not tell.
+
+    Args:
+        dataset: The dataset.
+        chosen: Which of its episodes count, (n,).
+    """
     table = dataset.episode_table.select(["episode", "digest"]).filter(pa.array(chosen))
     listed = zip(*(table[name].to_pylist() for name in table.column_names), strict=True)
     return hashlib.sha256(repr(list(listed)).encode()).hexdigest()

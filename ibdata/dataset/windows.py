@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import Transitions
 from ibdata.errors import UsageError
+from ibdata.system import disk
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -174,9 +177,13 @@ def in_folder(
     """
     names, text = Stored._fields, json.dumps(description, sort_keys=True).encode()
     if not folder.exists():
+        refuse_inside(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
-            _write(Path(unfinished) / "whole", text, sizes, blocks)
+            try:
+                _write(Path(unfinished) / "whole", text, sizes, blocks)
+            except OSError as error:
+                raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
             with suppress(OSError):  # another process was faster
                 (Path(unfinished) / "whole").rename(folder)
     described = folder / DESCRIPTION
@@ -188,6 +195,10 @@ def in_folder(
 def _write(folder: Path, text: bytes, sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
+    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))
+    with (folder / DESCRIPTION).open("xb") as file:  # a full disk would end the process that fills a map
+        disk.reserve(file.fileno(), size)
+        file.truncate(0)
     maps = [
         np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
         for name, (shape, dtype) in zip(Stored._fields, _forms(sizes), strict=True)

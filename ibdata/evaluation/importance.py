@@ -13,7 +13,7 @@ from ibdata.dataset.opened import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import check_support
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
 from ibdata.experiment.custom_code import consented_spec
 from ibdata.numerics.confidence import estimate
@@ -124,6 +124,7 @@ def importance(
     if not 0.0 <= discount <= 1.0:
         raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
     wanted = policy_of(target, history, allow_code)
+    refuse_unused(history, [wanted])
     ds = opened(ds)
     spec = consented_spec(ds.path, ds.manifest_model, allow_code)
     refuse_other_plan(spec, ds.manifest_model)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,10 +80,20 @@ def policies_of(
             taking.append(name)
             policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
         found[name] = policy
+    refuse_unused(common, found.values())
     for name in lengths.keys() - taking:
         one = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own number")
     return found
+
+
+def refuse_unused(history: int, policies: Iterable[Policy]) -> None:
+    """Raise UsageError for a number of observations where no object is among the policies."""
+    if history != 1 and not any(isinstance(policy, Acting) for policy in policies):
+        raise UsageError(
+            f"history: found {history}, but no object that could see so many observations: policies of "
+            "ibdata set their own number; leave it out, or give a function, a module or an object"
+        )
 
 
 def _labelled(given: Any) -> Iterator[tuple[str | None, Any]]:

@@ -29,6 +29,7 @@ __all__ = [
     "as_recorded",
     "as_yaml",
     "find",
+    "in_full",
     "load",
     "load_all",
     "refuse_unreadable",
@@ -191,14 +192,23 @@ def _with_files(problem: str, files: list[str], total: int) -> list[str]:
     return [problem] if named else [f"{file}: {problem}" for file in files]
 
 
-def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
-    """The resolved experiment, from which the dataset can be made again, as UTF-8 or as ASCII."""
+def as_yaml(experiment: Experiment) -> bytes:
+    """The resolved experiment, from which the dataset can be made again, as a dataset records it in UTF-8."""
+    return _yaml(experiment.plain())
+
+
+def in_full(experiment: Experiment, ascii: bool = False) -> bytes:
+    """The resolved experiment with all defaults, for people, as UTF-8 or as ASCII."""
+    return _yaml(experiment.in_full(), ascii)
+
+
+def _yaml(data: dict[str, Any], ascii: bool = False) -> bytes:
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.allow_unicode = not ascii
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     out = io.BytesIO()
-    yaml.dump(experiment.plain(), out)
+    yaml.dump(data, out)
     return out.getvalue()
 
 

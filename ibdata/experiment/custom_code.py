@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.machinery import ExtensionFileLoader, ModuleSpec, SourceFileLoader
 from importlib.util import cache_from_source
@@ -100,6 +100,7 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
     tops = {source.module.partition(".")[0] for source in sources}
     with importing:
         taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
+        _compile_anew(True)
         _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))
         _others.clear()
         _others.update(sys.modules.keys() - _seen.keys())
@@ -119,9 +120,17 @@ def _restore(known: dict[str, ModuleType]) -> None:
     with importing:
         _seen.update({source.module: source for source in loaded(_others).values()})
         _taken(_seen.keys() - _others)
+        _compile_anew(False)
         sys.modules.update(known)
         _others.update(known)
         _aside.clear()
+
+
+def _compile_anew(anew: bool) -> None:
+    """Keep numba from loading machine code of policies, which may be that of other versions of files."""
+    from ibdata.numerics.code_cache import compile_others_anew
+
+    compile_others_anew(anew)
 
 
 def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
@@ -180,6 +189,21 @@ def provenance(spec: DatasetSpec) -> list[Code]:
     return [code[0].model_copy(update={"files": first | files}), *code[1:]]
 
 
+def imported_late(code: Sequence[Code]) -> list[str]:
+    """Names of modules that were imported since `provenance` looked, and whose code it does not have.
+
+    Args:
+        code: What `provenance` returned.
+    """
+    known = {hashed for each in code for hashed in (each.sha256, *each.files.values())}
+    return [
+        name
+        for name, source in loaded(_others).items()
+        if _imported.get(source.module, (None, None))[0] is not _spec_in_use(source.module)
+        and file_sha256(_archive(source)) not in known
+    ]
+
+
 def _file(source: Source) -> tuple[str, str]:
     """A module and its file, however its path is written."""
     return source.module, os.path.realpath(source.path)
@@ -212,11 +236,19 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
 _imported: dict[str, tuple[ModuleSpec, str | None]] = {}
 
 
+def _spec_in_use(module: str) -> ModuleSpec | None:
+    return getattr(sys.modules.get(module), "__spec__", None)
+
+
+def _archive(source: Source) -> Path:
+    """The file of a module, or the zip file that holds it."""
+    return next((path for path in source.path.parents if path.is_file()), source.path)
+
+
 def _sha256(source: Source) -> str | None:
     """Return the hash of a module's file. Raises UsageError if this process has imported other code."""
-    archive = next((path for path in source.path.parents if path.is_file()), source.path)  # a zip file
-    found = file_sha256(archive)
-    spec = getattr(sys.modules.get(source.module), "__spec__", None)
+    found = file_sha256(_archive(source))
+    spec = _spec_in_use(source.module)
     if spec is None:
         return found
     if _drop_stale_bytecode(source):
@@ -225,7 +257,8 @@ def _sha256(source: Source) -> str | None:
             "size of the file are the same; the bytecode was removed, so run again"
         )
     other = spec.origin if spec.has_location else None
-    if other and os.path.realpath(other) != os.path.realpath(source.path) and file_sha256(other) != found:
+    elsewhere = other and os.path.realpath(other) != os.path.realpath(source.path)
+    if other and elsewhere and file_sha256(Path(other)) != found:
         raise UsageError(
             f"{source.path}: found another module with the name {source.module} in use, {other}; rename one "
             "of the two"

@@ -124,6 +124,11 @@ class DatasetSpec:
         return list(dict.fromkeys(label for e in self.experiments for label in e.labels))
 
     @property
+    def licences(self) -> list[str]:
+        """The licences of the experiments, in order."""
+        return list(dict.fromkeys(e.licence for e in self.experiments))
+
+    @property
     def code_targets(self) -> list[str]:
         """The `package.module:name` of every custom policy, including those of which another is made."""
         found = (policy.code_target for policy in self._policies())

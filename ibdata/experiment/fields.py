@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
@@ -62,6 +63,25 @@ class EpisodeRange(FrozenModel):
     stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
 
 
+def _form_of_episodes(value: Any) -> str:
+    if isinstance(value, dict | FrozenModel):
+        return "<range>"
+    return "<share>" if isinstance(value, str) else "<number>"
+
+
+SHARE = re.compile(r"(first|last) ([1-9][0-9]?) ?%")
+SCHEMA: dict[str, Any] = {"pattern": f"^{SHARE.pattern}$"}
+
+
+def _share(value: str) -> str:
+    """Check a share of the episodes of each cell, such as `first 90%`."""
+    if not SHARE.fullmatch(value):
+        raise ValueError(
+            f"found {shown(value)}, expected a whole number, {{start, stop}}, or a share such as first 90%"
+        )
+    return value
+
+
 class Split(FrozenModel):
     """The episodes that meet all of these conditions."""
 
@@ -76,11 +96,15 @@ class Split(FrozenModel):
     episodes: (
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
-            | Annotated[EpisodeRange, Tag("<range>")],
-            Discriminator(lambda value: "<range>" if isinstance(value, dict | FrozenModel) else "<number>"),
+            | Annotated[EpisodeRange, Tag("<range>")]
+            | Annotated[str, AfterValidator(_share), Field(json_schema_extra=SCHEMA), Tag("<share>")],
+            Discriminator(_form_of_episodes),
         ]
         | None
-    ) = Field(default=None, description="how many of each cell, or {start, stop}; default: all")
+    ) = Field(
+        default=None,
+        description="how many of each cell, {start, stop}, first 90%, or last 10%; default: all",
+    )
     overlap: bool = Field(default=False, strict=True, description="may share episodes with other splits")
 
     def setpoints(self) -> list[float] | None:
@@ -91,8 +115,23 @@ class Split(FrozenModel):
         """The labels of the selected policies, or None for all."""
         return self.policy if isinstance(self.policy, list | None) else [self.policy]
 
+    def in_numbers(self, episodes: int) -> Split | None:
+        """The split with a range in place of a share; None if it holds none of that many episodes."""
+        if not isinstance(self.episodes, str):
+            return self
+        held = self.indices(episodes)
+        own = EpisodeRange(start=held.start, stop=held.stop - 1) if held else None
+        return self.model_copy(update={"episodes": own}) if own else None
+
     def indices(self, episodes: int) -> range:
-        """The indices of the selected episodes in a cell with that many episodes."""
+        """The indices of the selected episodes in a cell with that many episodes.
+
+        The first episodes of a share are at least one; the last ones are the rest.
+        """
         if isinstance(self.episodes, EpisodeRange):
             return range(self.episodes.start, self.episodes.stop + 1)
-        return range(self.episodes if self.episodes is not None else episodes)
+        if isinstance(self.episodes, str) and (share := SHARE.fullmatch(self.episodes)):
+            first, percent = share[1] == "first", int(share[2])
+            border = max(1, episodes * (percent if first else 100 - percent) // 100)
+            return range(border) if first else range(border, episodes)
+        return range(self.episodes if isinstance(self.episodes, int) else episodes)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.errors import ConfigError, Loc, Problems, suggestion
@@ -17,7 +17,7 @@ from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import BurnIn, Output, Split, Start
 from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.plain import plain
-from ibdata.experiment.scalars import WHOLE, FileName, SplitName
+from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
@@ -92,6 +92,9 @@ class Experiment(FrozenModel):
     splits: dict[SplitName, Split] = Field(
         default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
     )
+    licence: Licence = Field(
+        default=LICENCE, description="licence of the dataset, an SPDX expression; its card names it"
+    )
 
     @cached_property
     def folder(self) -> Path | None:
@@ -161,9 +164,27 @@ class Experiment(FrozenModel):
         """The same cells with fewer steps and episodes, and without what is said of other episodes."""
         return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
 
-    def plain(self) -> dict[str, Any]:
-        """The experiment as plain data for YAML, including defaults."""
+    def in_full(self) -> dict[str, Any]:
+        """The experiment as plain data for YAML, including all defaults."""
         return self.model_dump(mode="json", exclude_none=True)
+
+    def plain(self) -> dict[str, Any]:
+        """The experiment as a dataset records it: in full, but without the licence if it is the default one.
+
+        So the experiments that were recorded before there were licences keep their bytes.
+        """
+        plain = self.in_full()
+        if self.licence == LICENCE:
+            del plain["licence"]
+        return plain
+
+    @field_validator("splits")
+    @classmethod
+    def _in_numbers(cls, splits: dict[str, Split], known: ValidationInfo) -> dict[str, Split]:
+        """Give the shares of splits the numbers of their episodes, and leave out those without any."""
+        episodes = known.data.get("episodes")
+        found = {name: split.in_numbers(episodes) for name, split in splits.items()} if episodes else splits
+        return {name: split for name, split in found.items() if split is not None}
 
     @model_validator(mode="after")
     def _check(self) -> Experiment:
@@ -220,7 +241,7 @@ class Experiment(FrozenModel):
                 yield (
                     ("splits", name, "episodes"),
                     f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                    f"{self.episodes - 1}",
+                    f"{self.episodes - 1}; change it, or leave out all splits by the override splits={{}}",
                 )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:

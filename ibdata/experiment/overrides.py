@@ -19,7 +19,7 @@ def override_all(data: Any, overrides: Overrides, seed: int | None = None) -> di
     Args:
         data: The data, which are changed.
         overrides: Texts `key.sub=value` with values in YAML; or a mapping of keys to values, in which a
-            mapping is merged into the one that it meets.
+            mapping is merged into the one that it meets, unless it is empty.
         seed: The new seed; None leaves it.
 
     Returns:
@@ -67,13 +67,13 @@ def _written(overrides: Sequence[str]) -> Iterator[tuple[Loc, Any, str]]:
 
 
 def _mapped(data: Any, overrides: Mapping[str, Any], above: Loc = ()) -> Iterator[tuple[Loc, Any, str]]:
-    """The same of a mapping. A mapping that meets one of the same form gives the paths of its values."""
+    """The same of a mapping. A mapping with values that meets one of its form gives their paths."""
     for key, value in overrides.items():
         loc = (*above, *_path(str(key)))
         if not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
             raise UsageError(f"--set: found the key {key!r}, expected names joined by dots")
         met = _found(data, loc)
-        if isinstance(value, Mapping) and isinstance(met, dict) and _same_form(loc, met, value):
+        if value and isinstance(value, Mapping) and isinstance(met, dict) and _same_form(loc, met, value):
             yield from _mapped(data, value, loc)
         else:
             yield loc, plain(value), "--set"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -29,10 +30,22 @@ def _not_default(name: str) -> str:
     return name
 
 
+def _spdx(text: str) -> str:
+    if not re.fullmatch(SPDX, text):
+        raise ValueError(
+            f"found {text[:60]!r}, expected an SPDX expression such as {LICENCE} or 'MIT OR Apache-2.0': "
+            "2 to 200 letters, digits, spaces and . + - ( )"
+        )
+    return text
+
+
+LICENCE = "CC-BY-4.0"  # of a dataset whose experiment names none
+SPDX = r"[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]"
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), NormalSingle, AfterValidator(lambda value: value + 0.0)]
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
+Licence = Annotated[str, AfterValidator(_spdx), Field(json_schema_extra={"pattern": f"^{SPDX}$"})]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]
 SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]

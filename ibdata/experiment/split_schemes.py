@@ -42,13 +42,13 @@ def transfer(
         found = ", ".join(exact(p) for p in sorted(both)) or "none"
         raise UsageError(f"split: found {found} as source and target, expected different setpoints for both")
     here, there = sorted(set(source)), sorted(set(target))
-    fewest = min(experiment.episodes for experiment in spec.experiments)
+    counts = {e.episodes for e in spec.experiments if any(cell.setpoint in there for cell in e.cells)}
+    fewest, last = min(counts), max(counts) - 1
     k = _budget(spec, shots, transitions)
-    last = max(experiment.episodes for experiment in spec.experiments) - 1
     if k is not None and k > fewest:
         raise UsageError(
             f"split: found a budget of {counted(k, 'episode')}, expected at most {fewest:,}, the "
-            "episodes of each policy at a setpoint"
+            "episodes of each policy at a target setpoint"
         )
     if k is None or k > last:
         return {"source": Split(setpoint=here), "target": Split(setpoint=there)}

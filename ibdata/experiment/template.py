@@ -46,6 +46,8 @@ output:
 splits:
   source: {{setpoint: 50}}
   target: {{setpoint: 70, episodes: 1}}
+
+licence: CC-BY-4.0              # of the dataset, an SPDX expression
 """
 
 

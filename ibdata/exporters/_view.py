@@ -15,7 +15,7 @@ from ibdata.dataset.history import stacked
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.selection import selected
 from ibdata.dataset.transitions import Transitions, left_out, needed, transitions, whole_episodes
-from ibdata.dataset.viewed import BLOCK_ROWS
+from ibdata.dataset.viewed import BLOCK_ROWS, identity
 from ibdata.system.progress import Advance, bar
 from ibdata.views.options import PLAIN, ViewOptions
 
@@ -120,17 +120,26 @@ class View:
         return self.dataset.info_model.groups.get(role, [])
 
     def plain(self) -> dict[str, Any]:
-        """What the export shows, as JSON data for its own metadata."""
+        """What the export shows, as JSON data for its own metadata.
+
+        Imperfections depend on the numbers of the episodes, so with them `episodes` is a hash of their order.
+        """
+        order = {"episodes": identity(self.dataset, self._exported)} if self.options.imperfections else {}
         return {
             "content_root": self.dataset.content_root,
             "split": self.split,
             "history": self.history,
+            **order,
             **self.options.plain(self.dataset.info_model.drifting),
         }
 
+    @property
+    def _exported(self) -> Array:
+        return selected(self.dataset.episode_table, self.split, None, None)
+
     def described(self) -> pd.DataFrame:
         """The rows of `Dataset.episodes` that are exported."""
-        return self.dataset.episodes[selected(self.dataset.episode_table, self.split, None, None)]
+        return self.dataset.episodes[self._exported]
 
     def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
         """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar."""

@@ -154,9 +154,10 @@ def _common(view: View) -> Common:
     experiments = []
     for path in view.dataset.manifest_model.entries():
         if path.startswith("meta/experiment"):
+            text = manifest.listed_content(view.dataset.path, view.dataset.manifest_model, path)
             try:
-                experiments.append(Document(manifest.content(view.dataset.path, path)).data)
-            except (OSError, ValueError) as error:
+                experiments.append(Document(text).data)
+            except ValueError as error:
                 raise DatasetError(f"{view.dataset.path / path}: cannot be read: {error}") from None
 
     def common(key: str) -> Any:

@@ -12,6 +12,7 @@ from ibdata.errors import Interrupted
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt
+from ibdata.generation.origin import refuse_late_imports
 from ibdata.generation.output_folder import refuse_moved
 from ibdata.system.progress import Advance
 from ibdata.writing.shard_writer import ShardWriter, Threads, WrittenShard, shard_writer, writing_threads
@@ -87,6 +88,7 @@ def filled(
             raise Interrupted(signal.SIGTERM)
         writer.add(part, floats)
         tell(shard.number, (part.stop - shard.first) * spec.of_shard(shard).steps)
+    refuse_late_imports(root, spec)
     return writer
 
 

@@ -16,6 +16,7 @@ from ibdata.experiment.custom_code import (
     bring_back_others,
     customs,
     forget_modules,
+    imported_late,
     in_one_folder,
     provenance,
 )
@@ -126,6 +127,16 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     code = _imported(spec, origin.code, root)
     _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
     _agreed[:] = [note]
+
+
+def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
+    """Raise UsageError if a policy has imported code that the note of the run does not have."""
+    late = imported_late(get(root, root).code) if customs(spec) and begun(root) is not None else []
+    if late:
+        raise UsageError(
+            f"{root}: found code that a policy imported while it ran, so that it is not recorded: "
+            f"{printable(', '.join(late[:8]))}; import it when the policy is loaded, or list its file"
+        )
 
 
 def _refuse_other(began: Origin, here: Origin, where: Path | str) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import MissingError, UsageError
+from ibdata.errors import MissingError, UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.generation import output_folder, replacement
 from ibdata.generation.single_files import refuse_edits
@@ -19,6 +19,7 @@ from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
 from ibdata.system.object_store import refuse_url
 from ibdata.validation.consistency import refuse_other_plan
+from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
 from ibdata.writing.finish import rewritten_manifest
@@ -60,7 +61,13 @@ def card(folder: str | os.PathLike[str]) -> Dataset:
         entries = listed.entries()
         with replacement.staged(path) as staged:
             replacement.keep(path, staged, (file for file in entries if file.startswith("meta/")))
-            made = readme(spec, unread_shards(spec, listed), dataset.content_root)
+            made = readme(
+                spec,
+                unread_shards(spec, listed),
+                dataset.content_root,
+                dataset.episode_table,
+                printable(listed.versions.get("ibdata", __version__)),
+            )
             entries[manifest.CARD] = write(staged, manifest.CARD, made)
             if report is not None:
                 entries[manifest.REPORT] = write(staged, manifest.REPORT, report)

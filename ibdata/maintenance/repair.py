@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
+from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
@@ -139,7 +140,8 @@ def _make_again(
                 entries[one.path] = w.entry._replace(path=one.path)
             written.append(WrittenShard(shard, entries[one.path], content))
             check()
-        for path, make in metadata_files(spec, written, listed.content_root).items():
+        table = read_episodes(folder, listed) if manifest.CARD in lost and EPISODES not in lost else None
+        for path, make in metadata_files(spec, written, listed.content_root, table).items():
             if path in lost:
                 entries[path] = write(staged, path, make())
         if manifest.REPORT in damaged:

@@ -55,7 +55,7 @@ def reproduce(
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
-    count, problems = 0, list(_root(spec, listed, digests))
+    count, clipped, problems = 0, 0, list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
     problems += wrong_files(path, listed, {listed.shards[part.number].path for part in asked})
     with in_one_folder(spec):
@@ -67,12 +67,15 @@ def reproduce(
             experiment = spec.of_shard(part)
             lengths = [experiment.steps] * (part.stop - part.first)
             found = episode_digests(digest_runs(experiment, part, floats), lengths)
-            count += len(found)
+            count, clipped = count + len(found), clipped + floats.clipped
             for episode, digest in enumerate(found, part.first + part.offset):
                 if digest != digests[episode]:
                     message = f"episode {episode}: found other content when made again"
                     shard = listed.shards[shards[episode]].path
                     problems.append(Problem(shard, rows[episode], "reproduce", message))
+    if episodes is None and clipped != listed.clipped_actions:
+        message = f"clipped_actions: found {listed.clipped_actions}, expected {clipped}"
+        problems.append(Problem(manifest.PATH, None, "reproduce", message))
     return count, problems
 
 

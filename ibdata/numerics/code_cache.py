@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.caching import Cache, CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 
 from ibdata.errors import IbdataError
 from ibdata.numerics.announcement import Announcement
@@ -99,7 +99,7 @@ class CodeCache(FunctionCache):
         _leave_scipy_out()
         found = None
         try:
-            found = super().load_overload(sig, target_context)
+            found = Cache.load_overload(self, sig, target_context)
         except IbdataError:  # raised by a signal handler
             raise
         except Exception:  # compile again, whatever the reason
@@ -112,6 +112,18 @@ class CodeCache(FunctionCache):
         """Keep the machine code for a signature, which has been compiled since `load_overload`."""
         super().save_overload(sig, data)
         ANNOUNCEMENT.end()
+
+
+def compile_others_anew(anew: bool) -> None:
+    """Let numba load, or not load, what others than ibdata have compiled in earlier processes.
+
+    numba only compares a function's own file, so machine code may hold an earlier version of another file,
+    of which a number was compiled in or a function is called.
+    """
+    if anew:
+        setattr(FunctionCache, "load_overload", lambda *_: None)  # noqa: B010  # mypy refuses an assignment
+    elif "load_overload" in vars(FunctionCache):
+        delattr(FunctionCache, "load_overload")
 
 
 @cache

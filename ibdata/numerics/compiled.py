@@ -37,6 +37,7 @@ SOURCES = (
 def compiled(function: F) -> F:
     """Compile a function with `numba.njit`, without fastmath, and keep its machine code in `PLACES`.
 
+    Machine code of functions outside of ibdata is not kept, because the digest is only of ibdata's sources.
     With NUMBA_DISABLE_JIT=1 it stays plain Python. Compiled code releases Python's global lock, so that other
     threads can encode and hash meanwhile. numba's check for division by zero is off, because it prevents
     loops from being vectorized; no equation divides by zero.
@@ -55,7 +56,7 @@ def inlined(function: F) -> F:
 
 def _compiled(function: F, inline: bool = False) -> F:
     made: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
-    if made is not function:
+    if made is not function and function.__module__.startswith(f"{PACKAGE.name}."):
         made._cache = CodeCache(function, PLACES)  # what cache=True does with numba's own cache
     return cast(F, made)
 

@@ -23,7 +23,7 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
-from ibdata.writing.card import card, machine_readable
+from ibdata.writing.card import card, has_licence, machine_readable
 from ibdata.writing.finish import experiment_files, metadata_files, planned_entry, root_of, versions
 from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
@@ -78,8 +78,8 @@ def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest)
     if listed.data_version < spec.data_version:
         raise DatasetError(
             f"{folder}: found data version {listed.data_version}, in which policies did not see the burn-in; "
-            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use ibdata "
-            f"{listed.versions.get('ibdata')}, which made it"
+            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use an ibdata "
+            "before 0.9"
         )
 
 
@@ -106,13 +106,14 @@ def checks(
         For each file its path, and an iterator over its problems.
     """
     shards = unread_shards(spec, listed)
-    yield EPISODES, _episodes(folder, listed, spec, written)
-    if len(written) == len(shards):
+    table = metadata.episodes_table(spec, written) if len(written) == len(shards) else None
+    yield EPISODES, _episodes(folder, listed, spec, written, table)
+    if table is not None:
         yield STATS, _statistics(folder, listed, metadata.stats(spec, written))
+        yield manifest.CARD, _card(folder, listed, card(spec, shards, root, table))
     yield INFO, _info(folder, listed, metadata.info(spec, shards))
     for path, experiment in experiment_files(spec).items():
         yield path, _experiment(folder, listed, path, experiment)
-    yield manifest.CARD, _card(folder, listed, card(spec, shards, root))
 
 
 def _same_version(listed: Manifest, *of: str) -> bool:
@@ -161,10 +162,10 @@ def _shown(value: Any) -> str:
 
 
 def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
-    """Compare the card; if another version wrote it, only the lines that programs read."""
+    """Compare the card; if an earlier or later ibdata wrote it, only the lines that programs read."""
     found = manifest.listed_content(folder, listed, manifest.CARD)
     same = found == expected
-    if not _same_version(listed, "ibdata"):
+    if not (_same_version(listed, "ibdata") and has_licence(found)):
         same = machine_readable(found) == machine_readable(expected)
     if not same:
         message = f"found a card that does not fit the dataset; ibdata card {folder} writes it again"
@@ -182,7 +183,7 @@ def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experimen
 
 
 def _episodes(
-    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
+    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], expected: pa.Table | None
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
     if more := foreign_metadata(found.schema):
@@ -195,16 +196,16 @@ def _episodes(
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)
         steps, path = spec.of_shard(w.shard).steps, w.entry.path
-        for i, (digest, expected) in enumerate(zip(w.content.digests, digests[own], strict=True)):
-            if digest != expected:
+        for i, (digest, right) in enumerate(zip(w.content.digests, digests[own], strict=True)):
+            if digest != right:
                 message = "found other content than episodes.parquet lists"
                 yield Problem(path, i * steps, "digest", message)
         wrong = ~np.isclose(w.content.returns, returns[own], rtol=1e-9, atol=1e-9)
         if wrong.any():
             message = "found another sum of rewards than episodes.parquet lists"
             yield Problem(path, int(np.argmax(wrong)) * steps, "return", message)
-    if len(written) == len(spec.shards):
-        yield from _addresses(found, metadata.episodes_table(spec, written))
+    if expected is not None:
+        yield from _addresses(found, expected)
 
 
 def _addresses(found: pa.Table, expected: pa.Table) -> Iterator[Problem]:

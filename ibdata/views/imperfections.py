@@ -30,6 +30,7 @@ KEYS = (*KINDS, "mask", "seed")
 ADDRESSED = of_role("observation", "latent", "drift", "derived")  # their places are parts of the addresses
 MOST_DELAY = 1000  # steps
 MOST_SEED = 2**64
+MOST_NOISE, LEAST_STEP = 1e30, 1e-30  # so that nothing that is seen is infinite
 
 
 @dataclass(frozen=True)
@@ -167,14 +168,15 @@ def _numbers(kind: str, given: Any) -> dict[str, Any]:
         raise UsageError(f"imperfections: {kind}: found {given!r}, expected a mapping of columns to numbers")
     expected = {
         "delay": f"a whole number of steps, 1 to {MOST_DELAY}",
-        "noise": "a standard deviation above 0",
-        "quantise": "a step above 0",
+        "noise": f"a standard deviation above 0 and at most {MOST_NOISE:g}",
+        "quantise": f"a step of at least {LEAST_STEP:g}",
         "missing": "a probability above 0 and at most 1",
     }[kind]
-    most = {"delay": MOST_DELAY, "missing": 1.0}.get(kind, math.inf)
+    least = {"quantise": LEAST_STEP}.get(kind, math.ulp(0.0))
+    most = {"delay": MOST_DELAY, "missing": 1.0, "noise": MOST_NOISE}.get(kind, math.inf)
     for name, value in given.items():
         number = Integral if kind == "delay" else Real
         fits = isinstance(value, number) and not isinstance(value, bool)
-        if not fits or not 0 < float(value) <= most or not math.isfinite(value):
+        if not fits or not least <= float(value) <= most or not math.isfinite(value):
             raise UsageError(f"imperfections: {kind}: {name}: found {value!r}, expected {expected}")
     return {str(name): int(value) if kind == "delay" else float(value) for name, value in given.items()}

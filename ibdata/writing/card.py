@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow as pa
+
+from ibdata.dataset.models import Info
+from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.naming import exact, yaml_name
-from ibdata.writing.metadata import splits
+from ibdata.version import __version__
+from ibdata.writing.citation import bibtex
+from ibdata.writing.licences import front_matter
+from ibdata.writing.metadata import info, splits
 from ibdata.writing.shard_writer import WrittenShard
 
 SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
@@ -20,6 +28,9 @@ SOURCES = {
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
 BEGINNING = "---\npretty_name: Industrial Benchmark, "
 SHARD = re.compile(rb"(?<=part-[0-9]{5}-)[0-9a-f]{8}(?=\.parquet)")
+CITE = """\
+Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
+dataset."""
 LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
 
 
@@ -65,9 +76,34 @@ def machine_readable(text: bytes) -> list[bytes]:
     return re.findall(lines, text, re.MULTILINE)
 
 
-def card(spec: DatasetSpec, written: list[WrittenShard], root: str) -> bytes:
-    """The bytes of the card. The shards need their file entries, but not their content."""
-    return f"{_front_matter(spec, written)}\n{_text(spec, written, root)}".encode()
+def has_licence(text: bytes) -> bool:
+    """Whether the front matter of a card names a licence; that of the first cards did not."""
+    return b"\nlicense: " in text.partition(b"\n---\n")[0]
+
+
+def card(
+    spec: DatasetSpec,
+    written: list[WrittenShard],
+    root: str,
+    episodes: pa.Table,
+    version: str = __version__,
+) -> bytes:
+    """The bytes of the card.
+
+    Args:
+        spec: The experiments and splits of the dataset.
+        written: Its shards with their file entries; their content is not needed.
+        root: Its content root.
+        episodes: Its table of episodes.
+        version: The version of ibdata that made it.
+    """
+    parts = (
+        _front_matter(spec, written),
+        _text(spec, written, root),
+        *_behaviour(episodes, info(spec, written)),
+        f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
+    )
+    return "\n".join(parts).encode()
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
@@ -83,6 +119,7 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
         ("policies", ", ".join(spec.labels)),
         ("episodes", f"{spec.episodes} of {steps} steps"),
         ("rows", f"{spec.rows}"),
+        ("licence", ", ".join(f"`{licence}`" for licence in spec.licences)),
     ]
 
 
@@ -91,6 +128,7 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
     lines = [
         "---",
         f"pretty_name: Industrial Benchmark, {spec.name}",
+        *front_matter(spec.licences),
         "tags: [reinforcement-learning, offline-rl, industrial-benchmark]",
         f"size_categories: [{size}]",
         "configs:",
@@ -134,6 +172,26 @@ def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
         made += ["| split | episodes | rows |", "|---|---|---|"]
         made += [f"| {name} | {s.episodes} | {s.rows} |" for name, s in per_split.items()] + [""]
     return "\n".join(made)
+
+
+def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
+    """The returns of the behaviour, by policy."""
+    found = behaviour_returns(episodes, described)
+    yield "## Behaviour\n"
+    yield "| policy | episodes | steps | return | ± s.e. | reward/step | score |"
+    yield "|---|---|---|---|---|---|---|"
+    for a in averages(found["results"]):
+        error = "-" if a.standard_error is None else f"{a.standard_error:.0f}"
+        score = "-" if a.score is None else f"{a.score:.1f}"
+        policy = "all policies" if a.policy is None else a.policy
+        yield (
+            f"| {policy} | {a.episodes} | {a.steps} | {a.mean_return:.0f} | {error} | {a.mean_reward:.2f} "
+            f"| {score} |"
+        )
+    yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
+    if found["scale"]:
+        yield f"Score: {found['scale']}."
+    yield ""
 
 
 def _dynamics(experiment: Experiment) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -99,19 +99,25 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
 
 
 def metadata_files(
-    spec: DatasetSpec, written: list[WrittenShard], root: str
+    spec: DatasetSpec, written: list[WrittenShard], root: str, episodes: pa.Table | None = None
 ) -> dict[str, Callable[[], bytes]]:
     """Functions that make the files other than shards and manifest, by path.
 
-    Only those for episodes.parquet and stats.json need the content of the shards.
+    Those for episodes.parquet and stats.json need the content of the shards, and so does that for the card
+    without the table of `episodes`.
     """
+
+    @cache
+    def table() -> pa.Table:
+        return metadata.episodes_table(spec, written) if episodes is None else episodes
+
     return {
         "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(spec, written),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(table()),
         "meta/stats.json": lambda: metadata.as_json(metadata.stats(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
         **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
-        manifest.CARD: lambda: card(spec, written, root),
+        manifest.CARD: lambda: card(spec, written, root, table()),
     }
 
 

@@ -88,10 +88,9 @@ def unread_shards(spec: DatasetSpec, listed: Manifest) -> list[WrittenShard]:
     return [WrittenShard(shard, entries[listed_shard.path], UNREAD) for shard, listed_shard in pairs]
 
 
-def episodes_parquet(spec: DatasetSpec, written: list[WrittenShard]) -> bytes:
+def episodes_parquet(table: pa.Table) -> bytes:
     """The bytes of episodes.parquet."""
     out = io.BytesIO()
-    table = episodes_table(spec, written)
     pq.write_table(table, out, compression="zstd", write_page_checksum=True)
     return out.getvalue()
 

@@ -30,8 +30,9 @@ output:
   latent: true                  # or false, full (with derived values), next (also of t + 1)
   shard_rows: 1000000           # rows per file
 splits:                         # named sets of episodes, each made of whole files
-  train: {setpoint: 20, episodes: 8}   # the first 8 of each policy; or {start: 0, stop: 7}
+  train: {setpoint: 20, episodes: 8}   # the first 8 of each policy; or {start: 0, stop: 7}, or first 80%
   test: {setpoint: 70, policy: safe}
+licence: CC-BY-4.0              # of the dataset: an SPDX expression, such as MIT OR Apache-2.0
 ```
 
 ```sh
@@ -39,5 +40,11 @@ ibdata config validate explained.yaml
 ```
 
 `kind: custom` is [your own code](tasks.md#use-your-own-policy).
+
+`licence` is the licence of the dataset, by default CC-BY-4.0. It is an [SPDX
+expression](https://spdx.org/licenses/): 2 to 200 letters, digits, spaces and `. + - ( )`. ibdata does not
+check that there is such a licence; `LicenseRef-` and a word name a licence of your own. The
+[card](dataset-format.md#the-card) of the dataset names the licence. Rows and content root do not depend on
+it. A `meta/experiment.yaml` without it means the default licence.
 
 """

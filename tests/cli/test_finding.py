@@ -78,6 +78,12 @@ def test_datasets_are_listed_with_totals_of_folders(made, run):
     assert lines[1][0::7] == ["data/one", "finished"]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert out.splitlines()[3].startswith("data: 2 datasets, 15 rows, ")
+    ibdata.generate(Experiment.model_validate({**PLAIN, "splits": {}}), "data/suite/a", workers=1)
+    totals = [line.partition(" rows")[0] for line in run("ls")[1].splitlines() if " datasets, " in line]
+    assert totals == ["data: 3 datasets, 27"]
+    ibdata.generate(Experiment.model_validate({**PLAIN, "splits": {}}), "more/b", workers=1)
+    totals = [line.partition(" rows")[0] for line in run("ls")[1].splitlines() if " datasets, " in line]
+    assert totals == ["data: 3 datasets, 27", ".: 4 datasets, 39"]
     (made.path / "../empty").mkdir()
     assert run("ls", "data/empty")[1].startswith("data/empty: no datasets here or below")
 

@@ -61,6 +61,12 @@ def test_head_prints_the_first_rows_of_the_columns_and_split_asked_for(ibdata, d
     assert ibdata(*args).stdout.split() == ["step", "0", "1", "obs_setpoint", "75", "75"]
 
 
+def test_head_goes_on_in_the_next_file(ibdata, data):
+    ibdata("generate", "-q", "random", "--set", "steps=3", "--set", "output.shard_rows=3", "--out", "short")
+    found = json.loads(ibdata("head", "short", "-n", "7", "--json").stdout)["rows"]
+    assert [(row["episode"], row["step"]) for row in found] == [(i // 3, i % 3) for i in range(7)]
+
+
 def test_stats_are_those_of_the_split_asked_for(ibdata, data):
     columns = json.loads(ibdata("stats", str(data), "--split", "source", "--json").stdout)["columns"]
     assert columns["obs_setpoint"]["mean"] == 50.0

@@ -43,6 +43,9 @@ def test_a_dataset_says_what_it_is(dataset, monkeypatch):
     assert dataset.info == json.loads((dataset.path / "meta/info.json").read_text())
     assert isinstance(dataset.episodes, pd.DataFrame)
     assert len(dataset.episodes) == 12
+    frame = dataset.episodes
+    frame["episode"] = 0
+    assert dataset.episodes["episode"].tolist() == list(range(12))
 
 
 @pytest.mark.parametrize("form", [str, Path])

@@ -11,6 +11,7 @@ import pytest
 
 import ibdata as library
 from ibdata.dataset.reference_returns import scale
+from ibdata.dataset.returns import averages
 
 
 def test_returns_are_by_policy_and_setpoint(dataset):
@@ -120,3 +121,28 @@ def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdat
         [sys.executable, "-c", code, "info", str(whole.path)], capture_output=True, text=True
     )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_averages_are_those_of_a_policy_over_its_setpoints_and_of_all_policies(dataset):
+    made = averages(dataset.returns()["results"])
+    assert [(a.policy, a.episodes, a.steps, a.score) for a in made] == [
+        ("random", 6, 40, None), ("calm", 6, 40, None), (None, 12, 40, None)
+    ]  # fmt: skip
+    frame = dataset.episodes
+    for a in made:
+        rows = frame if a.policy is None else frame[frame["policy"] == a.policy]
+        cells = rows.groupby("cell", observed=True)["return"]
+        assert a.mean_return == pytest.approx(rows["return"].mean())
+        assert a.mean_reward == pytest.approx(rows["return"].mean() / 40)
+        assert a.standard_error == pytest.approx(np.sqrt((cells.var() / 3).sum()) / cells.ngroups)
+
+
+def test_averages_of_two_lengths_are_apart_and_a_score_is_that_of_every_setpoint(whole, mixed):
+    long, short = averages(mixed.returns()["results"])
+    assert (long.steps, short.steps, long.score, short.score) == (1000, 40, None, None)
+    [_, at_70] = whole.returns()["results"]  # there is no reference at 69
+    [own] = averages([at_70])
+    assert own.score == at_70["score"]
+    twice = {**at_70, "score": at_70["score"] + 10.0}
+    assert averages([at_70, twice])[0].score == pytest.approx(own.score + 5.0)
+    assert averages([at_70, {**at_70, "standard_error": None}])[0].standard_error is None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 
 import pytest
 
@@ -78,6 +80,24 @@ def test_episodes_without_a_transition_have_no_windows(tmp_path):
 def test_a_writer_that_fails_leaves_nothing_behind(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("ibdata.dataset.windows.Stored.fill", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
+        dataset.windows(folder=tmp_path / "windows")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_windows_are_not_kept_within_a_dataset(dataset):
+    with pytest.raises(UsageError, match="lies within the dataset"):
+        dataset.windows(folder=dataset.path / "data" / "windows")
+
+
+def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, monkeypatch):
+    """A map that cannot be filled would end the process."""
+
+    def full(descriptor, size):
+        assert size >= 480 * (2 * 6 * 4 / 2 + 3 * 4 + 4 + 2)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("ibdata.system.disk.reserve", full)
+    with pytest.raises(UsageError, match=r"folder: .*windows cannot be written: No space left on device"):
         dataset.windows(folder=tmp_path / "windows")
     assert list(tmp_path.iterdir()) == []
 

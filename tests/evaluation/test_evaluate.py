@@ -300,6 +300,10 @@ def test_plain_is_json():
         ({"discount": float("nan")}, "discount: found nan, expected a number in [0, 1]"),
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
         (
+            {"history": 2, "policy": ["optimized", {"x": "random"}]},
+            "history: found 2, but no object that could see so many observations",
+        ),
+        (
             {"history": {"safe": 2}, "policy": "safe"},
             "history: found 'safe', expected no label: any other policy",
         ),

@@ -302,6 +302,7 @@ def test_bad_arguments_are_named(dataset):
         ({"target": "random", "discount": 1.5}, "discount: found 1.5"),
         ({"target": lambda seen: np.zeros((len(seen), 3))}, "policy lambda: found no log density"),
         ({"target": "random", "policy": "safe"}, "policy: found 'safe'"),
+        ({"target": "random", "history": 2}, "history: found 2, but no object"),
     ):
         with pytest.raises(UsageError, match=said):
             ibdata.importance(dataset, **arguments)

@@ -311,3 +311,19 @@ def test_two_equal_cells_are_refused():
     for twice in ({"setpoints": [1, 1]}, {"policies": [RANDOM, {**RANDOM, "name": "a"}]}):
         with pytest.raises(ConfigError, match=r"^(setpoints|policies.1): found .*(twice|same policy)"):
             experiment(**twice)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "ranges"),
+    [
+        (100, {"train": (0, 89), "validation": (90, 99)}),
+        (10, {"train": (0, 8), "validation": (9, 9)}),
+        (5, {"train": (0, 3), "validation": (4, 4)}),
+        (2, {"train": (0, 0), "validation": (1, 1)}),
+        (1, {"train": (0, 0)}),
+    ],
+)
+def test_shares_of_splits_become_ranges_that_do_not_meet(episodes, ranges):
+    splits = {"train": {"episodes": "first 90%"}, "validation": {"episodes": "last 10 %"}}
+    found = Experiment(name="x", setpoints=70, policies=["random"], episodes=episodes, splits=splits).splits
+    assert {name: (split.episodes.start, split.episodes.stop) for name, split in found.items()} == ranges

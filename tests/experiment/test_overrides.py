@@ -7,7 +7,7 @@ import pytest
 from ibdata.errors import IbdataError, UsageError
 from ibdata.policies import POLICIES
 
-KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits"
+KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits, licence"
 PROBLEMS = {
     "steps=0": "steps: found 0, expected a whole number of at least 1",
     "steps=": "steps: found null, expected a whole number",

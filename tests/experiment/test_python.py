@@ -108,6 +108,8 @@ def test_the_types_of_python_and_numpy_are_those_of_yaml():
         ({"policies": ["bad"]}, "policies.0", {"kind": "bad"}),
         ({"start": {"burn_in": [1, 2]}}, "start", {"burn_in": [1, 2]}),
         ({"splits": {"b": {"setpoint": 30}}}, "splits", {"a": {"setpoint": 20.0}, "b": {"setpoint": 30.0}}),
+        ({"splits": {}}, "splits", {}),
+        ({"output": {}}, "output", {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}),
         ({}, "steps", 3),
     ],
     ids=str,

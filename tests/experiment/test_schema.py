@@ -30,6 +30,7 @@ SPECIAL = {
         "steps: 2147483647",
         "output: {latent: next, dtype: float64, shard_rows: 100000000}",
     ],
+    "a licence": ["licence: (MIT OR Apache-2.0) AND LicenseRef-mine+"],
     "a range": ["setpoints: {start: 0, stop: 1, step: 0.1}", "output: {latent: false}"],
     "dynamics of one's own": [
         "dynamics: {base: paper, convolution_weights: [0, 0, 1, 0, 0], drift_length: 7, eta_mean: 1}",
@@ -43,6 +44,7 @@ BAD = [
     "splits: {A: {}}", "splits: {a: {overlap: 1}}", "setpoints: 101", "setpoints: '70'",
     "setpoints: {start: 1}", "policies: [{kind: rndom}]", "policies: [rndom]", "policies: [gaussian]",
     "policies: [{kind: gaussian, base: safe, scale: 1}]", "policies: []", "name: A", "version: true",
+    "licence: ''", "licence: 'MIT '", 'licence: "MIT\\nBSD"', "licence: 'a|b'", "licence: 0.1", "licence: é1",
     "output: {latent: 1}", "policies: [{kind: gaussian, base: {kind: safe}, scale: 1}]",
     "policies: [{kind: epsilon_greedy, base: {kind: epsilon_greedy}, epsilon: 1}]",
     "policies: [{kind: epsilon_greedy, base: {kind: bad}, epsilon: 2}]",
@@ -78,9 +80,18 @@ def test_a_shipped_experiment_is_read_back_as_it_was(loaded, name):
 
 
 def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
-    plain = loaded(with_lines()).plain()
+    plain = loaded(with_lines()).in_full()
     assert set(plain) == set(Experiment.model_fields)
     assert plain["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
+
+
+def test_a_licence_is_recorded_unless_it_is_the_default(loaded, with_lines):
+    """So the bytes of experiments that were recorded before there were licences stay the same."""
+    named, default = loaded(with_lines("licence: MIT")), loaded(with_lines())
+    assert default == loaded(with_lines("licence: CC-BY-4.0"))
+    assert default.licence == default.in_full()["licence"] == "CC-BY-4.0"
+    assert b"licence" not in as_yaml(default)
+    assert as_yaml(named) == as_yaml(default) + b"licence: MIT\n"
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -108,6 +119,10 @@ def test_the_siemens_sets_are_each_baseline_at_five_levels_and_random_actions():
         assert (cell.policy.form(), cell.label) == (expected, name)
         assert (made.dynamics, made.setpoints, made.start) == ("siemens", 70.0, "default")
         assert (made.episodes, made.steps) == (100, 1000)
+        assert {name: list(split.indices(100)) for name, split in made.splits.items()} == {
+            "train": list(range(90)),
+            "validation": list(range(90, 100)),
+        }
 
 
 def test_the_batch_of_depeweg_has_seven_runs_to_train_and_three_to_test_at_each_setpoint():

@@ -64,6 +64,7 @@ def test_an_export_shows_what_the_arrays_show_and_says_so(dataset, tmp_path, to,
     assert tuple(said["frame"]) == made.frame == dataset.windows(**view).frame
     assert (said["history"], said["split"], said["content_root"]) == (3, "target", dataset.content_root)
     assert said["reward"] == view["reward"]
+    assert ("episodes" in said) == bool(said["imperfections"])
     assert said["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
 
 

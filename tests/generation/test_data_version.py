@@ -94,7 +94,7 @@ def test_an_old_dataset_is_not_made_again_and_the_reason_is_one_line(old):
         ibdata.reproduce(old.path)
     assert str(error.value) == (
         f"{old.path}: found data version 1, in which policies did not see the burn-in; this ibdata makes "
-        f"version 2 of it and cannot make it again; use ibdata {ibdata.__version__}, which made it"
+        f"version 2 of it and cannot make it again; use an ibdata before 0.9"
     )
     with pytest.raises(
         UsageError, match="data version 1, and this ibdata makes 2; overwrite=True to replace"

@@ -15,10 +15,12 @@ import types
 from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ibdata
 from ibdata import Experiment
+from ibdata import open as read_dataset
 from ibdata.errors import IbdataError, UsageError
 from ibdata.generation import upload
 from ibdata.simulation import self_check
@@ -158,6 +160,33 @@ def test_an_upload_goes_on_with_the_code_that_it_began_with_only(here, monkeypat
     (here / "helper.py").write_text(was)
     assert generate(url, resume=True).content_root == generate("whole").content_root
     assert ibdata.validate(url) == []
+
+
+LATE = """
+    import pathlib, sys
+    sys.path.insert(0, str(pathlib.Path("lib").absolute()))
+    sys.modules.pop("lazy", None)
+    import lazy
+    sys.path.pop(0)
+    """
+
+
+@pytest.mark.parametrize("name", ["lazy", "found_late"])
+def test_code_that_is_imported_late_is_declared_or_refused(here, name):
+    """Once under a name of which another file was recorded, once under a new one."""
+    (here / "lib").mkdir()
+    (here / f"lib/{name}.py").write_text("SIGN = -1.0  # as in the other file")
+    late = textwrap.dedent(LATE).replace("lazy", name)
+    (here / "at-70-stop.py").rename("at-70-late.py").write_text(late)
+    try:
+        with pytest.raises(UsageError, match=f"imported while it ran, .*: {name}.py; import it when"):
+            generate()
+        policy = {**PLAIN["policies"][0], "files": ["weights.txt", f"lib/{name}.py"]}
+        (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
+        files = generate(overwrite=True).manifest["code"][0]["files"]
+        assert files[f"lib/{name}.py"] == sha256(f"lib/{name}.py")
+    finally:
+        sys.modules.pop(name, None)
 
 
 def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):
@@ -449,6 +478,46 @@ def test_bytecode_of_other_code_than_the_source_s_does_not_run(here):
     assert made.manifest["code"][0]["files"]["helper.py"] == sha256("helper.py")
     shutil.rmtree("__pycache__", ignore_errors=True)
     assert generate("again").content_root == made.content_root
+
+
+FAST = """
+    import numba
+    from helper import SIZE, scaled
+    from ibdata.numerics.compiled import compiled
+
+    @numba.njit(cache=True)
+    def constant(u):
+        return SIZE * (2.0 * u - 1.0)
+
+    @compiled
+    def called(u):
+        return scaled(2.0 * u - 1.0)
+
+    class Own:
+        def act(self, history, u):
+            return 0.5 * constant(u) + 0.5 * called(u)
+    """
+SCALED = """
+    from ibdata.numerics.compiled import compiled
+    SIZE = {}
+
+    @compiled
+    def scaled(x):
+        return {} * x
+    """
+
+
+def test_machine_code_of_other_files_does_not_run(here, ibdata):
+    """numba only looks at a function's own file, not at those whose numbers and functions it compiles in."""
+    (here / "mine.py").write_text(textwrap.dedent(FAST))
+    policy = {"kind": "custom", "target": "mine:Own", "uniforms": 3}
+    (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
+    for size in (0.25, 0.75):
+        (here / "helper.py").write_text(textwrap.dedent(SCALED).format(size, size))
+        done = ibdata("generate", "-q", "own.yaml", "--allow-code", "--workers", "1", "--out", str(size))
+        assert done.returncode == 0, done.stderr
+    small, large = (read_dataset(str(size)).arrays()["actions"] for size in (0.25, 0.75))
+    np.testing.assert_allclose(3 * small, large, rtol=1e-5)
 
 
 @pytest.mark.slow

@@ -265,6 +265,14 @@ def test_an_output_inside_a_dataset_is_refused(here, made, write, place):
     assert ibdata.validate(here) == []
 
 
+@pytest.mark.parametrize("write", OUTPUTS.values(), ids=OUTPUTS)
+def test_an_output_in_a_folder_that_looks_like_a_column_is_refused(here, made, write):
+    """DuckDB takes the values of such a column from the path."""
+    shutil.copytree(made[1].path, "other")
+    with pytest.raises(UsageError, match=r"found the folder policy=safe, .*; choose another name"):
+        write("runs/policy=safe")
+
+
 def test_an_output_inside_an_unfinished_run_is_refused(tmp_path):
     ibdata.generate_shards(described(), "1/2", tmp_path / "run", workers=1)
     with pytest.raises(UsageError, match="lies within the dataset"):

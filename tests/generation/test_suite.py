@@ -52,6 +52,19 @@ def test_the_batch_of_depeweg_makes_a_valid_dataset():
     assert rows == {"train": 10 * 7 * 20, "test": 10 * 3 * 20}
 
 
+def test_the_siemens_sets_have_files_to_train_and_to_validate_on_and_the_rows_of_a_set_without_splits():
+    small = {"steps": 5}
+    dataset = ibdata.generate("siemens-offline/bad-20", workers=1, overrides=small)
+    assert {name: split["episodes"] for name, split in dataset.info["splits"].items()} == {
+        "train": 90,
+        "validation": 10,
+    }
+    assert set(dataset.to_pandas(["episode"], split="validation")["episode"]) == set(range(90, 100))
+    plain = ibdata.generate("siemens-offline/bad-20", "plain", workers=1, overrides={**small, "splits": {}})
+    assert plain.info["splits"] == {}
+    assert plain.content_root == dataset.content_root
+
+
 def test_a_dataset_of_a_suite_is_the_one_that_its_experiment_makes_alone(two):
     made = ibdata.generate_all(two, "out", workers=1, seed=3)
     alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)

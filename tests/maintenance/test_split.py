@@ -268,6 +268,23 @@ def test_a_name_of_a_declared_split_is_refused(experiment, tmp_path):
         ibdata.split(tmp_path / "x", scheme="interpolation")
 
 
+def test_the_budget_is_that_of_the_target_in_a_merged_dataset(tmp_path):
+    """No target cell has episodes beyond the budget, although a source cell has."""
+    parts = []
+    for setpoint, episodes in ((50, 5), (75, 2)):
+        experiment = {"name": "part", "setpoints": setpoint, "policies": ["random"], "steps": 5}
+        experiment["episodes"] = episodes
+        parts.append(ibdata.generate(experiment, tmp_path / str(setpoint), workers=1).path)
+    made = ibdata.merge(parts, tmp_path / "merged")
+    split = ibdata.split(made.path, source=[50], target=[75], shots=2)
+    counts = {name: each["episodes"] for name, each in split.info["splits"].items()}
+    assert counts == {"source": 5, "target": 2}
+    with pytest.raises(
+        UsageError, match="budget of 3 episodes, expected at most 2, the episodes of each policy"
+    ):
+        ibdata.split(made.path, source=[50], target=[75], shots=3)
+
+
 def test_several_schemes_live_together_under_names_of_their_own(made, shard_file, tmp_path):
     ibdata.split(made.path, source=[50], target=[75], shots=2, prefix="near")
     ibdata.split(made.path, source=[50], target=[90], names={"source": "at-50", "target": "at-90"})

@@ -6,6 +6,7 @@ import itertools
 import re
 import string
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,6 +21,7 @@ from ibdata.experiment.template import write_template
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.atomic_files import TOKEN, FileEntry
 from ibdata.writing.card import card
+from ibdata.writing.metadata import episodes_table
 from ibdata.writing.shard_writer import WrittenShard, file_of
 from ibdata.writing.summary import UNREAD
 
@@ -75,7 +77,9 @@ def test_the_front_matter_of_a_card_names_splits_by_text(reader):
         WrittenShard(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
         for shard in spec.shards
     ]
-    _, front, text = card(spec, written, "0" * 64).decode().split("---\n", 2)
+    content = UNREAD._replace(returns=np.zeros(1), digests=[bytes(32)])
+    episodes = episodes_table(spec, [w._replace(content=content) for w in written])
+    _, front, text = card(spec, written, "0" * 64, episodes).decode().split("---\n", 2)
     matter = reader.load(front)
     assert matter["pretty_name"] == "Industrial Benchmark, 1"
     assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]

@@ -185,7 +185,7 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
         written.append(WrittenShard(shard, entry, stored_content(spec, shard, path)))
-    finish(spec, written, folder, True)
+    finish(spec, written, folder, True, clipped=listed.clipped_actions)
 
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
@@ -251,6 +251,14 @@ def test_metadata_of_a_schema_that_ibdata_did_not_write_are_named_and_not_read(c
 def test_rows_that_keep_every_rule_are_found_by_reproduce(copied):
     forge(copied, lambda columns: swap(columns, "latent_mu_v", "latent_mu_g"))
     assert len(reproduce(copied)[1]) == 12
+
+
+def test_the_number_of_clipped_actions_is_made_again(copied):
+    seal(copied, lambda listed: listed.update(clipped_actions=1))
+    assert validate(copied) == []
+    _, (problem,) = reproduce(copied)
+    assert problem.message == "clipped_actions: found 1, expected 14"
+    assert reproduce(copied, episodes=2)[1] == []
 
 
 def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):

@@ -1,0 +1,147 @@
+"""The card says under which licence a dataset is, how well its behaviour does, and how to cite it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers import ROOT
+from ruamel.yaml import YAML
+
+import ibdata
+from ibdata.dataset import manifest
+from ibdata.report import card as write_card
+from ibdata.writing.citation import PAPER
+from ibdata.writing.licences import front_matter
+from ibdata.writing.metadata import as_json
+
+LONG = {
+    "name": "long",
+    "setpoints": [20, 70],
+    "policies": ["random", "optimized"],
+    "episodes": 2,
+    "steps": 1000,
+}
+SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    return ibdata.generate(LONG, tmp_path_factory.mktemp("card") / "long", workers=1)
+
+
+@pytest.fixture
+def small(tmp_path):
+    return ibdata.generate(SMALL, tmp_path / "small", workers=1)
+
+
+def text_of(folder) -> str:
+    return Path(folder, manifest.CARD).read_text(encoding="utf-8")
+
+
+def matter_of(folder):
+    return YAML(typ="safe", pure=True).load(text_of(folder).split("---\n")[1])
+
+
+def test_the_licence_is_in_the_table_and_in_the_front_matter(small, tmp_path):
+    assert matter_of(small.path)["license"] == "cc-by-4.0"
+    assert "| licence | `CC-BY-4.0` |" in text_of(small.path)
+    mine = ibdata.generate({**SMALL, "licence": "LicenseRef-mine"}, tmp_path / "mine", workers=1)
+    matter = matter_of(mine.path)
+    assert (matter["license"], matter["license_name"]) == ("other", "LicenseRef-mine")
+    assert "| licence | `LicenseRef-mine` |" in text_of(mine.path)
+    assert mine.content_root == small.content_root
+    assert ibdata.validate(mine.path) == []
+
+
+def test_a_merged_dataset_is_under_the_licences_of_all(small, tmp_path):
+    changes = {"licence": "ODbL-1.0", "seed": 1}
+    other = ibdata.generate({**SMALL, **changes}, tmp_path / "other", workers=1)
+    both = ibdata.merge([small.path, other.path], tmp_path / "both")
+    assert matter_of(both.path)["license"] == ["cc-by-4.0", "odbl"]
+    assert "| licence | `CC-BY-4.0`, `ODbL-1.0` |" in text_of(both.path)
+    assert ibdata.validate(both.path) == []
+
+
+@pytest.mark.parametrize(
+    ("licences", "lines"),
+    [
+        (["cc0-1.0"], ["license: cc0-1.0"]),
+        (["PDDL-1.0", "MIT"], ["license: [pddl, mit]"]),
+        (["MIT", "X-1", "Y-2"], ["license: [mit, other]", 'license_name: "X-1, Y-2"']),
+        (["1e3"], ["license: other", 'license_name: "1e3"']),
+    ],
+)
+def test_the_hub_knows_licences_by_its_own_words(licences, lines):
+    assert front_matter(licences) == lines
+
+
+def test_the_behaviour_has_its_returns_and_its_scores(long):
+    lines = text_of(long.path).splitlines()
+    frame = long.episodes
+    for policy in ("random", "optimized"):
+        of_policy = [r for r in long.returns()["results"] if r["policy"] == policy]
+        mean = frame[frame["policy"] == policy]["return"].mean()
+        error = sum(r["standard_error"] ** 2 for r in of_policy) ** 0.5 / 2
+        score = sum(r["score"] for r in of_policy) / 2
+        row = f"| {policy} | 4 | 1000 | {mean:.0f} | {error:.0f} | {mean / 1000:.2f} | {score:.1f} |"
+        assert row in lines
+    assert any(line.startswith("| all policies | 8 | 1000 | ") for line in lines)
+    assert f"Score: {long.returns()['scale']}." in lines
+
+
+def test_a_behaviour_without_a_score_has_a_dash(small):
+    [row] = [line for line in text_of(small.path).splitlines() if line.startswith("| random | 2 | 3 |")]
+    assert row.endswith(" | - |")
+    assert "Score:" not in text_of(small.path)
+
+
+def test_the_card_says_how_to_cite_as_the_documents_do(small):
+    text = text_of(small.path)
+    citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    [paper] = citation["references"]
+    assert PAPER in text
+    assert PAPER in (ROOT / "docs/citing.md").read_text(encoding="utf-8")
+    assert f"{{{paper['title']}}}" in PAPER
+    assert f"{{{paper['conference']['name']}}}" in PAPER
+    assert paper["url"].endswith("1709.09480")
+    for author in paper["authors"]:
+        assert f"{author['family-names']}, {author['given-names']}" in " ".join(PAPER.split())
+    assert f"title   = {{{citation['title']}}}" in text
+    assert f"author  = {{{{{citation['authors'][0]['name']}}}}}" in text
+    assert f"version = {{{ibdata.__version__}}}" in text
+    assert f"{{Dataset small, content root {small.content_root}}}" in text
+
+
+def test_a_card_that_is_written_again_names_the_version_that_made_the_dataset(small, monkeypatch, sign):
+    monkeypatch.setattr("ibdata.maintenance.card._report", lambda *_: None)
+    listed = json.loads((small.path / manifest.PATH).read_bytes())
+    listed["versions"]["ibdata"] = "0.8.7"
+    (small.path / manifest.PATH).write_bytes(as_json(listed))
+    sign(small.path, manifest.CARD)
+    write_card(small.path)
+    assert "version = {0.8.7}" in text_of(small.path)
+    assert ibdata.validate(small.path) == []
+
+
+def test_a_lost_card_is_made_again_from_the_table_of_episodes_or_with_it(long, tmp_path, files):
+    for lost in (["README.md"], ["README.md", "meta/episodes.parquet"]):
+        folder = shutil.copytree(long.path, tmp_path / str(len(lost)))
+        for path in lost:
+            (folder / path).unlink()
+        assert sorted(ibdata.repair(folder, workers=1)) == sorted(lost)
+        assert files(folder) == files(long.path)
+
+
+def test_a_card_from_before_there_were_licences_is_valid_with_the_right_root_and_files(small, sign):
+    def validated(text: str) -> list[str]:
+        (small.path / manifest.CARD).write_text(text, encoding="utf-8")
+        sign(small.path, manifest.CARD)
+        return [problem.path for problem in ibdata.validate(small.path)]
+
+    first, _, rest = text_of(small.path).partition("license: cc-by-4.0\n")
+    text = first + rest.partition("## Behaviour")[0]
+    assert validated(text) == []
+    assert validated(text.replace("data/*.parquet", "more/*.parquet")) == [manifest.CARD]
