@@ -23,7 +23,7 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
-from ibdata.writing.card import card, has_licence, machine_readable
+from ibdata.writing.card import card, machine_readable
 from ibdata.writing.finish import experiment_files, metadata_files, planned_entry, root_of, versions
 from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
@@ -165,7 +165,7 @@ def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
     """Compare the card; if an earlier or later ibdata wrote it, only the lines that programs read."""
     found = manifest.listed_content(folder, listed, manifest.CARD)
     same = found == expected
-    if not (_same_version(listed, "ibdata") and has_licence(found)):
+    if not _same_version(listed, "ibdata"):
         same = machine_readable(found) == machine_readable(expected)
     if not same:
         message = f"found a card that does not fit the dataset; ibdata card {folder} writes it again"

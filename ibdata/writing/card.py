@@ -76,11 +76,6 @@ def machine_readable(text: bytes) -> list[bytes]:
     return re.findall(lines, text, re.MULTILINE)
 
 
-def has_licence(text: bytes) -> bool:
-    """Whether the front matter of a card names a licence; that of the first cards did not."""
-    return b"\nlicense: " in text.partition(b"\n---\n")[0]
-
-
 def card(
     spec: DatasetSpec,
     written: list[WrittenShard],

@@ -133,15 +133,3 @@ def test_a_lost_card_is_made_again_from_the_table_of_episodes_or_with_it(long, t
             (folder / path).unlink()
         assert sorted(ibdata.repair(folder, workers=1)) == sorted(lost)
         assert files(folder) == files(long.path)
-
-
-def test_a_card_from_before_there_were_licences_is_valid_with_the_right_root_and_files(small, sign):
-    def validated(text: str) -> list[str]:
-        (small.path / manifest.CARD).write_text(text, encoding="utf-8")
-        sign(small.path, manifest.CARD)
-        return [problem.path for problem in ibdata.validate(small.path)]
-
-    first, _, rest = text_of(small.path).partition("license: cc-by-4.0\n")
-    text = first + rest.partition("## Behaviour")[0]
-    assert validated(text) == []
-    assert validated(text.replace("data/*.parquet", "more/*.parquet")) == [manifest.CARD]
