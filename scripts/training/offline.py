@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import d3rlpy
@@ -121,10 +122,17 @@ def hyperparameters(config: Any) -> dict[str, Any]:
     return {**said, **plain}
 
 
-def train(algorithm: str, rows: Rows, seed: int, steps: int = STEPS) -> tuple[Any, dict[str, Any]]:
+def train(
+    algorithm: str,
+    rows: Rows,
+    seed: int,
+    steps: int = STEPS,
+    after: Callable[[int, Any], None] | None = None,
+) -> tuple[Any, dict[str, Any]]:
     """Train an algorithm. Return its last policy, and the fields of a baseline that describe the training.
 
     One thread of torch and one seed of all random numbers, so that a run does not depend on those before it.
+    `after` is called with the number of steps so far and the policy, after each of them.
     """
     torch.set_num_threads(1)
     d3rlpy.seed(seed)
@@ -134,9 +142,11 @@ def train(algorithm: str, rows: Rows, seed: int, steps: int = STEPS) -> tuple[An
     learned.create_impl((rows.observations.shape[1],), 3)
     draws = np.random.default_rng(seed)
     wall, cpu = time.perf_counter(), time.process_time()
-    for _ in range(steps):
+    for step in range(steps):
         at = rows.transitions[draws.integers(len(rows.transitions), size=BATCH)]
         learned.update(rows.batch(at))
+        if after is not None:
+            after(step + 1, learned)
     return learned, {
         "training_steps": steps,
         "seconds": round(time.perf_counter() - wall, 1),

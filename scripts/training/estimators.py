@@ -1,0 +1,156 @@
+"""The estimators of docs/policy-selection.md: importance sampling, fitted Q evaluation, a learned model."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import d3rlpy
+import numpy as np
+import numpy.typing as npt
+import torch
+from d3rlpy.models.encoders import VectorEncoderFactory
+from d3rlpy.ope import FQE, FQEConfig
+from d3rlpy.preprocessing import StandardObservationScaler
+
+import ibdata
+from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.evaluation.baselines import SETTINGS
+from ibdata.evaluation.importance import Importance
+from ibdata.policies import safetensors
+from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
+from training.targets import Target, drawn
+
+HORIZON = int(SETTINGS["steps"])
+DISCOUNTS = DISCOUNT ** np.arange(HORIZON)
+FITS, FIT_STEPS, FIT_BATCH, LEARNING_RATE = HORIZON, 50, 100, 3e-4  # of Q
+STARTS = 1000  # from which Q and the model are averaged
+FRAMES, EXAMPLES = 10, 3_000_000  # of the model
+STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation
+CHANGES = np.array([D_V, D_G, D_H])  # of velocity, gain and shift by an action of 1
+Floats = npt.NDArray[np.float64]
+Model = Callable[
+    [Floats], Floats
+]  # fatigue and consumption (n, 2) from FRAMES observations and what is steered
+
+
+def by_importance(start: ibdata.Dataset, target: Target) -> Importance:
+    """The estimates by importance sampling, from the first HORIZON steps of the episodes of a set."""
+    return ibdata.importance(start, target, discount=DISCOUNT)
+
+
+def starts(rows: Rows) -> npt.NDArray[np.float32]:
+    """The first stacked observations of the episodes, repeated or cut to STARTS."""
+    first = rows.transitions[~np.isin(rows.transitions - 1, rows.transitions)]
+    return rows.observations[np.resize(first, STARTS)]
+
+
+class Adapter:
+    """A target policy as d3rlpy's FQE takes it: something with an `impl`, which says the next actions."""
+
+    def __init__(self, target: Target) -> None:
+        self.impl = self
+        weights = target.network.weights
+        tensors, metadata = safetensors.read(weights.data)
+        if metadata["squash"] != "tanh" or metadata["activation"] != "relu":
+            raise ValueError(f"found {metadata}, expected relu layers and a tanh at the end")
+        self.scaler = StandardObservationScaler(mean=weights.mean, std=weights.std, eps=0.0)
+        names = [name for name in tensors if name.startswith("layers.") and name.endswith(".weight")]
+        self.layers = [
+            tuple(torch.from_numpy(tensors[f"{name}.{part}"].copy()) for part in ("weight", "bias"))
+            for name in [*(name.removesuffix(".weight") for name in sorted(names)), "mean"]
+        ]
+
+    def mean(self, x: Any) -> Any:
+        """The network's actions (n, 3) for scaled observations (n, 6 · HISTORY)."""
+        for weight, bias in self.layers[:-1]:
+            x = torch.relu(torch.nn.functional.linear(x, weight, bias))
+        return torch.tanh(torch.nn.functional.linear(x, *self.layers[-1]))
+
+    def predict_best_action(self, x: Any) -> Any:
+        """Draws of the target's actions (n, 3) for scaled observations (n, 6 · HISTORY)."""
+        with torch.no_grad():
+            mean = self.mean(x)
+            return drawn(mean, torch.rand_like(mean))
+
+
+def by_fqe(rows: Rows, target: Target, fits: int = FITS) -> float:
+    """The mean return of a target policy, by d3rlpy's fitted Q evaluation.
+
+    Q begins near 0 and is fitted FITS times to a reward plus the discounted Q of the fit before, so that it
+    counts FITS rewards. Rewards are standardised, and the discounted sum of their mean is added again.
+    """
+    torch.set_num_threads(1)
+    d3rlpy.seed(0)
+    own = rows.rewards[rows.transitions].astype(np.float64)
+    mean, std = float(own.mean()), float(own.std())
+    scaled = rows._replace(rewards=((rows.rewards - mean) / std).astype(np.float32))
+    adapter = Adapter(target)
+    config = FQEConfig(
+        learning_rate=LEARNING_RATE,
+        batch_size=FIT_BATCH,
+        gamma=DISCOUNT,
+        encoder_factory=VectorEncoderFactory(list(HIDDEN)),
+        target_update_interval=FIT_STEPS,
+        observation_scaler=adapter.scaler,
+    )
+    fqe = FQE(adapter, config)
+    fqe.create_impl((rows.observations.shape[1],), 3)
+    draws = np.random.default_rng(0)
+    for _ in range(fits * FIT_STEPS):
+        at = rows.transitions[draws.integers(len(rows.transitions), size=FIT_BATCH)]
+        fqe.update(scaled.batch(at))
+    seen = starts(rows)
+    actions = adapter.predict_best_action(adapter.scaler.transform(torch.from_numpy(seen))).numpy()
+    q = fqe.predict_value(seen, actions).mean(dtype=np.float64)
+    return float((std * q + mean * DISCOUNTS[:fits].sum()) / REWARD_SCALE)
+
+
+def fitted_model(rows: Rows) -> Model:
+    """A network that predicts fatigue and consumption, as in docs/world-models.md, fitted to a whole set.
+
+    Predictions are clipped to what occurs in the set, so that a rollout cannot diverge.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.neural_network import MLPRegressor
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+    x = features(rows.observations[rows.transitions], rows.observations[rows.transitions + 1, STEERED])
+    y = rows.observations[rows.transitions + 1, PREDICTED].astype(np.float64)
+    center, spread, mean, scale = x.mean(axis=0), _spread(x), y.mean(axis=0), _spread(y)
+    low, high = y.min(axis=0), y.max(axis=0)
+    passes = max(1, EXAMPLES // len(x))
+    fitted = MLPRegressor(
+        hidden_layer_sizes=HIDDEN, batch_size=BATCH, max_iter=passes, tol=0.0, random_state=0
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # the number of passes is fixed
+        fitted.fit((x - center) / spread, (y - mean) / scale)
+    return lambda x: np.clip(fitted.predict((x - center) / spread) * scale + mean, low, high)
+
+
+def features(stacked: npt.NDArray[Any], steered: npt.NDArray[Any]) -> Floats:
+    """What the model sees: FRAMES observations, and the next setpoint, velocity, gain and shift."""
+    return np.concatenate([stacked[:, : 6 * FRAMES], steered], axis=1, dtype=np.float64)
+
+
+def _spread(x: npt.NDArray[Any]) -> Floats:
+    found: Floats = x.std(axis=0)
+    return np.where(found > 0.0, found, 1.0)
+
+
+def by_model(rows: Rows, target: Target, model: Model) -> float:
+    """The mean return of a target policy in a learned model, from the first observations of the episodes."""
+    draws = np.random.default_rng(0)
+    seen = starts(rows).astype(np.float64).reshape(STARTS, HISTORY, 6)
+    total = 0.0
+    for discount in DISCOUNTS:
+        action = target.act(seen.astype(np.float32), draws.random((STARTS, 3)))
+        moved = np.clip(seen[:, 0, 1:4] + CHANGES * action, 0.0, 100.0)
+        steered = np.concatenate([seen[:, 0, :1], moved], axis=1)
+        after = np.concatenate([steered, model(features(seen.reshape(STARTS, -1), steered))], axis=1)
+        total += discount * float(np.mean(-after[:, 5] - 3.0 * after[:, 4]))
+        seen = np.concatenate([after[:, None], seen[:, :-1]], axis=1)
+    return total

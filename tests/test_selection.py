@@ -1,0 +1,192 @@
+"""Off-policy evaluation and selection: how estimators are measured, and what the page says of them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+import sys
+
+import numpy as np
+import pytest
+from helpers import ROOT, script
+
+import ibdata
+from measuring.documents import measured as tables_of
+from training import selecting, selection_page
+from training.selecting import ESTIMATORS, Checkpoint, Estimate, Line, plan
+
+FILE = ROOT / "docs" / "policy-selection.jsonl"
+LINES = selecting.read(FILE)
+PAGE = (ROOT / "docs/policy-selection.md").read_text(encoding="utf-8")
+FOUR = np.array([-5.0, -1.0, -2.0, -4.0])
+
+
+def line(one: Checkpoint, value: float = -6000.0, **estimates: float | None) -> Line:
+    """A result of a target policy, whose estimates are its value unless given."""
+    known = {name: estimates.get(name.replace(" ", "_"), value) for name in ESTIMATORS}
+    return Line(
+        **one._asdict(),
+        sha256="0" * 64,
+        content_root="0" * 64,
+        value=Estimate(mean_return=value, standard_error=1.0, interval=(value - 2.0, value + 2.0)),
+        estimates={name: Estimate(mean_return=mean) for name, mean in known.items()},
+        effective={"1": 50.0, "100": 1.0},
+        cpu_seconds={"FQE": 10.0},
+        versions={},
+    )
+
+
+@pytest.fixture(scope="module")
+def selection():
+    return script("selection")
+
+
+def test_the_plan_has_twenty_policies_of_each_of_four_sets():
+    assert len(set(plan())) == len(plan()) == 80
+    assert [sum(one.set == name for one in plan()) for name in selecting.SETS] == [20] * 4
+    assert {one.training_steps for one in plan()} == set(selecting.GRID)
+
+
+def test_shorter_episodes_of_a_set_are_the_beginnings_of_its_own(tmp_path):
+    """So importance sampling may use `steps=100`, from which the sets are made again."""
+    long, short = (
+        ibdata.generate(
+            "siemens-offline/bad-60", tmp_path / steps, workers=1, overrides=["episodes=3", f"steps={steps}"]
+        ).arrays(history=2)
+        for steps in ("60", "20")
+    )
+    early = long["step"] < 20
+    for name in ("observations", "actions", "rewards", "episode"):
+        assert np.array_equal(long[name][early], short[name])
+
+
+def test_the_absolute_error_is_the_mean_distance():
+    assert selecting.absolute_error(FOUR, FOUR + np.array([1.0, -3.0, 0.0, 0.0])) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("estimates", "expected"),
+    [
+        ([-50.0, -10.0, -20.0, -40.0], 1.0),
+        ([5.0, 1.0, 2.0, 4.0], -1.0),
+        ([1.0, 3.0, 4.0, 2.0], 0.8),  # 1 - 6 Σd²/(n (n² - 1)), d = 0, 1, 1, 0
+        ([1.0, 2.0, 2.0, 2.0], math.sqrt(0.6)),  # ranks 1, 3, 3, 3
+    ],
+)
+def test_the_rank_correlation_is_spearmans(estimates, expected):
+    assert selecting.rank_correlation(FOUR, np.array(estimates)) == pytest.approx(expected)
+
+
+def test_equal_estimates_have_no_rank_correlation():
+    assert math.isnan(selecting.rank_correlation(FOUR, np.full(4, 7.0)))
+
+
+def test_the_regret_is_what_the_best_chosen_policy_lacks():
+    estimates = np.array([4.0, 1.0, 2.0, 3.0])  # chooses -5, then -4, -2, -1
+    assert [selecting.regret(FOUR, estimates, k) for k in (1, 2, 3, 4)] == [4.0, 3.0, 1.0, 0.0]
+    assert selecting.regret(FOUR, np.zeros(4), 1) == 4.0  # the first
+
+
+def test_the_regret_of_chance_is_the_mean_over_all_choices():
+    for k in (1, 2, 3, 4):
+        choices = [FOUR.max() - max(chosen) for chosen in itertools.combinations(FOUR, k)]
+        assert selecting.chance_regret(FOUR, k) == pytest.approx(np.mean(choices))
+
+
+def test_an_interval_is_that_of_resampled_policies():
+    draws = np.random.default_rng(3)
+    values = draws.normal(size=20)
+    estimates = values + draws.normal(size=20)
+    found = selecting.measured(values, estimates, selecting.absolute_error)
+    assert found.value == selecting.absolute_error(values, estimates)
+    errors = np.abs(estimates - values)
+    half = 1.96 * errors.std() / math.sqrt(20)
+    assert (found.low, found.high) == pytest.approx((errors.mean() - half, errors.mean() + half), abs=0.1)
+    sure = selecting.measured(values, values - 3.0, selecting.absolute_error)
+    assert sure == pytest.approx((3.0, 3.0, 3.0))
+    assert all(map(math.isnan, selecting.measured(values, np.zeros(20), selecting.rank_correlation)))
+
+
+def test_an_estimator_without_an_estimate_of_one_policy_has_no_measures():
+    one = [one for one in plan() if one.set == selecting.SETS[0]]
+    lines = [line(each, -6000.0 - 10.0 * i) for i, each in enumerate(one)]
+    lines[3] = line(one[3], weighted=None)
+    assert selecting.estimates_of(lines, "weighted") is None
+    rows = {row.split(" | ")[0]: row for row in selection_page.measures(lines).splitlines()}
+    assert rows["| weighted IS"] == "| weighted IS | – | – | – | – |"
+    assert rows["| FQE"].startswith("| FQE | 0.0 [0.0, 0.0] | 1.00 [1.00, 1.00] | 0.0 ")
+
+
+def test_intervals_are_counted_that_contain_the_true_value():
+    def of(value, interval):
+        made = line(plan()[0], value)
+        return made.model_copy(update={"estimates": {"FQE": Estimate(mean_return=0.0, interval=interval)}})
+
+    lines = [of(-5.0, (-5.0, 0.0)), of(-5.1, (-5.0, 0.0)), of(1.0, (-5.0, 0.0)), of(0.0, None)]
+    assert selection_page.covered(lines, "FQE") == "1 of 3"
+
+
+def test_results_are_kept_in_the_order_of_the_plan(selection, tmp_path):
+    some, file = plan()[18:24], tmp_path / "x.jsonl"
+    for one in reversed(some):
+        selection.add(line(one), file)
+    assert selecting.read(file) == [line(one) for one in some]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.jsonl"]
+
+
+def test_the_script_makes_what_is_missing_and_says_so(selection, tmp_path, monkeypatch, capsys):
+    some, trained = plan()[58:63], []
+    monkeypatch.setattr(selection, "plan", lambda: some)
+    monkeypatch.setattr(selection, "train", lambda one, options: trained.append(one))
+    monkeypatch.setattr(selection, "made", lambda one, options: line(one))
+    (tmp_path / "siemens-offline-global-100").mkdir()
+    some[0].file(tmp_path).write_bytes(b"")
+    selection.add(line(some[2], -1.0), tmp_path / "x.jsonl")
+    places = ["--policies", str(tmp_path), "--out", str(tmp_path / "x.jsonl")]
+    monkeypatch.setattr(sys, "argv", ["selection", *places, "--set", "global-100"])
+    selection.main()
+    assert trained == some[1:2]
+    monkeypatch.setattr(sys, "argv", ["selection", *places])
+    selection.main()
+    assert trained == [some[1], *some[3:]]
+    assert selecting.read(tmp_path / "x.jsonl")[2] == line(some[2], -1.0)
+    capsys.readouterr()
+    monkeypatch.setattr(sys, "argv", ["selection", *places, "--list", "--set", "global-100"])
+    selection.main()
+    assert capsys.readouterr().out.splitlines()[1] == (
+        "2/2 siemens-offline/global-100 cql 6000: value -60.0, per decision -60.0, weighted -60.0, "
+        "FQE -60.0, model -60.0, in hundreds"
+    )
+
+
+def test_the_shipped_results_are_those_of_the_plan_in_its_order():
+    keys = [each.key for each in LINES]
+    assert keys == [one for one in plan() if one in set(keys)]
+    assert len({each.sha256 for each in LINES}) == len(LINES) > 0
+    for each in LINES:
+        low, high = each.value.interval
+        assert low < each.value.mean_return < high
+        assert list(each.estimates) == list(ESTIMATORS)
+        assert json.loads(each.model_dump_json())["estimates"]["FQE"]["mean_return"] is not None
+
+
+def test_the_page_holds_the_shipped_results():
+    assert tables_of(PAGE) == f"\n{selection_page.block(LINES)}\n"
+
+
+def test_every_number_of_the_reading_stands_in_the_tables():
+    reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
+    numbers = re.findall(r"−?\d+\.\d+", reading)
+    assert numbers
+    assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
+
+
+def test_the_script_writes_the_tables_and_leaves_the_text(selection, tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.replace("80 of 80", "none of 80") + "Kept.\n", encoding="utf-8")
+    monkeypatch.setattr(selection_page, "PAGE", page)
+    monkeypatch.setattr(sys, "argv", ["selection", "--page"])
+    selection.main()
+    assert page.read_text(encoding="utf-8") == PAGE + "Kept.\n"
