@@ -61,7 +61,9 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
         A result for each cell and length, in the order of the episodes.
     """
     policies = episodes["policy"].to_pylist()
-    setpoints, returns, lengths = (episodes[name].to_numpy() for name in ("setpoint", "return", "length"))
+    # Arrow would import pandas for `to_numpy`, which takes longer than the rest of a small run.
+    names = ("setpoint", "return", "length")
+    setpoints, returns, lengths = (np.array(episodes[name].to_pylist()) for name in names)
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
     scales = {steps: _scale(info, steps) for steps in np.unique(lengths).tolist()}
     new = (cells[1:] != cells[:-1]) | (lengths[1:] != lengths[:-1])

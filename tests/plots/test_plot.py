@@ -70,8 +70,8 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     for text in texts.values():
         assert ": many -->" in text
         assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
-    assert "<!-- fatigue f at t + 1 (cost) -->" in texts["tradeoff"]
-    assert "<!-- velocity v at t -->" in texts["coverage"]
+    assert "<!-- fatigue f, at t + 1 (cost) -->" in texts["tradeoff"]
+    assert "<!-- velocity v, at t -->" in texts["coverage"]
     assert "<!-- setpoint p -->" in texts["rewards"]
     plot(many, tmp_path / "again", form="svg")
     assert contents(tmp_path / "again") == contents(tmp_path / "svg")
