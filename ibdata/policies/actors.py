@@ -12,6 +12,7 @@ from ibdata.errors import UsageError
 from ibdata.policies.weights_file import denormal
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
+DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
 SAC_BOUNDS = (-20.0, 2.0)  # to which Stable-Baselines3 clamps log standard deviations
 
 
@@ -104,8 +105,8 @@ def _of_d3rlpy(model: Any) -> Actor:
     hidden = _modules(policy._encoder)
     if hasattr(policy, "_fc"):  # deterministic
         return Actor(hidden, policy._fc, "tanh", own, scaling=scaling)
-    # With a parameter (IQL, AWAC), the distribution that was trained is not that of a draw before the tanh.
-    log_std = None if policy._use_std_parameter else policy._logstd
+    # Others, such as IQL, AWAC and BC, were not trained with the distribution of a draw before the tanh.
+    log_std = policy._logstd if type(model).__name__ in DRAWN_BEFORE_TANH else None
     return Actor(hidden, policy._mu, "tanh", own, log_std, (policy._min_logstd, policy._max_logstd), scaling)
 
 

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.errors import UsageError
 from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import FATIGUE, SETPOINT, SHIFT, VELOCITY, Deterministic, Floats, History
 
@@ -31,6 +32,11 @@ class Optimized(Deterministic):
     kind: Literal["optimized"] = "optimized"
 
     def act(self, history: History, u: Floats) -> npt.ArrayLike:
+        if history.ndim != 3 or history.shape[1] < self.history_length or history.shape[2] != len(MEAN):
+            expected = f"(n, {self.history_length}, {len(MEAN)})"
+            raise UsageError(f"history: found {history.shape}, expected {expected}")
+                f"history: found {history.shape}, expected (n, {self.history_length}, {len(MEAN)})"
+            )
         action = np.empty((len(history), 3))
         _act(history, action)
         return action

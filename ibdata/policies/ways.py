@@ -68,6 +68,7 @@ class Way:
         module = is_torch_module(own) and not has_method(own)
         self.call = _module_call(own) if module else getattr(own, "predict", own)
         self.keywords = set() if module or self.decides or self.acts else _keywords(self.call)
+        self.scale = _scale(own)
         reset = getattr(own, "reset", None)
         self.reset = reset if callable(reset) and not isinstance(own, Policy) else None
 
@@ -97,7 +98,8 @@ class Way:
         text = f"{shape}, history={length}"
         known = {"state": state, "episode_start": given.step == 0, "deterministic": True}
         options = {name: known[name] for name in self.keywords}
-        answer = _called(text, self.call, given.observations.reshape(shape).copy(), **options)
+        seen = self.scale(given.observations.reshape(shape).copy())
+        answer = _called(text, self.call, seen, **options)
         actions, *rest = answer if isinstance(answer, tuple) and answer else (answer,)
         kept = rest[0] if rest and "state" in self.keywords else None
         return Answer(_numbers(text, actions, (n, 3)), given.memory, kept)
@@ -116,6 +118,13 @@ class Way:
         return Answer(
             actions, _numbers(text, answer[1], part.memory.shape) if part.memory.size else part.memory
         )
+
+
+def _scale(own: Any) -> Callable[[Any], Any]:
+    """What observations go through first: a VecNormalize of SB3, which a model leaves to its environment."""
+    find = getattr(own, "get_vec_normalize_env", None)
+    env = find() if callable(find) else None
+    return env.normalize_obs if env is not None and env.norm_obs else lambda observations: observations
 
 
 def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ibdata.errors import UsageError
 from ibdata.policies import POLICIES
 from ibdata.policies.optimized import MEAN, STD
 
@@ -89,3 +90,9 @@ def test_the_statistics_are_those_of_the_source():
     assert (MEAN[P], STD[P]) == (setpoints.mean(), round(setpoints.std(), 2))
     assert MEAN == (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
     assert STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
+
+
+@pytest.mark.parametrize("shape", [(2, 1, 6), (2, 6), (2, 6, 5)])
+def test_optimized_does_not_read_beyond_a_history_that_is_too_short(shape):
+    with pytest.raises(UsageError, match=r"^history: found \(2, .*, expected \(n, 6, 6\)"):
+        Optimized().act(np.zeros(shape), np.empty((2, 0)))

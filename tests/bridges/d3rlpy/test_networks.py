@@ -21,6 +21,7 @@ from ibdata.errors import UsageError
 from ibdata.policies.given import at_start
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled
+from ibdata.policies.ways import Way
 
 FRAMES = 3
 MEAN, STD = [55.0, 49.0, 50.5, 49.5, 37.5, 166.0], [28.0, 12.0, 30.0, 29.0, 31.0, 139.0]
@@ -102,6 +103,8 @@ def test_the_scaling_of_a_vec_normalize_is_taken_over(tmp_path):
     policy = saved(tmp_path / "actor.safetensors", model)
     expected, _ = model.predict(env.normalize_obs(history.reshape(len(history), -1)), deterministic=True)
     np.testing.assert_allclose(policy.mean_action(history), expected, rtol=0.0, atol=1e-5)
+    own = Way(model).ask(at_start(history, np.empty((len(history), 0))), None).actions
+    np.testing.assert_allclose(np.clip(own, -1.0, 1.0), expected, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("algorithm", [SAC, PPO])
@@ -132,7 +135,7 @@ def built(config):
     return algorithm
 
 
-@pytest.mark.parametrize("name", ["SAC", "TD3", "TD3PlusBC", "CQL", "IQL", "AWAC", "DDPG", "BC"])
+@pytest.mark.parametrize("name", ["SAC", "TD3", "TD3PlusBC", "CQL", "CalQL", "IQL", "AWAC", "DDPG", "BC"])
 @pytest.mark.parametrize("scaler", [False, True], ids=["raw", "standard"])
 def test_d3rlpy_acts_the_same(tmp_path, name, scaler):
     own = {}
@@ -144,7 +147,7 @@ def test_d3rlpy_acts_the_same(tmp_path, name, scaler):
     policy = saved(tmp_path / "actor.safetensors", model, **given)
     seen = history.reshape(len(history), -1) if scaler else scaled(history, clip=1e9)
     np.testing.assert_allclose(policy.mean_action(history), model.predict(seen), rtol=0.0, atol=1e-5)
-    assert policy.weights.has_log_std == (name in ("SAC", "CQL"))
+    assert policy.weights.has_log_std == (name in ("SAC", "CQL", "CalQL"))
 
 
 @pytest.mark.parametrize("ends", [[], [torch.nn.Tanh()]], ids=["clipped", "tanh"])
@@ -181,6 +184,11 @@ def test_another_model_is_refused(tmp_path, model, message):
         ibdata.save_network(tmp_path / "actor.safetensors", model(), history=FRAMES)
     assert message in str(error.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_behaviour_cloning_keeps_no_distribution_that_it_was_not_trained_with(tmp_path):
+    policy = saved(tmp_path / "actor.safetensors", built(d3rlpy.algos.BCConfig(policy_type="stochastic")))
+    assert not policy.weights.has_log_std
 
 
 class Scaled(torch.nn.Module):
