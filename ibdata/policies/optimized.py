@@ -35,8 +35,6 @@ class Optimized(Deterministic):
         if history.ndim != 3 or history.shape[1] < self.history_length or history.shape[2] != len(MEAN):
             expected = f"(n, {self.history_length}, {len(MEAN)})"
             raise UsageError(f"history: found {history.shape}, expected {expected}")
-                f"history: found {history.shape}, expected (n, {self.history_length}, {len(MEAN)})"
-            )
         action = np.empty((len(history), 3))
         _act(history, action)
         return action
