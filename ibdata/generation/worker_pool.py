@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import signal
@@ -52,7 +53,7 @@ def run_pool(
         while True:
             more = islice(waiting, 2 * division.processes - len(running))
             with held():
-                running |= {pool.submit(_work, shard) for shard in more}
+                running |= {_submitted(pool, shard) for shard in more}
             if not running:
                 return
             done, running = wait(running, LISTEN, FIRST_COMPLETED)
@@ -73,6 +74,20 @@ def run_pool(
         pool.shutdown(wait=True, cancel_futures=True)
         told.close()
         telling.close()
+
+
+def _submitted(pool: ProcessPoolExecutor, shard: Shard) -> Future[WrittenShard]:
+    """Hand a shard to the pool, which may start a worker for it.
+
+    Raises BrokenProcessPool also where the pool closes its pipes, because a worker has ended, while it starts
+    another one with these pipes. That is a ValueError, or an OSError without a cause in the system.
+    """
+    try:
+        return pool.submit(_work, shard)
+    except (ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno not in (None, errno.EBADF):
+            raise
+        raise BrokenProcessPool(f"a worker process ended while another one was started: {error}") from None
 
 
 def _end_results(pool: ProcessPoolExecutor) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -181,6 +183,35 @@ def test_a_worker_that_is_killed_while_it_sends_its_result_is_no_reason_to_wait_
     """The pool's own thread waits for the rest of the result, which nobody will send."""
     lines = run(HALF)
     assert lines[0].startswith("failed: IbdataError: True: three worker processes died in a row")
+
+
+@pytest.mark.parametrize(
+    "error", [ValueError("bad value(s) in fds_to_keep"), OSError("handle is closed")], ids=type
+)
+def test_a_worker_that_ends_while_another_is_started_costs_its_shards_only(
+    monkeypatch, tmp_path, alone, error
+):
+    """The pool then closes the pipes with which the other one is being started."""
+    submit, calls = ProcessPoolExecutor.submit, []
+
+    def ended(self, *args):
+        calls.append(args)
+        if len(calls) == 2:
+            raise error
+        return submit(self, *args)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", ended)
+    made = ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "two", workers=2)
+    assert (made.content_root, len(calls) >= 6) == (alone.content_root, True)
+
+
+def test_a_system_that_starts_no_worker_says_so(monkeypatch, tmp_path):
+    def refused(self, *args):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", refused)
+    with pytest.raises(ibdata.IbdataError, match=os.strerror(errno.EAGAIN)):
+        ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "two", workers=2)
 
 
 def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path):
