@@ -156,7 +156,8 @@ def test_every_number_of_the_reading_stands_in_the_tables():
     reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
     numbers = re.findall(r"−[\d.]+\d", reading)
     assert numbers
-    assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
+    known = tables_of(PAGE).replace("[", " ")  # the lowest seed follows a bracket
+    assert [number for number in numbers if f" {number}" not in known] == []
 
 
 def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_run(baselines, page):
