@@ -96,13 +96,12 @@ def _of_d3rlpy(model: Any) -> Actor:
     scaling = {}
     if (scaler := model.config.observation_scaler) is not None:
         scaling = {"mean": scaler.mean, "std": scaler.std + scaler.eps}
-
-    def own(inputs: npt.NDArray[np.float32]) -> Any:
-        seen = inputs * scaling["std"] + scaling["mean"] if scaling else inputs
-        return model.predict(seen.astype(np.float32))
-
     policy = model.impl.policy
     hidden = _modules(policy._encoder)
+
+    def own(inputs: npt.NDArray[np.float32]) -> Any:  # what `predict` calls on scaled observations
+        return model.impl.predict_best_action(hidden[0].weight.new_tensor(inputs)).detach().cpu().numpy()
+
     if hasattr(policy, "_fc"):  # deterministic
         return Actor(hidden, policy._fc, "tanh", own, scaling=scaling)
     # Others, such as IQL, AWAC and BC, were not trained with the distribution of a draw before the tanh.

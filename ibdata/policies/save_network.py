@@ -103,11 +103,8 @@ def _refuse_other_actions(
     width = tensors[f"{first}.weight"].shape[1]
     x = inputs = np.random.default_rng(0).uniform(-2.0, 2.0, (INPUTS, width)).astype(np.float32)
     for i in range(len(actor.hidden) // 2):
-        x = (
-            np.tanh(layer(f"layers.{i}", x))
-            if activation == "tanh"
-            else np.maximum(layer(f"layers.{i}", x), 0)
-        )
+        x = layer(f"layers.{i}", x)
+        x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
     x = layer("mean", x)
     expected = np.tanh(x) if actor.squash == "tanh" else np.clip(x, -1.0, 1.0)
     try:

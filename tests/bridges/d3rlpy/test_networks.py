@@ -186,6 +186,18 @@ def test_another_model_is_refused(tmp_path, model, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_scaler_of_a_constant_setpoint_is_no_other_action(tmp_path):
+    """Its divisor is so small that float32 observations around its mean are far apart once scaled."""
+    statistics = {"mean": np.tile(MEAN, FRAMES), "std": np.tile([0.0, *STD[1:]], FRAMES)}
+    scaler = d3rlpy.preprocessing.StandardObservationScaler(**statistics, eps=1e-6)
+    model = built(d3rlpy.algos.TD3Config(observation_scaler=scaler))
+    history = observed()
+    history[:, :, 0] = MEAN[0]
+    expected = model.predict(history.reshape(len(history), -1))
+    found = saved(tmp_path / "actor.safetensors", model).mean_action(history)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-5)
+
+
 def test_behaviour_cloning_keeps_no_distribution_that_it_was_not_trained_with(tmp_path):
     policy = saved(tmp_path / "actor.safetensors", built(d3rlpy.algos.BCConfig(policy_type="stochastic")))
     assert not policy.weights.has_log_std
