@@ -218,7 +218,7 @@ def test_the_behaviour_is_played_again_with_the_same_returns(baselines, monkeypa
     class Dataset:
         content_root = "0" * 64
 
-    monkeypatch.setattr(baselines, "dataset", lambda name, data: Dataset)
+    monkeypatch.setattr(baselines.sets, "dataset", lambda name, data: Dataset)
     shipped = {each.set: each for each in LINES if each.algorithm == "behaviour"}
     for name in ("siemens-offline/optimized-40", "siemens-offline/bad-0"):
         again = baselines.behaviour(baselines.Run(name, "behaviour", None), None)

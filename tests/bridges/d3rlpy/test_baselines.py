@@ -81,7 +81,7 @@ def test_bcq_and_bear_draw_by_the_numbers_that_they_are_given(rows):
 
 def test_a_result_is_what_evaluate_measures_of_the_policy(small, rows, monkeypatch):
     baselines = script("baselines")
-    monkeypatch.setattr(baselines, "dataset", lambda name, data: small)
+    monkeypatch.setattr(baselines.sets, "dataset", lambda name, data: small)
     run = baselines.Run("siemens-offline/optimized-40", "bc", 1)
     line = baselines.learned(run, None, steps=20)
     policy, _ = offline.train("bc", rows, seed=1, steps=20)
@@ -100,7 +100,7 @@ def test_a_policy_that_fails_is_a_result(small, monkeypatch):
             return np.full((len(x), 3), np.nan)
 
     baselines = script("baselines")
-    monkeypatch.setattr(baselines, "dataset", lambda name, data: small)
+    monkeypatch.setattr(baselines.sets, "dataset", lambda name, data: small)
     train = offline.train
     monkeypatch.setattr(offline, "train", lambda *given: (Broken(), train(*given, steps=1)[1]))
     line = baselines.learned(baselines.Run("siemens-offline/optimized-40", "bc", 0), None)

@@ -132,7 +132,7 @@ def test_the_script_trains_what_is_missing_and_writes_all_estimates(small, tmp_p
     selection, one = script("selection"), Checkpoint("siemens-offline/global-100", "bc", 4)
     other = one._replace(training_steps=2)
     monkeypatch.setattr(selection, "plan", lambda: [other, one, one._replace(algorithm="iql")])
-    monkeypatch.setattr(selection, "dataset", lambda name, data, steps=None: small)
+    monkeypatch.setattr(selection.sets, "dataset", lambda name, data, steps=None: small)
     monkeypatch.setattr(selection, "EPISODES", 100)
     monkeypatch.setattr(estimators, "by_fqe", partial(estimators.by_fqe, fits=1))
     monkeypatch.setattr(estimators, "EXAMPLES", 2000)
