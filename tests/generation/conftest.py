@@ -1,10 +1,13 @@
-"""A fixture for tests of array jobs."""
+"""Fixtures for tests of array jobs and of runs with a custom policy."""
 
 from __future__ import annotations
 
 import subprocess
+import sys
+import textwrap
 
 import pytest
+from helpers.own_code import FILES, forget
 
 
 @pytest.fixture
@@ -23,3 +26,16 @@ def start(command):
     for process in started:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The current folder, with the policy's files; its modules are forgotten before and afterwards."""
+    for path, text in FILES.items():
+        (tmp_path / path).write_text(textwrap.dedent(text))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    forget()
+    yield tmp_path
+    forget()

@@ -1,0 +1,117 @@
+"""Files with custom policies: where they are looked for, and what they may import."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+
+import pytest
+from helpers.custom_policies import described
+
+import ibdata
+from ibdata.errors import UsageError
+from ibdata.experiment import as_yaml
+
+BESIDE = """
+import numpy as np
+from size_of_mine import SIZE
+
+class Own:
+    def predict(self, observations):
+        return np.full((len(observations), 3), SIZE)
+"""
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch):
+    """`run(target)` generates from exp/own.yaml, with code in exp/ and exp/code/; sys.path is restored."""
+    (tmp_path / "exp/code").mkdir(parents=True)
+    (tmp_path / "exp/code/own-policy.py").write_text(BESIDE)
+    (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.5")
+    (tmp_path / "exp/policy_beside.py").write_text(
+        BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.5")
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+    def run(target, out="out", **options):
+        (tmp_path / "exp/own.yaml").write_text(as_yaml(described(target=target)).decode())
+        return ibdata.generate("exp/own.yaml", out, **{"workers": 1, "allow_code": True, **options})
+
+    return run
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_module_beside_the_yaml_is_found(beside, tmp_path):
+    (code,) = beside("policy_beside:Own").manifest["code"]
+    assert code["sha256"] == sha256(tmp_path / "exp/policy_beside.py")
+    assert "policy_beside" not in sys.modules
+
+
+def test_a_module_in_the_current_folder_comes_first(beside, tmp_path):
+    (tmp_path / "policy_beside.py").write_text(BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.25"))
+    (code,) = beside("policy_beside:Own").manifest["code"]
+    assert code["sha256"] == sha256(tmp_path / "policy_beside.py")
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, workers):
+    made = beside("code/own-policy.py:Own", workers=workers)
+    assert (made.to_pandas()["act_gain"] == 0.5).all()
+    (code,) = made.manifest["code"]
+    folder = tmp_path / "exp/code"
+    assert code["target"] == "code/own-policy.py:Own"
+    assert code["sha256"] == sha256(folder / "own-policy.py")
+    assert code["files"] == {"size_of_mine.py": sha256(folder / "size_of_mine.py")}
+
+
+def test_a_file_has_the_same_identity_as_a_module(beside, tmp_path):
+    made = beside("code/own-policy.py:Own")
+    (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.25")
+    with pytest.raises(UsageError, match=r"other code than the run began with, in size_of_mine\.py"):
+        beside("code/own-policy.py:Own", resume=True)
+    again = beside("code/own-policy.py:Own", overwrite=True)
+    assert again.content_root != made.content_root
+    assert (again.to_pandas()["act_gain"] == 0.25).all()
+
+
+def test_a_file_that_is_not_found_is_expected_in_places_that_are_named(beside, tmp_path):
+    beside("code/own-policy.py:Own")
+    assert ibdata.validate("out") == []
+    line = r"^code/own-policy\.py:Own: found no file 'code/own-policy\.py', expected it beside .*: "
+    here = f"{tmp_path}/code/own-policy.py; "
+    with pytest.raises(UsageError, match=f"{line}{here}"):
+        ibdata.reproduce("out", allow_code=True)
+    with pytest.raises(UsageError, match=f"{line}{tmp_path}/out/meta/code/own-policy.py or {here}"):
+        ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
+    (tmp_path / "out/meta/stats.json").unlink()
+    assert ibdata.repair("out") == ["meta/stats.json"]
+    (tmp_path / "exp/code").rename("code")
+    assert ibdata.reproduce("out", allow_code=True) == (2, [])
+    again = ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
+    assert again.content_root == ibdata.open("out").content_root
+
+
+def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code/own-policy.py").write_text("Own = 1")
+    with pytest.raises(UsageError, match=r"own-policy\.py, which differ, so nobody knows which of the two"):
+        beside("code/own-policy.py:Own")
+
+
+def test_a_file_with_the_name_of_another_module_is_refused(beside, tmp_path):
+    (tmp_path / "exp/json.py").write_text("Own = 1")
+    with pytest.raises(
+        UsageError, match=r"json\.py:Own: found another module with the name json, .*; rename"
+    ):
+        ibdata.evaluate({"kind": "custom", "target": "exp/json.py:Own"})
+
+
+def test_a_policy_in_a_file_finds_its_code_beside_it(beside, tmp_path):
+    (tmp_path / "exp/p.yaml").write_text("{kind: custom, target: 'code/own-policy.py:Own'}")
+    found = ibdata.evaluate("exp/p.yaml", steps=3, episodes=2, allow_code=True)
+    still = ibdata.evaluate({"kind": "constant", "action": [0.5] * 3}, steps=3, episodes=2)
+    assert found.returns.tolist() == still.returns.tolist()
