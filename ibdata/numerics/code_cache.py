@@ -26,6 +26,7 @@ from ibdata.system.cache_folders import Places
 from ibdata.system.private_files import verified
 
 ANNOUNCEMENT = Announcement()
+_load = Cache.load_overload  # numba's own, also while `compile_others_anew` replaces it
 
 
 class _Locator(_CacheLocator):
@@ -99,7 +100,7 @@ class CodeCache(FunctionCache):
         _leave_scipy_out()
         found = None
         try:
-            found = Cache.load_overload(self, sig, target_context)
+            found = _load(self, sig, target_context)
         except IbdataError:  # raised by a signal handler
             raise
         except Exception:  # compile again, whatever the reason
@@ -120,10 +121,7 @@ def compile_others_anew(anew: bool) -> None:
     numba only compares a function's own file, so machine code may hold an earlier version of another file,
     of which a number was compiled in or a function is called.
     """
-    if anew:
-        setattr(FunctionCache, "load_overload", lambda *_: None)  # noqa: B010  # mypy refuses an assignment
-    elif "load_overload" in vars(FunctionCache):
-        delattr(FunctionCache, "load_overload")
+    setattr(Cache, "load_overload", (lambda *_: None) if anew else _load)  # noqa: B010  # mypy refuses an assignment
 
 
 @cache

@@ -23,7 +23,8 @@ from ibdata.system.guard import refusals
 
 ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
-INPUTS, TOLERANCE = 64, 1e-3  # with which the actions of the file and of the model are compared
+# The actions of the file and of the model are compared at inputs that are scaled, not scaled, and far out.
+INPUTS, SIZES, TOLERANCE = 64, (2.0, 20.0, 200.0), 1e-3
 
 
 def save_network(
@@ -84,7 +85,7 @@ def save_network(
         weights = kept(data)
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
-    _refuse_other_actions(model, actor, tensors, activation)
+    _refuse_other_actions(model, actor, tensors, activation, scaling.get("clip", np.inf))
     target = Path(path).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
@@ -92,16 +93,18 @@ def save_network(
 
 
 def _refuse_other_actions(
-    model: Any, actor: Actor, tensors: Mapping[str, npt.NDArray[np.float32]], activation: str
+    model: Any, actor: Actor, tensors: Mapping[str, npt.NDArray[np.float32]], activation: str, clip: float
 ) -> None:
-    """Raise UsageError if a model's own actions are not those of its layers."""
+    """Raise UsageError if a model's own actions are not those of its layers, at inputs of at most `clip`."""
 
     def layer(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         return x @ tensors[f"{name}.weight"].T + tensors[f"{name}.bias"]
 
     first = "layers.0" if actor.hidden else "mean"
     width = tensors[f"{first}.weight"].shape[1]
-    x = inputs = np.random.default_rng(0).uniform(-2.0, 2.0, (INPUTS, width)).astype(np.float32)
+    each = np.random.default_rng(0).uniform(-1.0, 1.0, (len(SIZES), INPUTS, width))
+    far_out = np.concatenate([size * part for size, part in zip(SIZES, each, strict=True)])
+    x = inputs = np.clip(far_out, -clip, clip).astype(np.float32)
     for i in range(len(actor.hidden) // 2):
         x = layer(f"layers.{i}", x)
         x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)

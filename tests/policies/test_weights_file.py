@@ -164,6 +164,11 @@ class Scaled(Linear):
         return Parameter(0.5 * super().__call__(x).numpy())
 
 
+class Clamped(Linear):
+    def __call__(self, x):
+        return super().__call__(Parameter(np.clip(x.numpy(), -5.0, 5.0)))
+
+
 class Parameter:
     def __init__(self, numbers):
         self.numpy = lambda: numbers
@@ -185,10 +190,18 @@ def test_denormal_weights_of_a_trained_network_are_saved_as_0(tmp_path):
     assert tensors["mean.weight"].ravel().tolist() == [1.5, *[0.0] * 17]
 
 
-def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path):
-    with pytest.raises(UsageError, match=r"^model: found Scaled, whose actions are up to 0\."):
-        save_network(tmp_path / "actor.safetensors", Scaled(np.full((3, 6), 0.1, dtype=np.float32)))
+@pytest.mark.parametrize("model", [Scaled, Clamped])
+def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
+    with pytest.raises(
+        UsageError, match=rf"^model: found {model.__name__}, whose actions are up to [01]\.\d"
+    ):
+        save_network(tmp_path / "actor.safetensors", model(np.full((3, 6), 0.01, dtype=np.float32)))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_that_clips_its_inputs_as_the_file_says_is_saved(tmp_path):
+    model = Clamped(np.full((3, 6), 0.01, dtype=np.float32))
+    assert save_network(tmp_path / "actor.safetensors", model, clip=5.0)
 
 
 @pytest.mark.parametrize("end", range(0, len(GOOD), 97))
