@@ -1,0 +1,11 @@
+"""A URL in pyarrow's local file system."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture
+def url(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return f"{tmp_path.as_uri()}/there"
