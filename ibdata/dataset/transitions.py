@@ -136,7 +136,9 @@ def _costs(prefix: str) -> list[str]:
 def _rewards(table: pa.Table, options: ViewOptions) -> Array:
     stored: Array = table["reward"].to_numpy()
     if options.reward.kind == "classic":
-        return stored if options.reward_scale == 1 else rounded(stored, options.reward_scale, stored.dtype)
+        return (
+            stored if options.reward_scale == 1 else rounded(stored.astype(np.float32), options.reward_scale)
+        )
     before, after = (
         [table[name].to_numpy().astype(np.float32, copy=False) for name in _costs(prefix)]
         for prefix in ("obs", "next_obs")

@@ -59,7 +59,8 @@ class Lane(Simulation):
         numbers = unpack(self._form, self._out)  # type: ignore[arg-type]  # an array is a buffer
         info = dict(zip(self._latent, numbers))  # noqa: B905  # the reward is left over
         if self._plain:
-            return self.seen.ravel().copy(), numbers[-1] * self._reward_scale, info
+            reward = numbers[-1] if self._reward_scale == 1 else self.rewards()[0].item()
+            return self.seen.ravel().copy(), reward, info
         if self.window is not None:
             rounded = np.empty((1, 3), dtype=np.float32)
             clip_and_round(np.array([action]), rounded)

@@ -20,6 +20,7 @@ from ibdata.simulation import episodes
 from ibdata.simulation.episodes import NO_PAST, Episodes, Past, put, take
 from ibdata.simulation.variables import hidden, observed_rows, values_of
 from ibdata.variables import VARIABLES, rows
+from ibdata.views.rewards import scaled
 from ibdata.views.window import Window
 
 Indices = npt.NDArray[np.int64]
@@ -119,7 +120,7 @@ class Simulation:
         """The rewards (n,), scaled; a new array each time."""
         reward, scale = self.view.reward, self.settings.reward_scale
         if reward.kind == "classic":
-            return self._state.reward * scale
+            return scaled(self._state.reward, scale)
         before, after = self.costs_before.T, self.seen[:, 0, COSTS].T
         return reward.of(tuple(before), tuple(after), scale).astype(np.float64)
 

@@ -100,7 +100,6 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
     tops = {source.module.partition(".")[0] for source in sources}
     with importing:
         taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
-        _compile_anew(True)
         _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))
         _others.clear()
         _others.update(sys.modules.keys() - _seen.keys())
@@ -117,20 +116,15 @@ def bring_back_others() -> None:
 
 def _restore(known: dict[str, ModuleType]) -> None:
     """Take the modules that policies imported out of `sys.modules`, and put those before in their place."""
+    from ibdata.numerics.code_cache import compile_others_anew
+
     with importing:
         _seen.update({source.module: source for source in loaded(_others).values()})
         _taken(_seen.keys() - _others)
-        _compile_anew(False)
+        compile_others_anew(False)
         sys.modules.update(known)
         _others.update(known)
         _aside.clear()
-
-
-def _compile_anew(anew: bool) -> None:
-    """Keep numba from loading machine code of policies, which may be that of other versions of files."""
-    from ibdata.numerics.code_cache import compile_others_anew
-
-    compile_others_anew(anew)
 
 
 def _taken(names: Iterable[str]) -> dict[str, ModuleType]:

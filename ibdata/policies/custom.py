@@ -149,8 +149,11 @@ class Custom(Adapter):
     @cached_property
     def adapted(self) -> Any:
         """The object, which is imported or created on first use."""
+        from ibdata.numerics.code_cache import compile_others_anew
+
         module, name = self.module(), self.target.partition(":")[2]
         try:
+            compile_others_anew(True)
             with importing, redirect_stdout(sys.stderr):  # stdout is for a command's results
                 found = getattr(self._imported(module), name)
                 made = isinstance(found, type) or not (has_method(found) or is_torch_module(found))

@@ -68,6 +68,8 @@ class Weights:
     """
 
     def __init__(self, data: bytes) -> None:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"found {len(data)} bytes, expected at most {MAX_BYTES}; use a smaller network")
         tensors, texts = safetensors.read(data)
         self.data, self.sha256 = data, hashlib.sha256(data).hexdigest()
         try:

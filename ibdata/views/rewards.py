@@ -55,12 +55,17 @@ class Reward:
 CLASSIC = Reward()
 
 
-def rounded(rewards: npt.NDArray[Any], scale: float, dtype: Any = np.float32) -> npt.NDArray[Any]:
+def rounded(rewards: npt.NDArray[Any], scale: float) -> Float32s:
     """Rewards times a scale. Raises UsageError if they become infinite as float32."""
-    scaled = rewards.astype(np.float64) * scale
-    if np.abs(scaled).max(initial=0.0) > np.finfo(np.float32).max:
+    product = rewards.astype(np.float64) * scale
+    if np.abs(product).max(initial=0.0) > np.finfo(np.float32).max:
         raise UsageError(f"reward scale: found {scale}, which makes rewards infinite")
-    return scaled.astype(dtype)
+    return product.astype(np.float32)
+
+
+def scaled(rewards: Floats, scale: float) -> Floats:
+    """Classic rewards times a scale: exact if it is 1, else of the rewards as a dataset stores them."""
+    return rewards.copy() if scale == 1 else rounded(rewards.astype(np.float32), scale).astype(np.float64)
 
 
 def reward_of(given: Any) -> Reward:

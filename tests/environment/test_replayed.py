@@ -168,6 +168,16 @@ def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has
             assert np.float32(reward) == arrays["rewards"][row]
 
 
+@pytest.mark.parametrize("history", [1, 2])
+def test_a_scaled_reward_is_that_of_the_stored_rewards(played, history):
+    arrays = played.arrays(reward_scale=0.01)
+    own = arrays["episode"] == 7
+    lane = Lane(settings_of(played, reward_scale=0.01, history=history))
+    [noise] = begun(lane, played, 7)
+    rewards = [reward for _, reward, _ in steps(lane, noise, arrays["actions"][own])]
+    np.testing.assert_array_equal(np.float32(rewards), arrays["rewards"][own])
+
+
 def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
     """A longer dataset of the same cells has the same rows first."""
     short, long = (

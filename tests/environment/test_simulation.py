@@ -145,7 +145,8 @@ def test_the_reward_is_scaled_and_nothing_else():
     for simulation, tape in ((plain, random_tape(2)), (scaled, random_tape(2))):
         simulation.reset(simulation.everyone, tape)
         simulation.step(simulation.everyone, np.zeros((2, 3), dtype=np.float32), tape)
-    assert np.array_equal(scaled.rewards(), 0.01 * plain.rewards())
+    stored = np.float32(plain.rewards())  # a dataset's rewards are scaled as they are stored
+    assert np.array_equal(scaled.rewards(), np.float32(0.01 * stored.astype(np.float64)))
     assert np.array_equal(scaled.observations(), plain.observations())
 
 

@@ -23,6 +23,7 @@ VIEWS = {
         }
     },
     "derived": {"observe": ["latent_penalty", "obs_gain"], "reward": "delta", "reward_scale": 0.5},
+    "scaled": {"reward_scale": 0.01},
     "drifting": {"setpoint": "drifting", "observe": "markov", "reward": {"fatigue": 1}},
 }
 

@@ -119,12 +119,18 @@ def test_machine_code_of_other_files_does_not_run(here, ibdata):
     (here / "mine.py").write_text(textwrap.dedent(FAST))
     policy = {"kind": "custom", "target": "mine:Own", "uniforms": 3}
     (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
-    for size in (0.25, 0.75):
+    (here / "policy.yaml").write_text(json.dumps(policy))
+    returns = []
+    for size in (0.25, 0.75, 0.25):
         (here / "helper.py").write_text(textwrap.dedent(SCALED).format(size, size))
-        done = ibdata("generate", "-q", "own.yaml", "--allow-code", "--workers", "1", "--out", str(size))
-        assert done.returncode == 0, done.stderr
+        if str(size) not in os.listdir():
+            done = ibdata("generate", "-q", "own.yaml", "--allow-code", "--workers", "1", "--out", str(size))
+            assert done.returncode == 0, done.stderr
+        done = ibdata("evaluate", "--policy", "policy.yaml", "--allow-code", "--episodes", "2", "--json")
+        returns.append(json.loads(done.stdout)["results"][0]["mean_return"])
     small, large = (read_dataset(str(size)).arrays()["actions"] for size in (0.25, 0.75))
     np.testing.assert_allclose(3 * small, large, rtol=1e-5)
+    assert returns[0] == returns[2] != returns[1]
 
 
 @pytest.mark.slow
