@@ -199,6 +199,13 @@ def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_network_too_large_to_be_read_is_not_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("ibdata.policies.weights_file.MAX_BYTES", 100)
+    with pytest.raises(UsageError, match=r"^model: found \d+ bytes, expected at most 100; use a smaller"):
+        save_network(tmp_path / "actor.safetensors", Linear(np.full((3, 6), 0.01, dtype=np.float32)))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_model_that_clips_its_inputs_as_the_file_says_is_saved(tmp_path):
     model = Clamped(np.full((3, 6), 0.01, dtype=np.float32))
     assert save_network(tmp_path / "actor.safetensors", model, clip=5.0)
