@@ -97,7 +97,7 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
             sources += imported(policy.module())[0].values()
     for source in sources:
         _drop_stale_bytecode(source)
-    tops = {source.module.partition(".")[0] for source in sources}
+    tops = {source.module.partition(".")[0] for source in sources} - sys.stdlib_module_names
     with importing:
         taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
         _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))

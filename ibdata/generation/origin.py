@@ -52,12 +52,13 @@ class Origin(JsonObject):
 def observe(spec: DatasetSpec, where: Path | str) -> Origin:
     """Determine the origin of a run: hash its code before any of it runs, then import all of it.
 
-    Raises UsageError if the code changed meanwhile.
+    Raises UsageError if the code changed meanwhile, or if a policy imports code that is not recorded.
     """
-    code = provenance(spec)
+    found = _imported(spec, provenance(spec), where)
     for experiment in spec.experiments:
         warm_up(experiment)
-    found = _imported(spec, code, where)
+    _refuse_late(spec, found, where)
+    bring_back_others()
     return Origin(known_answer=known_answer(), code=found)  # importing may change what the processor does
 
 
@@ -69,7 +70,6 @@ def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Co
     for policy in customs(spec):
         policy.load()
     found = provenance(spec)
-    bring_back_others()
     _refuse_parts(_parts(code), _parts(found), _parts(code), where)
     return found
 
@@ -125,16 +125,22 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     origin = get(root, root)
     forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
     code = _imported(spec, origin.code, root)
+    bring_back_others()
     _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
     _agreed[:] = [note]
 
 
 def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
     """Raise UsageError if a policy has imported code that the note of the run does not have."""
-    late = imported_late(get(root, root).code) if customs(spec) and begun(root) is not None else []
-    if late:
+    if begun(root) is not None:
+        _refuse_late(spec, get(root, root).code, root)
+
+
+def _refuse_late(spec: DatasetSpec, code: list[Code], where: Path | str) -> None:
+    """Raise UsageError if policies have imported other code than this since they were loaded."""
+    if late := imported_late(code) if customs(spec) else []:
         raise UsageError(
-            f"{root}: found code that a policy imported while it ran, so that it is not recorded: "
+            f"{where}: found code that a policy imported while it ran, so that it is not recorded: "
             f"{printable(', '.join(late[:8]))}; import it when the policy is loaded, or list its file"
         )
 

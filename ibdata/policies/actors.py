@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
+from ibdata.policies.ways import refuse_frame_stack
 from ibdata.policies.weights_file import denormal
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
@@ -50,7 +51,8 @@ def actor_of(model: Any, history: int) -> Actor:
 
 
 def _of_stable_baselines(model: Any, history: int) -> Actor:
-    _refuse_frame_stack(model.get_env(), history)
+    if history > 1:
+        refuse_frame_stack(model)
     _refuse_other_bounds(model.action_space.low, model.action_space.high)
     if getattr(model, "use_sde", False):
         raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")
@@ -75,17 +77,6 @@ def _of_stable_baselines(model: Any, history: int) -> Actor:
         squash, log_std, bounds = "tanh", None, SAC_BOUNDS
     modules = [*_modules(extractor), *(part for each in hidden for part in _modules(each))]
     return Actor(modules, mean, squash, own, log_std, bounds, scaling)
-
-
-def _refuse_frame_stack(env: Any, history: int) -> None:
-    """Raise UsageError for an environment of Stable-Baselines3 that puts the oldest observation first."""
-    while env is not None and history > 1:
-        if type(env).__name__ == "VecFrameStack":
-            raise UsageError(
-                "model: found VecFrameStack, which puts the oldest observation first, expected the newest "
-                f"first; train on an environment with history={history}"
-            )
-        env = getattr(env, "venv", None)
 
 
 def _of_d3rlpy(model: Any) -> Actor:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import IbdataError, excerpt
+from ibdata.errors import IbdataError, UsageError, excerpt
 from ibdata.policies.actions import as_numbers
 from ibdata.policies.base import Floats, Policy
 from ibdata.policies.given import Given
@@ -123,8 +123,23 @@ class Way:
 def _scale(own: Any) -> Callable[[Any], Any]:
     """What observations go through first: a VecNormalize of SB3, which a model leaves to its environment."""
     find = getattr(own, "get_vec_normalize_env", None)
-    env = find() if callable(find) else None
+    if not callable(find):
+        return lambda observations: observations
+    refuse_frame_stack(own)
+    env = find()
     return env.normalize_obs if env is not None and env.norm_obs else lambda observations: observations
+
+
+def refuse_frame_stack(model: Any) -> None:
+    """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
+    env = model.get_env()
+    while env is not None:
+        if type(env).__name__ == "VecFrameStack":
+            raise UsageError(
+                "model: found VecFrameStack, which puts the oldest observation first, expected the newest "
+                "first; train on an environment with the option history"
+            )
+        env = getattr(env, "venv", None)
 
 
 def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) -> Any:

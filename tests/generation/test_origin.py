@@ -115,6 +115,26 @@ def test_code_that_is_imported_late_is_declared_or_refused(here, name):
         sys.modules.pop(name, None)
 
 
+FIRST = """
+    import importlib
+
+    class Own:
+        def act(self, history, u):
+            return importlib.import_module("found_" + "late").SIGN * u
+"""
+
+
+def test_code_that_is_imported_at_the_first_step_is_declared_or_refused_too(here):
+    (here / "found_late.py").write_text("SIGN = -1.0")
+    (here / "mine.py").write_text(textwrap.dedent(FIRST))
+    for workers in (1, 2):
+        with pytest.raises(UsageError, match=r"imported while it ran, .*: found_late\.py; import it when"):
+            generate(workers=workers)
+    policy = {**PLAIN["policies"][0], "files": ["found_late.py"]}
+    (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
+    assert generate(workers=2).content_root == generate("again").content_root
+
+
 def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):
     stopped()
     (here / "helper.py").write_text("SIZE = 0.125")

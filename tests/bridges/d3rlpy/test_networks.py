@@ -234,6 +234,8 @@ def test_a_stack_with_the_oldest_observation_first_is_refused(tmp_path):
     env = VecFrameStack(DummyVecEnv([One]), FRAMES)
     with pytest.raises(UsageError, match="VecFrameStack, which puts the oldest observation first"):
         saved(tmp_path / "actor.safetensors", of_stable_baselines(TD3, env))
+    with pytest.raises(UsageError, match="VecFrameStack, which puts the oldest observation first"):
+        ibdata.evaluate(of_stable_baselines(TD3, env), history=FRAMES, episodes=1, steps=2)
 
 
 def test_a_saved_network_makes_a_dataset(tmp_path):
