@@ -26,6 +26,7 @@ from ibdata.dataset.transitions import (
 )
 from ibdata.dataset.windows import Windows, in_folder, in_memory
 from ibdata.errors import UsageError
+from ibdata.system.object_store import refuse_url
 from ibdata.views.options import ViewOptions
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ def windows_of(
             "episodes": identity(dataset, chosen),
             "view": options.plain(info.drifting),
         }
+        refuse_url(folder)
         stored = in_folder(Path(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
 

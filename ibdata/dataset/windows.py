@@ -178,18 +178,23 @@ def in_folder(
     names, text = Stored._fields, json.dumps(description, sort_keys=True).encode()
     if not folder.exists():
         refuse_inside(folder)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
-            try:
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
                 _write(Path(unfinished) / "whole", text, sizes, blocks)
-            except OSError as error:
-                raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
-            with suppress(OSError):  # another process was faster
-                (Path(unfinished) / "whole").rename(folder)
+                with suppress(OSError):  # another process was faster
+                    (Path(unfinished) / "whole").rename(folder)
+        except OSError as error:
+            raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
     described = folder / DESCRIPTION
     if not described.is_file() or described.read_bytes() != text:
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
-    return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in names))
+    try:
+        return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in names))
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"folder: {folder} is damaged ({error}); remove it, or choose another folder"
+        ) from None
 
 
 def _write(folder: Path, text: bytes, sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> None:

@@ -23,6 +23,7 @@ from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.experiment import Experiment, validated
+from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
@@ -101,11 +102,12 @@ def evaluate(
         )
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
+    steps, episodes, seed = plain([steps, episodes, seed])
     if episodes is None:
         episodes = 100 if against is None else SETTINGS["episodes"]
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
-    plain = {
+    described = {
         "name": "evaluate",
         "setpoints": list(setpoint) if isinstance(setpoint, tuple) else setpoint,
         "dynamics": dynamics,
@@ -113,7 +115,7 @@ def evaluate(
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
     try:
-        options = validated({**plain, **settings}).options()
+        options = validated({**described, **settings}).options()
     except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
         lines = error.with_options.split("\n")
         raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None

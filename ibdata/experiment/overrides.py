@@ -73,7 +73,7 @@ def _mapped(data: Any, overrides: Mapping[str, Any], above: Loc = ()) -> Iterato
         if not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
             raise UsageError(f"--set: found the key {key!r}, expected names joined by dots")
         met = _found(data, loc)
-        if value and isinstance(value, Mapping) and isinstance(met, dict) and _same_form(loc, met, value):
+        if isinstance(value, Mapping) and value and isinstance(met, dict) and _same_form(loc, met, value):
             yield from _mapped(data, value, loc)
         else:
             yield loc, plain(value), "--set"

@@ -64,7 +64,7 @@ def save_network(
     try:
         actor = actor_of(model, history)
         tensors, activation = _tensors(actor)
-    except AttributeError as error:
+    except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"model: found {type(model).__name__} ({error}), expected {KNOWN}") from None
     given = {"mean": mean, "std": std, "clip": clip}
     scaling = {"mean": np.zeros(COLUMNS), "std": np.ones(COLUMNS), **actor.scaling}
@@ -72,7 +72,7 @@ def save_network(
     metadata = {
         "layout": LAYOUT,
         "frames": str(history),
-        **{key: json.dumps(np.asarray(value, dtype=np.float64).tolist()) for key, value in scaling.items()},
+        **{key: json.dumps(_plain(key, value)) for key, value in scaling.items()},
         "activation": activation,
         "squash": actor.squash,
         "provenance": provenance,
@@ -137,6 +137,14 @@ def _tensors(actor: Actor) -> tuple[dict[str, npt.NDArray[np.float32]], str]:
     elif actor.log_std is not None:
         tensors |= _of_linear("log_std", actor.log_std)
     return tensors, ACTIVATIONS[activations[0]] if activations else "relu"
+
+
+def _plain(option: str, value: npt.ArrayLike) -> Any:
+    """A number, or a list of numbers, of an option."""
+    try:
+        return np.asarray(value, dtype=np.float64).tolist()
+    except (TypeError, ValueError):
+        raise UsageError(f"{option}: found {value!r}, expected numbers") from None
 
 
 def _of_linear(name: str, part: Any) -> dict[str, npt.NDArray[np.float32]]:

@@ -102,6 +102,18 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkeypatch):
+    folder = tmp_path / "windows"
+    dataset.windows(folder=folder)
+    (folder / "frames.npy").write_bytes((folder / "frames.npy").read_bytes()[:-9])
+    with pytest.raises(UsageError, match=r"^folder: .*windows is damaged .*; remove it, or choose another"):
+        dataset.windows(folder=folder)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"^s3://a/b: found a URL, expected a path on this machine$"):
+        dataset.windows(folder="s3://a/b")
+    assert list(tmp_path.iterdir()) == [folder]
+
+
 def test_the_folder_says_what_it_holds(dataset, tmp_path):
     dataset.windows(folder=tmp_path / "windows", actions=True)
     described = json.loads((tmp_path / "windows" / "windows.json").read_text())

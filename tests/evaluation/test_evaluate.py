@@ -169,6 +169,11 @@ def test_more_episodes_than_memory_holds_are_refused(episodes):
         evaluate("safe", episodes=episodes)
 
 
+def test_numbers_of_numpy_are_numbers():
+    found = evaluate("safe", np.float32(70), steps=np.int64(3), episodes=np.int32(2), seed=np.uint64(4))
+    assert (found.returns == evaluate("safe", 70, steps=3, episodes=2, seed=4).returns).all()
+
+
 def test_the_statistics_are_those_of_the_returns():
     found = evaluate("random", [10.0, 70.0], steps=30, episodes=50)
     low, high, overall = found.results

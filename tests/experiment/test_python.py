@@ -86,7 +86,8 @@ def test_the_types_of_python_and_numpy_are_those_of_yaml():
     )
     assert made == load(made.plain())
     assert made.setpoints == [20.0, 70.0]
-    assert load(PLAIN, {"setpoints": range(10, 31, 10)}).setpoints == [10.0, 20.0, 30.0]
+    for points in (range(10, 31, 10), np.array([10, 20, 30])):
+        assert load(PLAIN, {"setpoints": points}).setpoints == [10.0, 20.0, 30.0]
 
 
 @pytest.mark.parametrize(

@@ -199,6 +199,20 @@ def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("model", "options", "line"),
+    [
+        (Linear, {}, "model: found type ("),
+        (Linear(np.zeros((3, 6), dtype=np.float32)), {"mean": "abc"}, "mean: found 'abc', expected numbers"),
+    ],
+)
+def test_what_is_no_model_and_no_scaling_is_one_line(tmp_path, model, options, line):
+    with pytest.raises(UsageError) as error:
+        save_network(tmp_path / "actor.safetensors", model, **options)
+    assert str(error.value).startswith(line)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_network_too_large_to_be_read_is_not_written(tmp_path, monkeypatch):
     monkeypatch.setattr("ibdata.policies.weights_file.MAX_BYTES", 100)
     with pytest.raises(UsageError, match=r"^model: found \d+ bytes, expected at most 100; use a smaller"):
