@@ -10,16 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset.opened import Place, opened
-from ibdata.dataset.reader import Dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
-from ibdata.experiment.custom_code import consented_spec, in_one_folder
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.custom_code import consented_spec
 from ibdata.numerics.confidence import estimate
-from ibdata.policies import Policy
 from ibdata.validation.consistency import refuse_other_plan
 
 if TYPE_CHECKING:
@@ -135,15 +132,6 @@ def importance(
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]
     if not len(episodes):
         raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
-    with in_one_folder(spec):
-        ratios, rewards, notes = _read(ds, spec, episodes, wanted)
-    return of_ratios(wanted.label, ratios, rewards, discount, notes)
-
-
-def _read(
-    ds: Dataset, spec: DatasetSpec, episodes: npt.NDArray[np.int64], wanted: Policy
-) -> tuple[Floats, Floats, list[str]]:
-    """The logarithms of the ratios and the rewards, both (episodes, steps), and notes on the support."""
     found = list(parts_of(spec, episodes))
     lengths = sorted({part.steps for part in found})
     if len(lengths) > 1:
@@ -154,7 +142,7 @@ def _read(
         np.concatenate(arrays)
         for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
     )
-    return ratios, rewards, list(dict.fromkeys(notes))
+    return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
 
 
 def of_ratios(

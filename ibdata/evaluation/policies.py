@@ -11,13 +11,13 @@ from typing import Any
 from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError, suggestion
-from ibdata.experiment import Experiment, validated
-from ibdata.experiment.custom_code import customs, in_one_folder
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment import validated
+from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter
+from ibdata.policies.code_places import looking_in
 from ibdata.policies.ways import WAYS, can_act
 
 
@@ -155,41 +155,23 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise ConfigError([f"{place}:{error}"]) from None
     if not isinstance(block, dict):
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
-    return _block(block, place, folder, allow_code)
+    policy = _block(block, place, folder)
+    if folder is not None and not allow_code and any(customs_in(policy)):
+        raise UsageError(
+            f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
+        )
+    with looking_in(folder):
+        for custom in customs_in(policy):
+            custom.load()
+    return policy
 
 
-def _block(block: dict[str, Any], place: str, folder: Path | None = None, allow_code: bool = False) -> Policy:
-    """The policy of a block in a file of this folder, with its code imported anew.
-
-    The lines of a ConfigError begin with the place.
-    """
+def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
+    """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     try:
-        experiment = validated({"name": "x", "setpoints": 0, "policies": [block]}, folder)
+        return validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
     except ConfigError as error:
         problems = [problem.removeprefix("policies.0.") for problem in error.problems]
         raise ConfigError(
             [f"{place}: {problem.removeprefix('policies.0: ')}" for problem in problems]
         ) from None
-    if folder is not None and not allow_code and customs(DatasetSpec.of(experiment)):
-        raise UsageError(
-            f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
-        )
-    vars(experiment)["folder"] = folder
-    _load_anew(experiment)
-    return experiment.policies[0]
-
-
-def _load_anew(experiment: Experiment) -> None:
-    """Load policies that will act when the modules are restored, as in an evaluation.
-
-    Machine code of others is not loaded until the next run is over, because functions are compiled when they
-    are first called.
-    """
-    from ibdata.numerics.code_cache import compile_others_anew
-
-    found = customs(spec := DatasetSpec.of(experiment))
-    with in_one_folder(spec):
-        for policy in found:
-            policy.load()
-    if found:
-        compile_others_anew(True)

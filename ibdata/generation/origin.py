@@ -52,24 +52,23 @@ class Origin(JsonObject):
 def observe(spec: DatasetSpec, where: Path | str) -> Origin:
     """Determine the origin of a run: hash its code before any of it runs, then import all of it.
 
-    Raises UsageError if the code changed meanwhile, or if a policy imports code that is not recorded.
+    Raises UsageError if the code changed meanwhile.
     """
     found = _imported(spec, provenance(spec), where)
-    for experiment in spec.experiments:
-        warm_up(experiment)
-    _refuse_late(spec, found, where)
-    bring_back_others()
     return Origin(known_answer=known_answer(), code=found)  # importing may change what the processor does
 
 
 def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Code]:
-    """Import all policies; return their code. Raises UsageError if it changed meanwhile.
+    """Import all policies and play two steps; return their code. Raises UsageError if it changed meanwhile.
 
-    What was found only by importing is part of it.
+    What was found only by importing or playing is part of it.
     """
     for policy in customs(spec):
         policy.load()
+    for experiment in spec.experiments:
+        warm_up(experiment)
     found = provenance(spec)
+    bring_back_others()
     _refuse_parts(_parts(code), _parts(found), _parts(code), where)
     return found
 
@@ -125,22 +124,16 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     origin = get(root, root)
     forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
     code = _imported(spec, origin.code, root)
-    bring_back_others()
     _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
     _agreed[:] = [note]
 
 
 def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
     """Raise UsageError if a policy has imported code that the note of the run does not have."""
-    if begun(root) is not None:
-        _refuse_late(spec, get(root, root).code, root)
-
-
-def _refuse_late(spec: DatasetSpec, code: list[Code], where: Path | str) -> None:
-    """Raise UsageError if policies have imported other code than this since they were loaded."""
-    if late := imported_late(code) if customs(spec) else []:
+    late = imported_late(get(root, root).code) if customs(spec) and begun(root) is not None else []
+    if late:
         raise UsageError(
-            f"{where}: found code that a policy imported while it ran, so that it is not recorded: "
+            f"{root}: found code that a policy imported while it ran, so that it is not recorded: "
             f"{printable(', '.join(late[:8]))}; import it when the policy is loaded, or list its file"
         )
 

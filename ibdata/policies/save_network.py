@@ -6,6 +6,7 @@ Nothing is imported from the library that trained it: its objects are read by th
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,6 +26,8 @@ ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
 # The actions of the file and of the model are compared at inputs that are scaled, not scaled, and far out.
 INPUTS, SIZES, TOLERANCE = 64, (2.0, 20.0, 200.0), 1e-3
+ROUNDING = 2.0**-22  # four times what a number of float32 may lose, relative to its size
+Floats = npt.NDArray[np.float64]
 
 
 def save_network(
@@ -95,24 +98,31 @@ def save_network(
 def _refuse_other_actions(
     model: Any, actor: Actor, tensors: Mapping[str, npt.NDArray[np.float32]], activation: str, clip: float
 ) -> None:
-    """Raise UsageError if a model's own actions are not those of its layers, at inputs of at most `clip`."""
+    """Raise UsageError if a model's own actions are not those of its layers, at inputs of at most `clip`.
 
-    def layer(name: str, x: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        return x @ tensors[f"{name}.weight"].T + tensors[f"{name}.bias"]
+    What sums of float32 lose is allowed: it grows with the square root of the number of summands, and no
+    activation enlarges it.
+    """
+
+    def layer(name: str, x: Floats, lost: Floats) -> tuple[Floats, Floats]:
+        weight, bias = tensors[f"{name}.weight"].T.astype(np.float64), tensors[f"{name}.bias"]
+        sizes = np.abs(x) @ np.abs(weight) + np.abs(bias)
+        return x @ weight + bias, lost @ np.abs(weight) + ROUNDING * math.sqrt(len(weight)) * sizes
 
     first = "layers.0" if actor.hidden else "mean"
     width = tensors[f"{first}.weight"].shape[1]
     each = np.random.default_rng(0).uniform(-1.0, 1.0, (len(SIZES), INPUTS, width))
     far_out = np.concatenate([size * part for size, part in zip(SIZES, each, strict=True)])
-    x = inputs = np.clip(far_out, -clip, clip).astype(np.float32)
+    inputs = np.clip(far_out, -clip, clip).astype(np.float32)
+    x, lost = inputs.astype(np.float64), np.zeros(inputs.shape)
     for i in range(len(actor.hidden) // 2):
-        x = layer(f"layers.{i}", x)
+        x, lost = layer(f"layers.{i}", x, lost)
         x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
-    x = layer("mean", x)
+    x, lost = layer("mean", x, lost)
     expected = np.tanh(x) if actor.squash == "tanh" else np.clip(x, -1.0, 1.0)
     try:
         found = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
-        far = float(np.abs(found - expected).max())
+        far = float((np.abs(found - expected) - lost).max())
     except Exception as error:
         raise UsageError(f"model: its actions could not be compared ({error}); expected {KNOWN}") from None
     if not far <= TOLERANCE:

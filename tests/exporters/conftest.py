@@ -57,7 +57,7 @@ def plain(dataset) -> Plain:
         return {
             "observations": np.float32(observations),
             "actions": np.float32([[row[f"act_{x}"] for x in ("velocity", "gain", "shift")] for row in rows]),
-            "rewards": np.float32([row["reward"] * scale for row in rows]),
+            "rewards": np.float32([float(np.float32(row["reward"])) * scale for row in rows]),
             "next_observations": np.float32(next_observations),
             "terminated": np.array([row["terminated"] for row in rows]),
             "truncated": np.array([row["truncated"] for row in rows]),

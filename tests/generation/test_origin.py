@@ -124,15 +124,16 @@ FIRST = """
 """
 
 
-def test_code_that_is_imported_at_the_first_step_is_declared_or_refused_too(here):
+@pytest.mark.parametrize("files", [[], ["found_late.py"]])
+def test_code_that_is_imported_at_the_first_step_is_found_in_every_process(here, files):
     (here / "found_late.py").write_text("SIGN = -1.0")
     (here / "mine.py").write_text(textwrap.dedent(FIRST))
-    for workers in (1, 2):
-        with pytest.raises(UsageError, match=r"imported while it ran, .*: found_late\.py; import it when"):
-            generate(workers=workers)
-    policy = {**PLAIN["policies"][0], "files": ["found_late.py"]}
+    policy = {**PLAIN["policies"][0], "files": files}
     (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
-    assert generate(workers=2).content_root == generate("again").content_root
+    made = generate(workers=2)
+    assert made.manifest["code"] == generate("again").manifest["code"]
+    assert made.content_root == ibdata.open("again").content_root
+    assert sha256("found_late.py") in made.manifest["code"][0]["files"].values()
 
 
 def test_starting_again_with_other_code_needs_no_more_than_overwrite(here):

@@ -112,19 +112,6 @@ def test_a_file_with_the_name_of_another_module_is_refused(beside, tmp_path):
         beside("exp/json.py:Own")
 
 
-def test_an_edit_counts_in_the_next_evaluation(beside, tmp_path):
-    returns = []
-    for size in (0.5, 0.25):
-        (tmp_path / "exp/code/size_of_mine.py").write_text(f"SIZE = {size}")
-        policies = [
-            {"kind": "custom", "target": "exp/code/own-policy.py:Own"},
-            {"kind": "constant", "action": [size] * 3},
-        ]
-        returns.append(ibdata.evaluate(policies, steps=3, episodes=2).returns)
-    assert all((own == still).all() for own, still in returns)
-    assert (returns[0] != returns[1]).all()
-
-
 def test_a_policy_in_a_file_finds_its_code_beside_it(beside, tmp_path):
     (tmp_path / "exp/p.yaml").write_text("{kind: custom, target: 'code/own-policy.py:Own'}")
     found = ibdata.evaluate("exp/p.yaml", steps=3, episodes=2, allow_code=True)
