@@ -191,7 +191,7 @@ def in_folder(
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
     try:
         return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in names))
-    except (OSError, ValueError) as error:
+    except Exception as error:  # whatever numpy and zipfile raise for other bytes
         raise UsageError(
             f"folder: {folder} is damaged ({error}); remove it, or choose another folder"
         ) from None

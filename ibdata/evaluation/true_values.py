@@ -17,6 +17,7 @@ from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
+from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation.episodes import Float32s
@@ -120,10 +121,11 @@ def true_values(
     [acting] = policies
     numbers, times = _places(source, rows)
     first = None if actions is None else _applied(actions, len(numbers))
+    steps, episodes, seed = plain([steps, episodes, seed])
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
-    plain = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
-    settings = validated({**plain, "steps": steps, "episodes": episodes, "seed": seed})
+    described = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
+    settings = validated({**described, "steps": steps, "episodes": episodes, "seed": seed})
     begun = source.visited(numbers, times, acting)
     found = np.empty((len(numbers), settings.episodes))
     for experiment, own, inner in source.by_experiment(numbers):

@@ -67,6 +67,8 @@ def save_network(
     try:
         actor = actor_of(model, history)
         tensors, activation = _tensors(actor)
+    except UsageError:
+        raise
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"model: found {type(model).__name__} ({error}), expected {KNOWN}") from None
     given = {"mean": mean, "std": std, "clip": clip}
@@ -88,7 +90,7 @@ def save_network(
         weights = kept(data)
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
-    _refuse_other_actions(model, actor, tensors, activation, scaling.get("clip", np.inf))
+    _refuse_other_actions(model, actor, tensors, activation, float(weights.clip))
     target = Path(path).absolute()
     with refusals(target):
         write(target.parent, target.name, data)

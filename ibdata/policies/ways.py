@@ -132,7 +132,7 @@ def _scale(own: Any) -> Callable[[Any], Any]:
 
 def refuse_frame_stack(model: Any) -> None:
     """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
-    env = model.get_env()
+    env = getattr(model, "get_env", lambda: None)()
     while env is not None:
         if type(env).__name__ == "VecFrameStack":
             raise UsageError(

@@ -105,9 +105,11 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
 def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkeypatch):
     folder = tmp_path / "windows"
     dataset.windows(folder=folder)
-    (folder / "frames.npy").write_bytes((folder / "frames.npy").read_bytes()[:-9])
-    with pytest.raises(UsageError, match=r"^folder: .*windows is damaged .*; remove it, or choose another"):
-        dataset.windows(folder=folder)
+    whole = (folder / "frames.npy").read_bytes()
+    for other in (whole[:-9], b"", b"PK" + whole):
+        (folder / "frames.npy").write_bytes(other)
+        with pytest.raises(UsageError, match=r"^folder: .*windows is damaged .*; remove it, or choose anot"):
+            dataset.windows(folder=folder)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match=r"^s3://a/b: found a URL, expected a path on this machine$"):
         dataset.windows(folder="s3://a/b")

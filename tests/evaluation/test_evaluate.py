@@ -174,6 +174,15 @@ def test_numbers_of_numpy_are_numbers():
     assert (found.returns == evaluate("safe", 70, steps=3, episodes=2, seed=4).returns).all()
 
 
+def test_a_model_of_which_no_environment_is_known_is_played_as_it_is():
+    class Wrapped(Predicting):
+        def get_vec_normalize_env(self):
+            return None
+
+    wrapped, plain = (kind(lambda seen: seen[:, 1:4] / 200.0) for kind in (Wrapped, Predicting))
+    assert (returns(wrapped) == returns(plain)).all()
+
+
 def test_the_statistics_are_those_of_the_returns():
     found = evaluate("random", [10.0, 70.0], steps=30, episodes=50)
     low, high, overall = found.results
