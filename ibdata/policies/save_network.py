@@ -6,7 +6,6 @@ Nothing is imported from the library that trained it: its objects are read by th
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +25,7 @@ ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
 # The actions of the file and of the model are compared at inputs that are scaled, not scaled, and far out.
 INPUTS, SIZES, TOLERANCE = 64, (2.0, 20.0, 200.0), 1e-3
-ROUNDING = 2.0**-22  # four times what a number of float32 may lose, relative to its size
+ROUNDING = 20.0  # times the standard deviation of the error of float32
 Floats = npt.NDArray[np.float64]
 
 
@@ -102,26 +101,27 @@ def _refuse_other_actions(
 ) -> None:
     """Raise UsageError if a model's own actions are not those of its layers, at inputs of at most `clip`.
 
-    What sums of float32 lose is allowed: it grows with the square root of the number of summands, and no
-    activation enlarges it.
+    What float32 loses is allowed: a multiple of the error of the same layers here at inputs of that size.
     """
 
-    def layer(name: str, x: Floats, lost: Floats) -> tuple[Floats, Floats]:
-        weight, bias = tensors[f"{name}.weight"].T.astype(np.float64), tensors[f"{name}.bias"]
-        sizes = np.abs(x) @ np.abs(weight) + np.abs(bias)
-        return x @ weight + bias, lost @ np.abs(weight) + ROUNDING * math.sqrt(len(weight)) * sizes
+    def outputs(dtype: Any) -> Floats:
+        x: npt.NDArray[Any] = inputs.astype(dtype)
+        for name in (*(f"layers.{i}" for i in range(len(actor.hidden) // 2)), "mean"):
+            if name != first:
+                x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
+            x = x @ tensors[f"{name}.weight"].T.astype(dtype) + tensors[f"{name}.bias"]
+        exact: Floats = x.astype(np.float64)
+        return exact
 
     first = "layers.0" if actor.hidden else "mean"
     width = tensors[f"{first}.weight"].shape[1]
     each = np.random.default_rng(0).uniform(-1.0, 1.0, (len(SIZES), INPUTS, width))
     far_out = np.concatenate([size * part for size, part in zip(SIZES, each, strict=True)])
     inputs = np.clip(far_out, -clip, clip).astype(np.float32)
-    x, lost = inputs.astype(np.float64), np.zeros(inputs.shape)
-    for i in range(len(actor.hidden) // 2):
-        x, lost = layer(f"layers.{i}", x, lost)
-        x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
-    x, lost = layer("mean", x, lost)
-    expected = np.tanh(x) if actor.squash == "tanh" else np.clip(x, -1.0, 1.0)
+    exact = outputs(np.float64)
+    errors = (outputs(np.float32) - exact).reshape(len(SIZES), -1)
+    lost = ROUNDING * np.repeat(np.sqrt((errors**2).mean(axis=1)), INPUTS)[:, None]
+    expected = np.tanh(exact) if actor.squash == "tanh" else np.clip(exact, -1.0, 1.0)
     try:
         found = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
         far = float((np.abs(found - expected) - lost).max())

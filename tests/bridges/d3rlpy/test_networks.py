@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from itertools import pairwise
 
 import d3rlpy
 import numpy as np
@@ -212,6 +213,22 @@ class Scaled(torch.nn.Module):
         return torch.tanh(self.net(x / 10.0))
 
 
+class Clamped(torch.nn.Sequential):
+    """A large network, whose numbers are large too, and which clamps its inputs."""
+
+    def __init__(self):
+        sizes = (6 * FRAMES, 256, 256, 256)
+        layers = [torch.nn.Linear(n, m) for n, m in pairwise(sizes)]
+        with torch.no_grad():
+            for layer in layers:
+                layer.weight.mul_(3.0)
+        hidden = [part for layer in layers for part in (layer, torch.nn.ReLU())]
+        super().__init__(*hidden, torch.nn.Linear(256, 3), torch.nn.Tanh())
+
+    def forward(self, x):
+        return super().forward(x.clamp(-3.0, 3.0))
+
+
 class Halved(FlattenExtractor):
     def forward(self, observations):
         return 0.5 * super().forward(observations)
@@ -219,10 +236,11 @@ class Halved(FlattenExtractor):
 
 @pytest.mark.parametrize("model", [
     Scaled,
+    Clamped,
     lambda: built(d3rlpy.algos.CRRConfig()),
     lambda: of_stable_baselines(TD3, net={"features_extractor_class": Halved}),
     lambda: of_stable_baselines(SAC, net={"features_extractor_class": Halved}),
-], ids=["own forward", "choice of draws", "extractor of TD3", "extractor of SAC"])  # fmt: skip
+], ids=["own forward", "clamp", "choice of draws", "extractor of TD3", "extractor of SAC"])  # fmt: skip
 def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
     with pytest.raises(
         UsageError, match=r"^model: found \w+, whose actions are up to [0-9.e-]+ from those of"
