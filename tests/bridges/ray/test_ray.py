@@ -141,7 +141,8 @@ def test_a_signal_ends_it_and_the_ray_that_it_started(command, number):
         time.sleep(0.01)
     run.send_signal(number)
     _, said = run.communicate(timeout=60)
-    assert (run.returncode, said.count("\n")) == (128 + number, 1), said
+    last = said.splitlines()[-1]  # Ray may log before it that the signal met it at work
+    assert (run.returncode, last.partition(";")[0]) == (128 + number, f"ibdata: stopped by signal {number}")
     assert not list(Path("out").rglob(".tmp-*"))
     deadline = time.monotonic() + 30
     while processes(mark) and time.monotonic() < deadline:
