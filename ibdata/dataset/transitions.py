@@ -13,7 +13,7 @@ import pyarrow as pa
 from ibdata.dataset.models import Info
 from ibdata.errors import DatasetError, UsageError
 from ibdata.views.options import ACTIONS, ViewOptions
-from ibdata.views.rewards import COSTS, rounded
+from ibdata.views.rewards import COSTS, scaled
 
 Array = npt.NDArray[Any]
 INDICES = ("episode", "step", "terminated", "truncated")
@@ -136,9 +136,7 @@ def _costs(prefix: str) -> list[str]:
 def _rewards(table: pa.Table, options: ViewOptions) -> Array:
     stored: Array = table["reward"].to_numpy()
     if options.reward.kind == "classic":
-        return (
-            stored if options.reward_scale == 1 else rounded(stored.astype(np.float32), options.reward_scale)
-        )
+        return scaled(stored, options.reward_scale)
     before, after = (
         [table[name].to_numpy().astype(np.float32, copy=False) for name in _costs(prefix)]
         for prefix in ("obs", "next_obs")

@@ -120,7 +120,7 @@ class Simulation:
         """The rewards (n,), scaled; a new array each time."""
         reward, scale = self.view.reward, self.settings.reward_scale
         if reward.kind == "classic":
-            return scaled(self._state.reward, scale)
+            return scaled(self._state.reward, scale).astype(np.float64)
         before, after = self.costs_before.T, self.seen[:, 0, COSTS].T
         return reward.of(tuple(before), tuple(after), scale).astype(np.float64)
 

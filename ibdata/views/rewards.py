@@ -63,9 +63,9 @@ def rounded(rewards: npt.NDArray[Any], scale: float) -> Float32s:
     return product.astype(np.float32)
 
 
-def scaled(rewards: Floats, scale: float) -> Floats:
-    """Classic rewards times a scale: exact if it is 1, else of the rewards as a dataset stores them."""
-    return rewards.copy() if scale == 1 else rounded(rewards.astype(np.float32), scale).astype(np.float64)
+def scaled(rewards: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
+    """Classic rewards times a scale: themselves if it is 1, else rounded from those that a dataset stores."""
+    return rewards if scale == 1 else rounded(rewards.astype(np.float32), scale)
 
 
 def reward_of(given: Any) -> Reward:

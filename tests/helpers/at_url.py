@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ibdata
-import ibdata.plots
 from helpers.tiny import FOUR_SHARDS
 
 

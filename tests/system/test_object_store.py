@@ -12,7 +12,6 @@ import pytest
 from helpers.at_url import made
 
 import ibdata
-import ibdata.plots
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, UsageError
 

@@ -12,7 +12,6 @@ from helpers.at_url import made
 from helpers.tiny import FOUR_SHARDS
 
 import ibdata
-import ibdata.plots
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, IbdataError, UsageError
