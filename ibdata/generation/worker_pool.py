@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import multiprocessing
 import os
 import signal
@@ -46,6 +45,9 @@ def run_pool(
             initializer=_start,
             initargs=(spec.plain(), spec.weights, root, identity, division.threads > 1, *folders, telling),
         )
+        # All workers start with the first shard. If some started later, the thread of the pool, which ends it
+        # when a worker has died, could meet a half-started one. There is no public way to ask for this.
+        pool._safe_to_dynamically_spawn_children = False  # type: ignore[attr-defined]
     waiting = iter(shards)
     running: set[Future[WrittenShard]] = set()
     most, missed = 0, 0  # workers alive at once; looks at which one was gone and nothing was done
@@ -53,7 +55,7 @@ def run_pool(
         while True:
             more = islice(waiting, 2 * division.processes - len(running))
             with held():
-                running |= {_submitted(pool, shard) for shard in more}
+                running |= {pool.submit(_work, shard) for shard in more}
             if not running:
                 return
             done, running = wait(running, LISTEN, FIRST_COMPLETED)
@@ -74,20 +76,6 @@ def run_pool(
         pool.shutdown(wait=True, cancel_futures=True)
         told.close()
         telling.close()
-
-
-def _submitted(pool: ProcessPoolExecutor, shard: Shard) -> Future[WrittenShard]:
-    """Hand a shard to the pool, which may start a worker for it.
-
-    Raises BrokenProcessPool also where the pool closes its pipes, because a worker has ended, while it starts
-    another one with these pipes. That is a ValueError, or an OSError without a cause in the system.
-    """
-    try:
-        return pool.submit(_work, shard)
-    except (ValueError, OSError) as error:
-        if isinstance(error, OSError) and error.errno not in (None, errno.EBADF):
-            raise
-        raise BrokenProcessPool(f"a worker process ended while another one was started: {error}") from None
 
 
 def _end_results(pool: ProcessPoolExecutor) -> None:

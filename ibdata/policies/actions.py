@@ -51,8 +51,8 @@ def as_numbers(answer: Any) -> npt.NDArray[np.float64]:
 
     Raises TypeError or ValueError if it holds no real numbers.
     """
-    torch = sys.modules.get("torch")
-    if torch is not None and isinstance(answer, torch.Tensor):
+    tensor: Any = getattr(sys.modules.get("torch"), "Tensor", ())
+    if isinstance(answer, tensor):
         answer = answer.numpy(force=True) if answer.is_complex() else answer.double().numpy(force=True)
     if isinstance(answer, np.ma.MaskedArray):
         answer = np.ma.filled(answer.astype(np.float64), np.nan)

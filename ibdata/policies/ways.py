@@ -38,8 +38,7 @@ def has_method(target: Any) -> bool:
 
 def is_torch_module(target: Any) -> bool:
     """Whether an object is a `torch.nn.Module`. Torch is not imported: without it there are no modules."""
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(target, torch.nn.Module)
+    return isinstance(target, getattr(sys.modules.get("torch.nn"), "Module", ()))
 
 
 def decides(target: Any) -> bool:
@@ -139,7 +138,7 @@ def refuse_frame_stack(model: Any) -> None:
                 "model: found VecFrameStack, which puts the oldest observation first, expected the newest "
                 "first; train on an environment with the option history"
             )
-        env = getattr(env, "venv", None)
+        env = getattr(env, "__dict__", {}).get("venv")
 
 
 def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) -> Any:

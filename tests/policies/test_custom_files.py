@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import sys
 
+import numpy as np
 import pytest
 from helpers.custom_policies import described
 
@@ -49,6 +50,12 @@ def test_a_module_beside_the_yaml_is_found(beside, tmp_path):
     (code,) = beside("policy_beside:Own").manifest["code"]
     assert code["sha256"] == sha256(tmp_path / "exp/policy_beside.py")
     assert "policy_beside" not in sys.modules
+
+
+def test_a_file_may_have_the_name_of_an_optional_library(beside, tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "torch", raising=False)
+    (tmp_path / "exp/torch.py").write_text(BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.5"))
+    assert set(np.unique(beside("torch.py:Own").arrays()["actions"])) == {0.5}
 
 
 def test_a_module_in_the_current_folder_comes_first(beside, tmp_path):
