@@ -12,6 +12,7 @@ from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
+from ibdata.experiment.code_record import load_once
 from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -124,7 +125,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
     if isinstance(given, Policy):
         return given
     if isinstance(given, Mapping):
-        return _block(dict(given), "policy")
+        return _loaded(_block(dict(given), "policy"), None)
     if isinstance(given, str | os.PathLike):
         return _named(given, allow_code)
     if isinstance(given, type):
@@ -160,9 +161,14 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
+    return _loaded(policy, folder)
+
+
+def _loaded(policy: Policy, folder: Path | None) -> Policy:
+    """The policy, of which all custom ones are loaded; their code may be in a folder."""
     with looking_in(folder):
         for custom in customs_in(policy):
-            custom.load()
+            load_once(custom)
     return policy
 
 

@@ -15,8 +15,9 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Config, Overrides, load, refuse_unreadable
-from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
+from ibdata.experiment.custom_code import customs, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, ranges, receipt
 from ibdata.generation.engine import select_engine

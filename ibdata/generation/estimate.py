@@ -10,8 +10,9 @@ from typing import Any
 
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.experiment import Config, Experiment, Overrides, load
-from ibdata.experiment.custom_code import in_one_folder, require_consent
+from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import output_folder
 from ibdata.generation.division import divide

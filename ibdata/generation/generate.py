@@ -8,8 +8,9 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import Config, Experiment, Overrides, load, refuse_unreadable
-from ibdata.experiment.custom_code import customs, in_one_folder, require_consent
+from ibdata.experiment.custom_code import customs, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, output_folder, receipt, replacement
 from ibdata.generation import upload as uploading

@@ -12,15 +12,10 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.custom_code import (
-    bring_back_others,
-    customs,
-    forget_modules,
-    imported_late,
-    in_one_folder,
-    provenance,
-)
+from ibdata.experiment.code_record import imported_late, provenance
+from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.fresh_modules import bring_back_others, forget_modules, in_one_folder
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.simulation import self_check

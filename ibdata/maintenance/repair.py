@@ -11,8 +11,10 @@ from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
-from ibdata.experiment.custom_code import customs, in_one_folder, provenance, require_consent
+from ibdata.experiment.code_record import provenance
+from ibdata.experiment.custom_code import customs, require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import local, output_folder, replacement
 from ibdata.generation.engine import refuse_workers

@@ -12,8 +12,10 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.custom_code import consented_spec, in_one_folder, provenance
+from ibdata.experiment.code_record import provenance
+from ibdata.experiment.custom_code import consented_spec
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.system.object_store import refuse_url

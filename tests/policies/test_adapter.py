@@ -160,6 +160,7 @@ def gradients(monkeypatch):
     nn = types.SimpleNamespace(Module=Module)
     torch = types.SimpleNamespace(nn=nn, Tensor=Tensor, from_numpy=Tensor, no_grad=no_grad)
     monkeypatch.setitem(sys.modules, "torch", torch)
+    monkeypatch.setitem(sys.modules, "torch.nn", nn)
     return on
 
 

@@ -12,6 +12,7 @@ from helpers.custom_policies import described
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.experiment import as_yaml
+from ibdata.policies.custom import Custom
 
 BESIDE = """
 import numpy as np
@@ -111,11 +112,12 @@ def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
 
 def test_a_file_with_the_name_of_another_module_is_refused(beside, tmp_path):
     (tmp_path / "exp/json.py").write_text("Own = 1")
-    with pytest.raises(
-        UsageError, match=r"json\.py:Own: found another module with the name json, .*; rename"
-    ):
+    with pytest.raises(UsageError, match=r"json\.py:Own: found another module with the name json, .*; rena"):
+        ibdata.evaluate(Custom(target="exp/json.py:Own"))
+    in_use = r"json\.py: found another module with the name json in use, .*; rename"
+    with pytest.raises(UsageError, match=in_use):
         ibdata.evaluate({"kind": "custom", "target": "exp/json.py:Own"})
-    with pytest.raises(UsageError, match=r"json\.py: found another module with the name json in use, .*; r"):
+    with pytest.raises(UsageError, match=in_use):
         beside("exp/json.py:Own")
 
 
