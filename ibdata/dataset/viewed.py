@@ -16,6 +16,7 @@ import pyarrow as pa
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info
 from ibdata.dataset.selection import Policy, Setpoint, selected
+from ibdata.dataset.stored_windows import in_folder, in_memory
 from ibdata.dataset.transitions import (
     Transitions,
     as_batch,
@@ -24,7 +25,7 @@ from ibdata.dataset.transitions import (
     transitions,
     whole_episodes,
 )
-from ibdata.dataset.windows import Windows, in_folder, in_memory
+from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
 from ibdata.system.object_store import refuse_url
 from ibdata.views.options import ViewOptions

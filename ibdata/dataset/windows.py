@@ -2,56 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ibdata.dataset.manifest import refuse_inside
-from ibdata.dataset.transitions import Transitions
-from ibdata.errors import UsageError
-from ibdata.system import disk
+from ibdata.dataset.stored_windows import Stored
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
-DESCRIPTION = "windows.json"
-
-
-class Stored(NamedTuple):
-    """One copy of the values that windows are gathered from.
-
-    For an episode of T transitions there are T + 1 frames. The frames are stored newest first, so that a
-    window is contiguous in memory: frame number i of E episodes with N transitions is row N + E - 1 - i.
-    """
-
-    frames: Float32s  # (N + E, k)
-    actions: Float32s  # (N, 3)
-    rewards: Float32s  # (N,)
-    terminated: npt.NDArray[np.bool_]  # (N,)
-    truncated: npt.NDArray[np.bool_]  # (N,)
-    lengths: npt.NDArray[np.int64]  # (E,)
-
-    def fill(self, blocks: Iterable[Transitions]) -> None:
-        """Copy the transitions of whole episodes, in order."""
-        row = episode = 0
-        for made in blocks:
-            starts = np.flatnonzero(made.step == 0)
-            for start, length in zip(starts, np.diff(starts, append=len(made.step)), strict=True):
-                stop = start + length
-                place = len(self.frames) - row - episode - 1
-                self.frames[place - length + 1 : place + 1] = made.frames[start:stop][::-1]
-                self.frames[place - length] = made.next_frames[stop - 1]
-                self.lengths[episode] = length
-                for name in ("actions", "rewards", "terminated", "truncated"):
-                    getattr(self, name)[row : row + length] = getattr(made, name)[start:stop]
-                row, episode = row + length, episode + 1
 
 
 class Batch(Sequence[dict[str, Any]]):
@@ -159,69 +120,3 @@ class Windows:
         if not isinstance(batch, Batch):  # a DataLoader that fetches one transition at a time
             batch = Batch({name: np.stack([one[name] for one in batch]) for name in batch[0]})
         return {name: torch.from_numpy(array) for name, array in batch.arrays.items()}
-
-
-def in_memory(sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> Stored:
-    """Store transitions in memory; the sizes are those of episodes, transitions and frames."""
-    stored = Stored(*(np.empty(shape, dtype) for shape, dtype in _forms(sizes)))
-    stored.fill(blocks)
-    return stored
-
-
-def in_folder(
-    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
-) -> Stored:
-    """Map the values from files in a folder, which are written first if they are not there.
-
-    Raises UsageError if the folder holds anything else.
-    """
-    names, text = Stored._fields, json.dumps(description, sort_keys=True).encode()
-    if not folder.exists():
-        refuse_inside(folder)
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
-                _write(Path(unfinished) / "whole", text, sizes, blocks)
-                with suppress(OSError):  # another process was faster
-                    (Path(unfinished) / "whole").rename(folder)
-        except OSError as error:
-            raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
-    described = folder / DESCRIPTION
-    if not described.is_file() or described.read_bytes() != text:
-        raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
-    try:
-        return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in names))
-    except Exception as error:  # whatever numpy and zipfile raise for other bytes
-        raise UsageError(
-            f"folder: {folder} is damaged ({error}); remove it, or choose another folder"
-        ) from None
-
-
-def _write(folder: Path, text: bytes, sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> None:
-    """Write the values into a new folder."""
-    folder.mkdir()
-    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))
-    with (folder / DESCRIPTION).open("xb") as file:  # a full disk would end the process that fills a map
-        disk.reserve(file.fileno(), size)
-        file.truncate(0)
-    maps = [
-        np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
-        for name, (shape, dtype) in zip(Stored._fields, _forms(sizes), strict=True)
-    ]
-    Stored(*maps).fill(blocks)
-    for each in maps:
-        each.flush()
-    (folder / DESCRIPTION).write_bytes(text)
-
-
-def _forms(sizes: tuple[int, int, int]) -> list[tuple[Any, Any]]:
-    """The shape and the type of each array of `Stored`."""
-    episodes, rows, k = sizes
-    return [
-        ((rows + episodes, k), np.float32),
-        ((rows, 3), np.float32),
-        ((rows,), np.float32),
-        ((rows,), np.bool_),
-        ((rows,), np.bool_),
-        ((episodes,), np.int64),
-    ]

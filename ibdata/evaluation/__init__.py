@@ -16,6 +16,7 @@ from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.against import baselines_of, results_of
 from ibdata.evaluation.baselines import SETTINGS
+from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
 from ibdata.evaluation.policies import Acting, policies_of
@@ -91,8 +92,7 @@ def evaluate(
         UsageError, ConfigError: an argument is invalid.
         PolicyError: a policy failed, or returned no valid action.
     """
-    if not 0.0 <= discount <= 1.0:
-        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    discount = checked_discount(discount)
     policies = policies_of(policy, history, allow_code)
     view = view_options(observe, actions, reward, imperfections=imperfections)
     if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
@@ -102,14 +102,14 @@ def evaluate(
         )
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
-    steps, episodes, seed = plain([steps, episodes, seed])
+    setpoint, start, steps, episodes, seed = plain([setpoint, start, steps, episodes, seed])
     if episodes is None:
         episodes = 100 if against is None else SETTINGS["episodes"]
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
     described = {
         "name": "evaluate",
-        "setpoints": list(setpoint) if isinstance(setpoint, tuple) else setpoint,
+        "setpoints": setpoint,
         "dynamics": dynamics,
         "policies": [{"kind": "random"}],
     }
@@ -124,9 +124,9 @@ def evaluate(
         **{**options, "policies": list(policies.values())}
     )  # of any class
     vars(experiment)["labels"] = labels
-    baselines = [] if against is None else baselines_of(against, experiment, float(discount), view)
+    baselines = [] if against is None else baselines_of(against, experiment, discount, view)
     with bar(progress, experiment.rows, "steps") as advance:
-        played = episodes_of(experiment, float(discount), advance, view)
+        played = episodes_of(experiment, discount, advance, view)
     scale = None
     if not experiment.drifting and view.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
@@ -150,7 +150,7 @@ def evaluate(
     ]
     text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
     known = results_of(baselines)
-    return Evaluation(results, differences, text, played.discounted, steps, float(discount), missing, known)
+    return Evaluation(results, differences, text, played.discounted, steps, discount, missing, known)
 
 
 def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:

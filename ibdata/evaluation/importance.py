@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ibdata.dataset.opened import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
+from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
@@ -121,8 +122,7 @@ def importance(
         PolicyError: the target failed, or returned no valid density.
         DatasetError: a file is missing or damaged.
     """
-    if not 0.0 <= discount <= 1.0:
-        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    discount = checked_discount(discount)
     wanted = policy_of(target, history, allow_code)
     refuse_unused(history, [wanted])
     ds = opened(ds)

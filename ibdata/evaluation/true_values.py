@@ -13,6 +13,7 @@ from ibdata.dataset.opened import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.branching import Points, keys, returns
+from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.states import Source
@@ -113,8 +114,7 @@ def true_values(
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
         PolicyError: The policy failed, or returned no valid action.
     """
-    if not 0.0 <= discount <= 1.0:
-        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    discount = checked_discount(discount)
     policies, source = list(policies_of(policy, history, allow_code).values()), Source(ds)
     if len(policies) != 1:
         raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
@@ -138,7 +138,7 @@ def true_values(
             keys(settings.seed, experiment, acting, inner, times[own]),
             None if first is None else first[own],
         )
-        found[own] = returns(points, settings.episodes, float(discount))
+        found[own] = returns(points, settings.episodes, discount)
     results = [
         Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
@@ -36,6 +36,7 @@ def provenance(spec: DatasetSpec) -> list[Code]:
         return []
     owners = importlib.metadata.packages_distributions()
     found = [imported(policy.module()) for policy in policies.values()]
+    _refuse_two(source for sources, _ in found for source in sources.values())
     code = [_provenance(policy, *one, owners) for policy, one in zip(policies.values(), found, strict=True)]
     known = {_file(source) for sources, _ in found for source in sources.values()}
     more = {
@@ -56,19 +57,25 @@ def load_once(policy: Custom) -> None:
     Raises UsageError if the name of one of its modules means another file in this process, or if the file was
     changed after the process had imported it.
     """
-    sources = imported(policy.module())[0].values()
-    for source in sources:
-        before, used = _loaded_once.get(source.module, source).path, _spec_in_use(source.module)
-        for other in (before, used.origin if used and used.origin else before):
-            if os.path.realpath(other) != os.path.realpath(source.path):
-                raise _other_module(source, other)
-        if used is None:
+    sources = {source.module: source for source in imported(policy.module())[0].values()}
+    _refuse_two([*_loaded_once.values(), *sources.values()])
+    for source in sources.values():
+        if _spec_in_use(source.module) is None:
             drop_stale_bytecode(source)
         _sha256(source)
     policy.load()
-    for source in sources:
-        _loaded_once[source.module] = source
+    _loaded_once.update(sources)
+    for source in sources.values():
         _sha256(source)
+
+
+def _refuse_two(sources: Iterable[Source]) -> None:
+    """Raise UsageError if two files are modules of the same name, of which Python would import only one."""
+    known: dict[str, Path] = {}
+    for source in sources:
+        other = known.setdefault(source.module, source.path)
+        if not _same(other, source.path):
+            raise _other_module(source, other)
 
 
 def imported_late(code: Sequence[Code]) -> list[str]:
@@ -89,6 +96,11 @@ def imported_late(code: Sequence[Code]) -> list[str]:
 def _file(source: Source) -> tuple[str, str]:
     """A module and its file, however its path is written."""
     return source.module, os.path.realpath(source.path)
+
+
+def _same(one: str | Path, other: str | Path) -> bool:
+    """Whether two paths name one file, which may be in a zip file."""
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def _provenance(
@@ -130,7 +142,7 @@ def _archive(source: Source) -> Path:
 def _other_module(source: Source, other: str | Path) -> UsageError:
     return UsageError(
         f"{source.path}: found another module with the name {source.module} in use, {other}; rename one of "
-        "them"
+        "the two"
     )
 
 
@@ -145,10 +157,8 @@ def _sha256(source: Source) -> str | None:
             f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
             "size of the file are the same; the bytecode was removed, so run again"
         )
-    other = spec.origin if spec.has_location else None
-    elsewhere = other and os.path.realpath(other) != os.path.realpath(source.path)
-    if other and elsewhere and file_sha256(Path(other)) != found:
-        raise _other_module(source, other)
+    if spec.origin and not _same(spec.origin, source.path):
+        raise _other_module(source, spec.origin)
     known, was = _imported.get(source.module, (None, None))
     if known is not spec:  # imported or reloaded since then
         _imported[source.module] = spec, found

@@ -311,7 +311,9 @@ def test_plain_is_json():
             "dynamics.eta_men: no such option; did you mean 'eta_mean'?",
         ),
         ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
-        ({"discount": float("nan")}, "discount: found nan, expected a number in [0, 1]"),
+        ({"discount": float("nan")}, "discount: found NaN, expected a number in [0, 1]"),
+        ({"discount": "x"}, "discount: found 'x', expected a number in [0, 1]"),
+        ({"discount": np.array([0.5, 0.9])}, "discount: found [0.5, 0.9], expected a number in [0, 1]"),
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
         (
             {"history": 2, "policy": ["optimized", {"x": "random"}]},

@@ -1,0 +1,133 @@
+"""The values that windows are gathered from, in memory or in files."""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.manifest import refuse_inside
+from ibdata.dataset.transitions import Transitions
+from ibdata.errors import UsageError
+from ibdata.system import disk
+
+Float32s = npt.NDArray[np.float32]
+DESCRIPTION = "windows.json"
+
+
+class Stored(NamedTuple):
+    """One copy of the values that windows are gathered from.
+
+    For an episode of T transitions there are T + 1 frames. The frames are stored newest first, so that a
+    window is contiguous in memory: frame number i of E episodes with N transitions is row N + E - 1 - i.
+    """
+
+    frames: Float32s  # (N + E, k)
+    actions: Float32s  # (N, 3)
+    rewards: Float32s  # (N,)
+    terminated: npt.NDArray[np.bool_]  # (N,)
+    truncated: npt.NDArray[np.bool_]  # (N,)
+    lengths: npt.NDArray[np.int64]  # (E,)
+
+    def fill(self, blocks: Iterable[Transitions]) -> None:
+        """Copy the transitions of whole episodes, in order."""
+        row = episode = 0
+        for made in blocks:
+            starts = np.flatnonzero(made.step == 0)
+            for start, length in zip(starts, np.diff(starts, append=len(made.step)), strict=True):
+                stop = start + length
+                place = len(self.frames) - row - episode - 1
+                self.frames[place - length + 1 : place + 1] = made.frames[start:stop][::-1]
+                self.frames[place - length] = made.next_frames[stop - 1]
+                self.lengths[episode] = length
+                for name in ("actions", "rewards", "terminated", "truncated"):
+                    getattr(self, name)[row : row + length] = getattr(made, name)[start:stop]
+                row, episode = row + length, episode + 1
+
+
+def in_memory(sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> Stored:
+    """Store transitions in memory; the sizes are those of episodes, transitions and frames."""
+    stored = Stored(*(np.empty(shape, dtype) for shape, dtype in _forms(sizes)))
+    stored.fill(blocks)
+    return stored
+
+
+def in_folder(
+    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
+) -> Stored:
+    """Map the values from files in a folder, which are written first if they are not there.
+
+    Raises UsageError if the folder holds anything else, or other values than were written.
+    """
+    if not folder.exists():
+        refuse_inside(folder)
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
+                _write(Path(unfinished) / "whole", description, sizes, blocks)
+                with suppress(OSError):  # another process was faster
+                    (Path(unfinished) / "whole").rename(folder)
+        except OSError as error:
+            raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
+    try:
+        described = json.loads((folder / DESCRIPTION).read_bytes())
+        known = described.pop("crc32", None)
+    except (OSError, ValueError, AttributeError):
+        described = None
+    if described != json.loads(json.dumps(description)):
+        raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
+    try:
+        stored = Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
+        if [(array.shape, array.dtype) for array in stored] != _forms(sizes) or _sums(stored) != known:
+            raise ValueError("found other values than were written")
+        return stored
+    except Exception as error:  # whatever numpy and zipfile raise for other bytes
+        raise UsageError(
+            f"folder: {folder} is damaged ({error}); remove it, or choose another folder"
+        ) from None
+
+
+def _write(
+    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
+) -> None:
+    """Write the values into a new folder."""
+    folder.mkdir()
+    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))
+    with (folder / DESCRIPTION).open("xb") as file:  # a full disk would end the process that fills a map
+        disk.reserve(file.fileno(), size)
+        file.truncate(0)
+    maps = [
+        np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
+        for name, (shape, dtype) in zip(Stored._fields, _forms(sizes), strict=True)
+    ]
+    stored = Stored(*maps)
+    stored.fill(blocks)
+    for each in maps:
+        each.flush()
+    (folder / DESCRIPTION).write_text(json.dumps({**description, "crc32": _sums(stored)}, sort_keys=True))
+
+
+def _sums(stored: Stored) -> dict[str, int]:
+    """The checksum of each array."""
+    return {name: zlib.crc32(array.data) for name, array in stored._asdict().items()}
+
+
+def _forms(sizes: tuple[int, int, int]) -> list[tuple[Any, Any]]:
+    """The shape and the type of each array of `Stored`."""
+    episodes, rows, k = sizes
+    return [
+        ((rows + episodes, k), np.float32),
+        ((rows, 3), np.float32),
+        ((rows,), np.float32),
+        ((rows,), np.bool_),
+        ((rows,), np.bool_),
+        ((episodes,), np.int64),
+    ]
