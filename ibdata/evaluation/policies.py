@@ -15,6 +15,7 @@ from ibdata.experiment import validated
 from ibdata.experiment.code_record import load_once
 from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.messages import shown
+from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter
@@ -64,6 +65,7 @@ def policies_of(
     Raises:
         UsageError, ConfigError: as `policy_of`; or a label, or a key of history, is not valid.
     """
+    history = plain(history)
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
     for name, length in {"": common, **lengths}.items():
         if isinstance(length, bool) or not isinstance(length, int) or length < 1:

@@ -19,6 +19,7 @@ from ibdata.policies.wrapper import part_of
 
 WAYS = "an object with act(history, u) or predict(observations), a torch module, or a function"
 METHODS = ("act", "predict", "decide")
+OLDEST_FIRST = ("VecFrameStack", "FrameStackObservation")  # of SB3 and of Gymnasium
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
 
@@ -133,12 +134,13 @@ def refuse_frame_stack(model: Any) -> None:
     """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
     env = getattr(model, "get_env", lambda: None)()
     while env is not None:
-        if type(env).__name__ == "VecFrameStack":
+        if (name := type(env).__name__) in OLDEST_FIRST:
             raise UsageError(
-                "model: found VecFrameStack, which puts the oldest observation first, expected the newest "
-                "first; train on an environment with the option history"
+                f"model: found {name}, which puts the oldest observation first, expected the newest first; "
+                "train on an environment with the option history"
             )
-        env = getattr(env, "__dict__", {}).get("venv")
+        within = getattr(env, "__dict__", {})
+        env = within.get("venv") or within.get("env") or next(iter(within.get("envs") or ()), None)
 
 
 def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) -> Any:

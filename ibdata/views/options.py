@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -105,7 +105,8 @@ def view_options(
     """
     if not isinstance(actions, bool):
         raise UsageError(f"actions: found {actions!r}, expected True or False")
-    if not isinstance(reward_scale, Real) or not 0 < reward_scale < math.inf:
+    number = isinstance(reward_scale, Real) and not isinstance(reward_scale, bool)
+    if not number or not 0 < reward_scale <= sys.float_info.max:
         raise UsageError(f"reward scale: found {reward_scale!r}, expected a finite number above 0")
     options = ViewOptions(
         _observed(observe),

@@ -45,6 +45,8 @@ def test_bounds_are_those_of_the_columns_unless_they_are_measured_inexactly():
         ({"observe": 3}, "observe: found 3, expected classic"),
         ({"actions": "yes"}, "actions: found 'yes', expected True or False"),
         ({"reward_scale": 0}, "reward scale: found 0, expected a finite number above 0"),
+        ({"reward_scale": 10**309}, "expected a finite number above 0"),
+        ({"reward_scale": True}, "reward scale: found True, expected a finite number above 0"),
         ({"reward": "detla"}, "reward: found 'detla', expected classic, delta .* did you mean 'delta'"),
         ({"reward": {}}, "reward: found no weight"),
         ({"reward": {"fatique": 1}}, "found 'fatique', expected weights .* did you mean 'fatigue'"),

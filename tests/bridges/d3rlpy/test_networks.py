@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import Env, spaces
+from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.torch_layers import FlattenExtractor
@@ -248,12 +249,16 @@ def test_a_model_that_does_more_than_its_layers_is_refused(tmp_path, model):
         saved(tmp_path / "actor.safetensors", model())
 
 
-def test_a_stack_with_the_oldest_observation_first_is_refused(tmp_path):
-    env = VecFrameStack(DummyVecEnv([One]), FRAMES)
-    with pytest.raises(UsageError, match="VecFrameStack, which puts the oldest observation first"):
-        saved(tmp_path / "actor.safetensors", of_stable_baselines(TD3, env))
-    with pytest.raises(UsageError, match="VecFrameStack, which puts the oldest observation first"):
-        ibdata.evaluate(of_stable_baselines(TD3, env), history=FRAMES, episodes=1, steps=2)
+@pytest.mark.parametrize(("env", "name"), [
+    (lambda: VecFrameStack(DummyVecEnv([One]), FRAMES), "VecFrameStack"),
+    (lambda: DummyVecEnv([lambda: FlattenObservation(FrameStackObservation(One(), FRAMES))]), "FrameStackOb"),
+])  # fmt: skip
+def test_a_stack_with_the_oldest_observation_first_is_refused(tmp_path, env, name):
+    model = of_stable_baselines(TD3, env())
+    with pytest.raises(UsageError, match=f"found {name}.*, which puts the oldest observation first"):
+        saved(tmp_path / "actor.safetensors", model)
+    with pytest.raises(UsageError, match=f"found {name}.*, which puts the oldest observation first"):
+        ibdata.evaluate(model, history=FRAMES, episodes=1, steps=2)
 
 
 def test_a_saved_network_makes_a_dataset(tmp_path):
