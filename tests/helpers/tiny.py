@@ -1,4 +1,4 @@
-"""Experiments whose shards have one episode each, for tests of whole runs."""
+"""Small experiments for tests of whole runs; the shards of the first two have one episode each."""
 
 from ibdata.experiment import Experiment
 
@@ -13,3 +13,12 @@ FOUR_SHARDS = Experiment.model_validate(
     }
 )
 TEN_SHARDS = FOUR_SHARDS.model_copy(update={"episodes": 5})
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 3,
+    "steps": 20,
+    "output": {"shard_rows": 40},
+    "splits": {"source": {"setpoint": 20}},
+}

@@ -1,4 +1,4 @@
-"""Repairing, reproducing and comparing datasets."""
+"""Repairing datasets."""
 
 from __future__ import annotations
 
@@ -6,34 +6,23 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.tiny import PLAIN
 
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.dataset.difference import difference
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.maintenance.repair import repair
-from ibdata.maintenance.reproduce import reproduce
 from ibdata.validation.rows import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.metadata import as_json
 
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}, {"kind": "safe"}],
-    "episodes": 3,
-    "steps": 20,
-    "output": {"shard_rows": 40},
-    "splits": {"source": {"setpoint": 20}},
-}
 FILES = [
     "shard 0",
     "shard 3",
@@ -43,28 +32,6 @@ FILES = [
     "meta/experiment.yaml",
     "README.md",
 ]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return ibdata.generate(
-        Experiment.model_validate(PLAIN), tmp_path_factory.mktemp("made") / "tiny", workers=1
-    )
-
-
-@pytest.fixture
-def copied(made, tmp_path) -> Path:
-    return Path(shutil.copytree(made.path, tmp_path / "copied"))
-
-
-@pytest.fixture
-def file(copied, shard_file) -> Callable[[str], str]:
-    """The path of a file in the copy: of a shard, given as `shard 0`, or the path itself."""
-
-    def path(what: str) -> str:
-        return shard_file(copied, int(what.removeprefix("shard "))) if what.startswith("shard ") else what
-
-    return path
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -230,53 +197,6 @@ def test_there_is_nothing_to_repair_where_no_dataset_is(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("episodes", "count"), [(None, 12), ("5", 5), ("3-7", 5), ("100", 12), ("11-11", 1)])
-def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
-    assert reproduce(made.path, episodes) == (count, [])
-
-
-def test_an_episode_that_is_not_reproduced_is_named(copied, file):
-    listed = json.loads((copied / manifest.PATH).read_bytes())
-    listed["experiments"][0]["seed"] = 1
-    listed["checksum"] = manifest.checksum(listed)
-    (copied / manifest.PATH).write_bytes(as_json(listed))
-    count, problems = reproduce(copied, "4-5")
-    assert count == 2
-    assert [(p.path, p.row, p.message) for p in problems] == [
-        (file("shard 2"), 20, "episode 4: found other content when made again"),
-        (file("shard 3"), 0, "episode 5: found other content when made again"),
-    ]
-
-
-@pytest.mark.parametrize("episodes", ["x", "-3", "3-", "7-3", "0-12", "٣"])
-def test_episodes_that_are_none_are_refused(made, episodes):
-    with pytest.raises(UsageError, match=r"^episodes: found "):
-        reproduce(made.path, episodes)
-
-
-def test_equal_content_in_other_files_is_no_difference(made, tmp_path):
-    other = Experiment.model_validate({**PLAIN, "output": {"shard_rows": 1000}})
-    assert difference(made, ibdata.generate(other, tmp_path / "other", workers=1)) == []
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({"seed": 1}, "experiment.seed: 0 and 1"),
-        ({"seed": 1}, "episode 0 and 0: step 0: "),
-        ({"dynamics": "paper"}, "experiment.dynamics: siemens and paper"),
-        ({"episodes": 4}, "episodes: 12 and 16"),
-        ({"episodes": 4}, "episodes with a cell and index that only the second has: 4"),
-        ({"steps": 30}, "rows: 240 and 360"),
-        ({"output": {"dtype": "float64"}}, "column reward: float32 and float64"),
-        ({"output": {"latent": False}}, "column latent_theta_1: float32 and none"),
-    ],
-)
-def test_a_difference_is_named(made, tmp_path, change, line):
-    other = ibdata.generate(Experiment.model_validate({**PLAIN, **change}), tmp_path / "other", workers=1)
-    assert any(found.startswith(line) for found in difference(made, other)), difference(made, other)
-
-
 def test_resuming_a_finished_dataset_that_is_damaged_is_an_error(copied, file):
     shard = file("shard 1")
     (copied / shard).unlink()
@@ -357,15 +277,3 @@ def test_a_forged_plan_is_named_although_every_file_is_as_listed(copied):
     (copied / manifest.PATH).write_bytes(as_json(listed))
     with pytest.raises(DatasetError, match=r"experiments: .* see ibdata validate"):
         repair(copied, workers=1)
-
-
-@pytest.mark.parametrize("damage", ["write", "remove"])
-def test_reproduce_names_the_file_of_its_episodes_that_is_changed_or_missing(copied, shard_file, damage):
-    path = shard_file(copied, 1)
-    (copied / path).write_bytes(b"garbage") if damage == "write" else (copied / path).unlink()
-    count, problems = reproduce(copied)
-    assert count == 12
-    assert [problem.path for problem in problems] == [path]
-    first = manifest.read(copied).shards[1].episodes[0]
-    assert reproduce(copied, f"{first - 1}-{first - 1}") == (1, [])
-    assert len(reproduce(copied, f"{first}-{first}")[1]) == 1
