@@ -67,6 +67,8 @@ def in_folder(
 
     Raises UsageError if the folder holds anything else, or other values than were written.
     """
+    if not sizes[1]:  # nothing to keep in files
+        return in_memory(sizes, blocks)
     if not folder.exists():
         refuse_inside(folder)
         try:
@@ -80,7 +82,7 @@ def in_folder(
     try:
         described = json.loads((folder / DESCRIPTION).read_bytes())
         known = described.pop("crc32", None)
-    except (OSError, ValueError, AttributeError):
+    except (OSError, ValueError, AttributeError, TypeError):
         described = None
     if described != json.loads(json.dumps(description)):
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")

@@ -24,6 +24,7 @@ from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.experiment import Experiment, validated
+from ibdata.experiment.code_record import refuse_mixed
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
@@ -127,6 +128,7 @@ def evaluate(
     baselines = [] if against is None else baselines_of(against, experiment, discount, view)
     with bar(progress, experiment.rows, "steps") as advance:
         played = episodes_of(experiment, discount, advance, view)
+    refuse_mixed()
     scale = None
     if not experiment.drifting and view.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 from ibdata.errors import UsageError
@@ -12,6 +13,7 @@ from ibdata.experiment.plain import plain
 def checked_discount(given: Any) -> float:
     """The discount factor as a float. Raises UsageError if it is not a number in [0, 1]."""
     number = plain(given)
-    if isinstance(number, bool) or not isinstance(number, int | float) or not 0 <= number <= 1:
+    is_number = isinstance(number, Real) and not isinstance(number, bool)
+    if not is_number or not 0.0 <= float(number) <= 1.0:
         raise UsageError(f"discount: found {shown(number)}, expected a number in [0, 1]")
     return float(number)

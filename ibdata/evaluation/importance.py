@@ -16,6 +16,7 @@ from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
+from ibdata.experiment.code_record import refuse_mixed
 from ibdata.experiment.custom_code import consented_spec
 from ibdata.numerics.confidence import estimate
 from ibdata.validation.consistency import refuse_other_plan
@@ -142,6 +143,7 @@ def importance(
         np.concatenate(arrays)
         for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
     )
+    refuse_mixed()
     return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
 
 

@@ -125,7 +125,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         ConfigError: the block is not valid.
     """
     if isinstance(given, Policy):
-        return given
+        return _loaded(given, None)
     if isinstance(given, Mapping):
         return _loaded(_block(dict(given), "policy"), None)
     if isinstance(given, str | os.PathLike):

@@ -18,6 +18,7 @@ from ibdata.evaluation.play import Floats
 from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
+from ibdata.experiment.code_record import refuse_mixed
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
@@ -139,6 +140,7 @@ def true_values(
             None if first is None else first[own],
         )
         found[own] = returns(points, settings.episodes, discount)
+    refuse_mixed()
     results = [
         Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))

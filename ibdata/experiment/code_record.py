@@ -13,7 +13,8 @@ from ibdata.dataset.models import Code
 from ibdata.errors import UsageError
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import drop_stale_bytecode, imported_before, imported_by_policies
+from ibdata.experiment.fresh_modules import imported_before, imported_by_policies
+from ibdata.experiment.imported_code import NOTE, archive, drop_stale_bytecode, noted_sha256
 from ibdata.experiment.imported_modules import Source, imported, loaded
 from ibdata.policies.code_places import located
 from ibdata.policies.custom import Custom
@@ -57,16 +58,29 @@ def load_once(policy: Custom) -> None:
     Raises UsageError if the name of one of its modules means another file in this process, or if the file was
     changed after the process had imported it.
     """
-    sources = {source.module: source for source in imported(policy.module())[0].values()}
-    _refuse_two([*_loaded_once.values(), *sources.values()])
-    for source in sources.values():
+    for source in _of_one_name_each(policy):
         if _spec_in_use(source.module) is None:
             drop_stale_bytecode(source)
         _sha256(source)
     policy.load()
-    _loaded_once.update(sources)
-    for source in sources.values():
+    for source in _of_one_name_each(policy):  # the policy may have added a folder to sys.path
+        _loaded_once[source.module] = source
         _sha256(source)
+
+
+def refuse_mixed() -> None:
+    """Raise UsageError if a policy of `load_once` has imported another one's module while it was played."""
+    for source in _loaded_once.values():
+        _refuse_elsewhere(source)
+        if (spec := _spec_in_use(source.module)) is not None:
+            noted_sha256(spec, source.path)
+
+
+def _of_one_name_each(policy: Custom) -> list[Source]:
+    """The sources of a policy. UsageError if another policy of `load_once` has a module of the same name."""
+    sources = list(imported(policy.module())[0].values())
+    _refuse_two([*_loaded_once.values(), *sources])
+    return sources
 
 
 def _refuse_two(sources: Iterable[Source]) -> None:
@@ -88,8 +102,7 @@ def imported_late(code: Sequence[Code]) -> list[str]:
     return [
         name
         for name, source in loaded(imported_before).items()
-        if _imported.get(source.module, (None, None))[0] is not _spec_in_use(source.module)
-        and file_sha256(_archive(source)) not in known
+        if NOTE not in vars(_spec_in_use(source.module)) and file_sha256(archive(source.path)) not in known
     ]
 
 
@@ -126,17 +139,8 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
     return {owner: importlib.metadata.version(owner) for owner in found}
 
 
-# The spec and the hash of each module when this process first saw it.
-_imported: dict[str, tuple[ModuleSpec, str | None]] = {}
-
-
 def _spec_in_use(module: str) -> ModuleSpec | None:
     return getattr(sys.modules.get(module), "__spec__", None)
-
-
-def _archive(source: Source) -> Path:
-    """The file of a module, or the zip file that holds it."""
-    return next((path for path in source.path.parents if path.is_file()), source.path)
 
 
 def _other_module(source: Source, other: str | Path) -> UsageError:
@@ -146,23 +150,28 @@ def _other_module(source: Source, other: str | Path) -> UsageError:
     )
 
 
+def _refuse_elsewhere(source: Source) -> None:
+    """Raise UsageError if the module that this process has imported is in another file."""
+    spec = _spec_in_use(source.module)
+    if spec is not None and spec.origin and not _same(spec.origin, source.path):
+        raise _other_module(source, spec.origin)
+
+
 def _sha256(source: Source) -> str | None:
     """Return the hash of a module's file. Raises UsageError if this process has imported other code."""
-    found = file_sha256(_archive(source))
+    found = file_sha256(archive(source.path))
     spec = _spec_in_use(source.module)
     if spec is None:
         return found
+    _refuse_elsewhere(source)
+    noted = noted_sha256(spec, source.path)
     if drop_stale_bytecode(source):
+        vars(spec)[NOTE] = None
         raise UsageError(
             f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
             "size of the file are the same; the bytecode was removed, so run again"
         )
-    if spec.origin and not _same(spec.origin, source.path):
-        raise _other_module(source, spec.origin)
-    known, was = _imported.get(source.module, (None, None))
-    if known is not spec:  # imported or reloaded since then
-        _imported[source.module] = spec, found
-    elif was != found:
+    if noted != found:
         raise UsageError(
             f"{source.path}: was changed after this process had imported it, so other code would run than it "
             "holds; start Python again"

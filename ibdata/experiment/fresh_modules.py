@@ -6,14 +6,14 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from importlib.machinery import ExtensionFileLoader, SourceFileLoader
-from importlib.util import cache_from_source
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from types import ModuleType
 
 from ibdata.errors import UsageError
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.imported_code import drop_stale_bytecode, noted_sha256
 from ibdata.experiment.imported_modules import Source, imported, is_users, loaded
 from ibdata.policies.code_places import looking_in
 from ibdata.policies.custom import importing
@@ -54,15 +54,26 @@ def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
     for policy in customs(spec):
         with suppress(UsageError):  # a file that is not found is named where it is needed
             sources += imported(policy.module())[0].values()
-    for source in sources:
-        drop_stale_bytecode(source)
     tops = {source.module.partition(".")[0] for source in sources} - sys.stdlib_module_names
     with importing:
-        taken = _taken(name for name in sys.modules if name.partition(".")[0] in tops)
-        _aside.update(_taken(name for name, module in sys.modules.items() if is_users(name, module)))
+        users = [name for name, module in sys.modules.items() if is_users(name, module)]
+        of_policies = [name for name in sys.modules if name.partition(".")[0] in tops]
+        for name in {*users, *of_policies}:
+            _note(sys.modules[name])
+        taken = _taken(of_policies)
+        _aside.update(_taken(users))
         imported_before.clear()
         imported_before.update(sys.modules.keys() - imported_by_policies.keys())
-        return taken | _aside
+    for source in sources:
+        drop_stale_bytecode(source)
+    return taken | _aside
+
+
+def _note(module: ModuleType) -> None:
+    """Note what a module's file holds now, before another module of its name is imported."""
+    spec = getattr(module, "__spec__", None)
+    if spec is not None and spec.has_location and spec.origin:
+        noted_sha256(spec, Path(spec.origin))
 
 
 def bring_back_others() -> None:
@@ -91,25 +102,6 @@ def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
     found = [name for name in list(names) if name in sys.modules]
     stay = {name.partition(".")[0] for name, module in list(sys.modules.items()) if _is_machine_code(module)}
     return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
-
-
-def drop_stale_bytecode(source: Source) -> bool:
-    """Remove bytecode that is not that of its source; return whether there was such.
-
-    Python itself only compares time and size of the source.
-    """
-    kept = Path(cache_from_source(str(source.path)))
-    if not (source.path.suffix == ".py" and source.path.is_file() and kept.is_file()):
-        return False
-    loader = SourceFileLoader(source.module, str(source.path))
-    with suppress(SyntaxError, ValueError, EOFError):
-        if loader.get_code(source.module) == loader.source_to_code(source.path.read_bytes(), source.path):
-            return False
-    try:
-        kept.unlink(missing_ok=True)
-    except OSError:
-        raise UsageError(f"{kept}: holds other code than {source.path}; remove it") from None
-    return True
 
 
 def _is_machine_code(module: ModuleType) -> bool:

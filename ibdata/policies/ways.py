@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from ibdata.policies.wrapper import part_of
 
 WAYS = "an object with act(history, u) or predict(observations), a torch module, or a function"
 METHODS = ("act", "predict", "decide")
-OLDEST_FIRST = ("VecFrameStack", "FrameStackObservation")  # of SB3 and of Gymnasium
+OLDEST_FIRST = {"VecFrameStack", "FrameStackObservation"}  # of SB3 and of Gymnasium
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
 
@@ -132,15 +133,19 @@ def _scale(own: Any) -> Callable[[Any], Any]:
 
 def refuse_frame_stack(model: Any) -> None:
     """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
-    env = getattr(model, "get_env", lambda: None)()
+    names, env = [], getattr(model, "get_env", lambda: None)()
+    stack = getattr(sys.modules.get("gymnasium.wrappers"), "FrameStackObservation", None)
+    with suppress(OSError, EOFError):  # the processes of the environment have ended
+        if stack and hasattr(env, "env_is_wrapped") and any(env.env_is_wrapped(stack)):
+            names.append(stack.__name__)
     while env is not None:
-        if (name := type(env).__name__) in OLDEST_FIRST:
-            raise UsageError(
-                f"model: found {name}, which puts the oldest observation first, expected the newest first; "
-                "train on an environment with the option history"
-            )
-        within = getattr(env, "__dict__", {})
-        env = within.get("venv") or within.get("env") or next(iter(within.get("envs") or ()), None)
+        names.append(type(env).__name__)
+        env = getattr(env, "__dict__", {}).get("venv")
+    if found := OLDEST_FIRST & set(names):
+        raise UsageError(
+            f"model: found {found.pop()}, which puts the oldest observation first, expected the newest "
+            "first; train on an environment with the option history"
+        )
 
 
 def _called(given: str, call: Callable[..., Any], *arrays: Any, **options: Any) -> Any:

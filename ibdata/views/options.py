@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -105,14 +105,17 @@ def view_options(
     """
     if not isinstance(actions, bool):
         raise UsageError(f"actions: found {actions!r}, expected True or False")
-    number = isinstance(reward_scale, Real) and not isinstance(reward_scale, bool)
-    if not number or not 0 < reward_scale <= sys.float_info.max:
+    try:
+        scale = float(reward_scale) if isinstance(reward_scale, Real) else math.nan
+    except OverflowError:
+        scale = math.inf
+    if isinstance(reward_scale, bool) or not 0 < scale < math.inf:
         raise UsageError(f"reward scale: found {reward_scale!r}, expected a finite number above 0")
     options = ViewOptions(
         _observed(observe),
         actions,
         reward_of(reward),
-        float(reward_scale),
+        scale,
         imperfections_of(imperfections),
     )
     _refuse_unobserved(options)

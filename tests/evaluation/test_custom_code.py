@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 
+import numpy as np
 import pytest
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.experiment import code_record
+from ibdata.policies.custom import Custom
 
+TARGET = "own_two.py:Own"
 POLICY = """
 import numpy as np
 
@@ -55,6 +59,68 @@ def test_two_folders_with_a_module_of_one_name_are_refused_however_late_it_is_im
     assert evaluated(one, one).returns.shape[0] == 2
     with pytest.raises(UsageError, match=r"two/size_of_version\.py: .*one/size_of_version\.py; rename"):
         evaluated(two)
+
+
+def test_a_module_of_another_folder_that_is_imported_while_a_policy_plays_is_refused(version, tmp_path):
+    one, two = version("one", 0.0), version("two", 1.0)
+    (tmp_path / "two/own_two.py").write_text(POLICY.replace("from size_of_version import SIZE", "SIZE = 1.0"))
+    with pytest.raises(UsageError, match=r"one/size_of_version\.py: .*two/size_of_version\.py; rename"):
+        evaluated(one, two)
+
+
+def test_a_policy_of_an_experiment_is_looked_for_in_the_current_folder_and_compared(version, monkeypatch):
+    for path in (version("one", 0.0), version("two", 1.0)):
+        monkeypatch.chdir(path.parent)
+        policy = Custom(target=f"own_{path.parent.name}.py:Own")
+        if path.parent.name == "one":
+            evaluated(policy)
+    with pytest.raises(UsageError, match=r"two/size_of_version\.py: .*one/size_of_version\.py; rename"):
+        evaluated(policy)
+
+
+def test_a_module_that_a_policy_finds_in_a_folder_of_its_own_is_compared_too(version, tmp_path):
+    for name, size in (("one", 0.0), ("two", 1.0)):
+        version(name, size)
+        folder = tmp_path / name
+        (folder / "lib").mkdir()
+        (folder / "size_of_version.py").rename(folder / "lib/size_of_version.py")
+        (folder / f"own_{name}.py").write_text(
+            "import os, sys\nsys.path.insert(0, os.path.join(os.path.dirname(__file__), 'lib'))\n"
+            f"import size_of_version\n{POLICY}"
+        )
+    evaluated(tmp_path / "one/own.yaml")
+    with pytest.raises(UsageError, match=r"two/lib/size_of_version\.py: .*one/lib/size_of_version\.py; ren"):
+        evaluated(tmp_path / "two/own.yaml")
+
+
+def test_a_run_between_evaluations_does_not_hide_an_edit(version, tmp_path, monkeypatch):
+    path = version("two", 1.0)
+    evaluated(path)
+    (tmp_path / "two/size_of_version.py").write_text("SIZE = -1.0\n")
+    monkeypatch.chdir(tmp_path / "two")
+    plain = {"name": "x", "setpoints": 70, "steps": 3, "policies": [{"kind": "custom", "target": TARGET}]}
+    made = ibdata.generate(plain, tmp_path / "data", workers=1, allow_code=True)
+    assert set(np.unique(made.arrays()["actions"])) == {-1.0}
+    with pytest.raises(UsageError, match=r"size_of_version\.py: was changed after .*; start Python again"):
+        evaluated(path)
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_an_edit_of_what_the_script_had_imported_is_seen_in_the_bytecode(
+    version, tmp_path, monkeypatch, keeps
+):
+    path = version("two", 1.0)
+    monkeypatch.syspath_prepend(path.parent)
+    monkeypatch.setattr(sys, "dont_write_bytecode", not keeps)
+    importlib.import_module("size_of_version")
+    (tmp_path / "two/size_of_version.py").write_text("SIZE = -0.5\n")
+    if keeps:
+        with pytest.raises(
+            UsageError, match=r"size_of_version\.py: was changed after .*; start Python again"
+        ):
+            evaluated(path)
+    else:
+        evaluated(path)  # nothing tells
 
 
 def test_a_file_that_was_edited_after_it_was_imported_is_refused(version, tmp_path):
