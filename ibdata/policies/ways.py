@@ -133,7 +133,8 @@ def _scale(own: Any) -> Callable[[Any], Any]:
 
 def refuse_frame_stack(model: Any) -> None:
     """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
-    names, env = [], getattr(model, "get_env", lambda: None)()
+    env: Any = getattr(model, "get_env", lambda: None)()
+    names = []
     stack = getattr(sys.modules.get("gymnasium.wrappers"), "FrameStackObservation", None)
     with suppress(OSError, EOFError):  # the processes of the environment have ended
         if stack and hasattr(env, "env_is_wrapped") and any(env.env_is_wrapped(stack)):
