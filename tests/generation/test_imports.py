@@ -173,3 +173,13 @@ def test_two_modules_of_one_name_are_refused_by_their_names(here, other):
     )
     with pytest.raises(UsageError, match=line):
         ibdata.generate(experiment, "two", workers=1, allow_code=True)
+
+
+@pytest.mark.slow
+def test_bytecode_with_nan_is_that_of_its_file(here, monkeypatch):
+    """To Python, no two code objects with such a constant are equal."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    policy("SIZE, NAN = 0.25, 1e999 - 1e999\nOTHERS = SIZE in {0.25, 0.5}\n")
+    for out in ("one", "two"):
+        made = ibdata.generate(OWN, out, workers=1, allow_code=True)
+        assert set(made.to_pandas()["act_velocity"]) == {0.25}
