@@ -69,10 +69,13 @@ def load_once(policy: Custom) -> None:
 
 
 def refuse_mixed() -> None:
-    """Raise UsageError if a policy of `load_once` has imported another one's module while it was played."""
+    """Raise UsageError if a policy of `load_once` has imported another one's module while it was played.
+
+    Modules that were imported only then are noted, so that a later edit of them is seen.
+    """
     for source in _loaded_once.values():
-        _refuse_elsewhere(source)
         if (spec := _spec_in_use(source.module)) is not None:
+            _refuse_elsewhere(source, spec)
             noted_sha256(spec, source.path)
 
 
@@ -150,10 +153,9 @@ def _other_module(source: Source, other: str | Path) -> UsageError:
     )
 
 
-def _refuse_elsewhere(source: Source) -> None:
-    """Raise UsageError if the module that this process has imported is in another file."""
-    spec = _spec_in_use(source.module)
-    if spec is not None and spec.origin and not _same(spec.origin, source.path):
+def _refuse_elsewhere(source: Source, spec: ModuleSpec) -> None:
+    """Raise UsageError if the spec, of the module that this process has imported, names another file."""
+    if spec.origin and not _same(spec.origin, source.path):
         raise _other_module(source, spec.origin)
 
 
@@ -163,7 +165,7 @@ def _sha256(source: Source) -> str | None:
     spec = _spec_in_use(source.module)
     if spec is None:
         return found
-    _refuse_elsewhere(source)
+    _refuse_elsewhere(source, spec)
     noted = noted_sha256(spec, source.path)
     if drop_stale_bytecode(source):
         vars(spec)[NOTE] = None
