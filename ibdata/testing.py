@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import loaded, policy_of
 from ibdata.policies import OBSERVATION, Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.adapter import Adapter
@@ -49,12 +49,13 @@ def check_policy(policy: Any, histories: History | None = None, history: int = 1
     """
     policy = policy_of(policy, history)
     histories = _histories(policy.history_length) if histories is None else histories
-    for given in _questions(policy, histories):
-        actions = _check_decisions(policy, given)
-        _check_densities(policy, given, actions)
-        for row in range(0, len(histories), max(1, len(histories) // 8)):
-            _check_atoms(policy, _rows(given, [row]))
-    _check_order(policy, histories)
+    with loaded([policy]):
+        for given in _questions(policy, histories):
+            actions = _check_decisions(policy, given)
+            _check_densities(policy, given, actions)
+            for row in range(0, len(histories), max(1, len(histories) // 8)):
+                _check_atoms(policy, _rows(given, [row]))
+        _check_order(policy, histories)
 
 
 def _histories(length: int) -> History:

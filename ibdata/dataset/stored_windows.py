@@ -69,7 +69,7 @@ def in_folder(
     """
     if not sizes[1]:  # nothing to keep in files
         return in_memory(sizes, blocks)
-    if not folder.exists():
+    if not os.path.exists(folder):  # a name may be too long to be looked for
         refuse_inside(folder)
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)

@@ -19,12 +19,11 @@ from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
-from ibdata.evaluation.policies import Acting, policies_of
+from ibdata.evaluation.policies import Acting, loaded, policies_of
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.experiment import Experiment, validated
-from ibdata.experiment.code_record import refuse_mixed
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
@@ -126,9 +125,8 @@ def evaluate(
     )  # of any class
     vars(experiment)["labels"] = labels
     baselines = [] if against is None else baselines_of(against, experiment, discount, view)
-    with bar(progress, experiment.rows, "steps") as advance:
+    with loaded(policies.values()), bar(progress, experiment.rows, "steps") as advance:
         played = episodes_of(experiment, discount, advance, view)
-    refuse_mixed()
     scale = None
     if not experiment.drifting and view.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)

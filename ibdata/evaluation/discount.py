@@ -14,6 +14,6 @@ def checked_discount(given: Any) -> float:
     """The discount factor as a float. Raises UsageError if it is not a number in [0, 1]."""
     number = plain(given)
     is_number = isinstance(number, Real) and not isinstance(number, bool)
-    if not is_number or not 0.0 <= float(number) <= 1.0:
+    if not is_number or not 0 <= number <= 1:
         raise UsageError(f"discount: found {shown(number)}, expected a number in [0, 1]")
     return float(number)

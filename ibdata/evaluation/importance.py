@@ -14,10 +14,10 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.overlap import check_support
-from ibdata.evaluation.policies import policy_of, refuse_unused
+from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
-from ibdata.experiment.code_record import refuse_mixed
-from ibdata.experiment.custom_code import consented_spec
+from ibdata.experiment.code_record import provenance, refuse_changed
+from ibdata.experiment.custom_code import consented_spec, customs_in
 from ibdata.numerics.confidence import estimate
 from ibdata.validation.consistency import refuse_other_plan
 
@@ -138,12 +138,14 @@ def importance(
     if len(lengths) > 1:
         raise UsageError(f"steps: found episodes of {lengths[0]} and of {lengths[-1]}, expected one length")
     behaviours = {id(part.behaviour): part.behaviour for part in found}.values()
-    notes = [note for behaviour in behaviours for note in check_support(behaviour, wanted, lengths[0])]
-    ratios, rewards = (
-        np.concatenate(arrays)
-        for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
-    )
-    refuse_mixed()
+    with loaded([wanted, *behaviours]):
+        customs = [custom for behaviour in behaviours for custom in customs_in(behaviour)]
+        refuse_changed(ds.manifest_model.code, provenance(customs), ds.place)
+        notes = [note for behaviour in behaviours for note in check_support(behaviour, wanted, lengths[0])]
+        ratios, rewards = (
+            np.concatenate(arrays)
+            for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
+        )
     return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
 
 

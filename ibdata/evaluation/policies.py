@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,14 @@ from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
-from ibdata.experiment.code_record import load_once
+from ibdata.experiment.code_record import provenance, refuse_mixed
 from ibdata.experiment.custom_code import customs_in
+from ibdata.experiment.fresh_modules import imported_anew
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter
-from ibdata.policies.code_places import looking_in
 from ibdata.policies.ways import WAYS, can_act
 
 
@@ -125,9 +126,9 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         ConfigError: the block is not valid.
     """
     if isinstance(given, Policy):
-        return _loaded(given, None)
+        return given
     if isinstance(given, Mapping):
-        return _loaded(_block(dict(given), "policy"), None)
+        return _block(dict(given), "policy")
     if isinstance(given, str | os.PathLike):
         return _named(given, allow_code)
     if isinstance(given, type):
@@ -163,15 +164,25 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
-    return _loaded(policy, folder)
-
-
-def _loaded(policy: Policy, folder: Path | None) -> Policy:
-    """The policy, of which all custom ones are loaded; their code may be in a folder."""
-    with looking_in(folder):
-        for custom in customs_in(policy):
-            load_once(custom)
+    for custom in customs_in(policy):
+        custom.look_beside(folder)
     return policy
+
+
+@contextmanager
+def loaded(policies: Iterable[Policy]) -> Iterator[None]:
+    """A context in which custom policies do what their files hold now.
+
+    Raises UsageError if two of their modules have the same name.
+    """
+    own = [custom for policy in policies for custom in customs_in(policy)]
+    with imported_anew(own):
+        provenance(own)  # refuses two modules of one name before any code runs
+        for custom in own:
+            custom.load()
+        provenance(own)  # refuses bytecode of other code
+        yield
+        refuse_mixed(own)
 
 
 def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:

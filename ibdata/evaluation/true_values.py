@@ -15,10 +15,9 @@ from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.branching import Points, keys, returns
 from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.play import Floats
-from ibdata.evaluation.policies import policies_of
+from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
-from ibdata.experiment.code_record import refuse_mixed
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
@@ -127,20 +126,20 @@ def true_values(
         refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     described = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
     settings = validated({**described, "steps": steps, "episodes": episodes, "seed": seed})
-    begun = source.visited(numbers, times, acting)
     found = np.empty((len(numbers), settings.episodes))
-    for experiment, own, inner in source.by_experiment(numbers):
-        points = Points(
-            experiment.part(settings.steps, 1),
-            acting,
-            numbers[own],
-            times[own],
-            begun.take(own),
-            keys(settings.seed, experiment, acting, inner, times[own]),
-            None if first is None else first[own],
-        )
-        found[own] = returns(points, settings.episodes, discount)
-    refuse_mixed()
+    with loaded([acting]):
+        begun = source.visited(numbers, times, acting)
+        for experiment, own, inner in source.by_experiment(numbers):
+            points = Points(
+                experiment.part(settings.steps, 1),
+                acting,
+                numbers[own],
+                times[own],
+                begun.take(own),
+                keys(settings.seed, experiment, acting, inner, times[own]),
+                None if first is None else first[own],
+            )
+            found[own] = returns(points, settings.episodes, discount)
     results = [
         Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))

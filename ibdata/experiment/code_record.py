@@ -10,19 +10,18 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from ibdata.dataset.models import Code
-from ibdata.errors import UsageError
-from ibdata.experiment.custom_code import customs
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.errors import UsageError, printable
+from ibdata.experiment.bytecode import drop_stale_bytecode
 from ibdata.experiment.fresh_modules import imported_before, imported_by_policies
-from ibdata.experiment.imported_code import NOTE, archive, drop_stale_bytecode, noted_sha256
 from ibdata.experiment.imported_modules import Source, imported, loaded
-from ibdata.policies.code_places import located
 from ibdata.policies.custom import Custom
 from ibdata.system.atomic_files import file_sha256
 
+NOTE = "ibdata_sha256"  # an attribute of a module's spec: the hash of its file when ibdata first saw it
 
-def provenance(spec: DatasetSpec) -> list[Code]:
-    """Describe the custom policies without importing them.
+
+def provenance(customs: Iterable[Custom]) -> list[Code]:
+    """Describe custom policies without importing them.
 
     A description holds the target, the version of its distribution, the SHA-256 of its module, of each
     declared file and of each imported module that is not installed, and the versions of the installed ones.
@@ -32,7 +31,7 @@ def provenance(spec: DatasetSpec) -> list[Code]:
     Raises UsageError if the target's file or a declared one is missing, or if this process has imported other
     code than a module's file holds.
     """
-    policies = {(policy.target, *(policy.files or ())): policy for policy in customs(spec)}
+    policies = {(policy.target, policy.file(), *policy.declared().values()): policy for policy in customs}
     if not policies:
         return []
     owners = importlib.metadata.packages_distributions()
@@ -49,41 +48,30 @@ def provenance(spec: DatasetSpec) -> list[Code]:
     return [code[0].model_copy(update={"files": first | files}), *code[1:]]
 
 
-_loaded_once: dict[str, Source] = {}  # the modules of all policies of which `load_once` was called
+def refuse_mixed(policies: Iterable[Custom]) -> None:
+    """Raise UsageError if a policy has imported another one's module of the same name while it was played."""
+    for policy in policies:
+        for source in imported(policy.module())[0].values():
+            if (spec := _spec_in_use(source.module)) is not None:
+                _refuse_elsewhere(source, spec)
 
 
-def load_once(policy: Custom) -> None:
-    """Load a policy to play it. Python imports each of its modules once, whatever plays it later.
-
-    Raises UsageError if the name of one of its modules means another file in this process, or if the file was
-    changed after the process had imported it.
-    """
-    for source in _of_one_name_each(policy):
-        if _spec_in_use(source.module) is None:
-            drop_stale_bytecode(source)
-        _sha256(source)
-    policy.load()
-    for source in _of_one_name_each(policy):  # the policy may have added a folder to sys.path
-        _loaded_once[source.module] = source
-        _sha256(source)
+def refuse_changed(began: Iterable[Code], here: Iterable[Code], where: str | Path) -> None:
+    """Raise UsageError if code, or a declared file, is not that with which a dataset was made."""
+    was, found = code_hashes(began), code_hashes(here)
+    changed = sorted(name for name in was.keys() & found.keys() if was[name] != found[name])
+    if changed:
+        named = printable(", ".join(changed[:8]))
+        raise UsageError(
+            f"{where}: found other code than the dataset was made with, in {named}; restore it, and give a changed policy a file of its own"
+        )
 
 
-def refuse_mixed() -> None:
-    """Raise UsageError if a policy of `load_once` has imported another one's module while it was played.
-
-    Modules that were imported only then are noted, so that a later edit of them is seen.
-    """
-    for source in _loaded_once.values():
-        if (spec := _spec_in_use(source.module)) is not None:
-            _refuse_elsewhere(source, spec)
-            noted_sha256(spec, source.path)
-
-
-def _of_one_name_each(policy: Custom) -> list[Source]:
-    """The sources of a policy. UsageError if another policy of `load_once` has a module of the same name."""
-    sources = list(imported(policy.module())[0].values())
-    _refuse_two([*_loaded_once.values(), *sources])
-    return sources
+def code_hashes(code: Iterable[Code]) -> dict[str, str | None]:
+    """The hashes of modules and of declared files, by the names that messages give them."""
+    return {
+        name: sha256 for each in code for name, sha256 in {each.target: each.sha256, **each.files}.items()
+    }
 
 
 def _refuse_two(sources: Iterable[Source]) -> None:
@@ -105,7 +93,7 @@ def imported_late(code: Sequence[Code]) -> list[str]:
     return [
         name
         for name, source in loaded(imported_before).items()
-        if NOTE not in vars(_spec_in_use(source.module)) and file_sha256(archive(source.path)) not in known
+        if NOTE not in vars(_spec_in_use(source.module)) and file_sha256(_archive(source.path)) not in known
     ]
 
 
@@ -126,12 +114,11 @@ def _provenance(
     files = {name: _sha256(source) for name, source in sources.items()}
     own = next((name for name, source in sources.items() if source.module == module), "")
     version = _versions({module.partition(".")[0]}, owners)
-    declared = {name: located(name, f"{policy.target}: files") for name in policy.files or ()}
     return Code(
         target=policy.target,
         version=next(iter(version.values()), None),
         sha256=files.pop(own, None),
-        files=files | {name: file_sha256(path) for name, path in declared.items()},
+        files=files | {name: file_sha256(path) for name, path in policy.declared().items()},
         distributions=_versions(packages, owners),
     )
 
@@ -140,6 +127,11 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
     """Return the versions of the distributions of installed modules."""
     found = sorted({owner for name in names for owner in owners.get(name, ())})
     return {owner: importlib.metadata.version(owner) for owner in found}
+
+
+def _archive(path: Path) -> Path:
+    """The file of a module, or the zip file that holds it."""
+    return next((folder for folder in path.parents if folder.is_file()), path)
 
 
 def _spec_in_use(module: str) -> ModuleSpec | None:
@@ -161,19 +153,18 @@ def _refuse_elsewhere(source: Source, spec: ModuleSpec) -> None:
 
 def _sha256(source: Source) -> str | None:
     """Return the hash of a module's file. Raises UsageError if this process has imported other code."""
-    found = file_sha256(archive(source.path))
+    found = file_sha256(_archive(source.path))
     spec = _spec_in_use(source.module)
     if spec is None:
         return found
     _refuse_elsewhere(source, spec)
-    noted = noted_sha256(spec, source.path)
     if drop_stale_bytecode(source):
         vars(spec)[NOTE] = None
         raise UsageError(
             f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
             "size of the file are the same; the bytecode was removed, so run again"
         )
-    if noted != found:
+    if vars(spec).setdefault(NOTE, found) != found:
         raise UsageError(
             f"{source.path}: was changed after this process had imported it, so other code would run than it "
             "holds; start Python again"

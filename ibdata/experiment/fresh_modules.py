@@ -1,87 +1,85 @@
-"""Modules of custom policies that are imported anew for each run."""
+"""Modules of custom policies that are imported anew for each run and each evaluation."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.machinery import ExtensionFileLoader
-from pathlib import Path
+from threading import RLock
 from types import ModuleType
 
 from ibdata.errors import UsageError
+from ibdata.experiment.bytecode import drop_stale_bytecode
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.imported_code import drop_stale_bytecode, noted_sha256
 from ibdata.experiment.imported_modules import Source, imported, is_users, loaded
 from ibdata.policies.code_places import looking_in
-from ibdata.policies.custom import importing
+from ibdata.policies.custom import Custom, importing
+
+imported_before: set[str] = set()  # the names of the modules that were imported before those of the policies
+imported_by_policies: dict[str, Source] = {}  # the modules that policies of this process have imported
+_one_at_a_time = RLock()  # held while modules are out of `sys.modules`, of which a process has only one
 
 
 @contextmanager
 def in_one_folder(spec: DatasetSpec) -> Iterator[None]:
-    """A context that imports policies anew, and restores the current folder and the modules.
+    """A context in which the custom policies of a dataset are imported anew.
 
     Code is looked for in the current folder and in that of the first experiment's YAML file.
     """
-    if not customs(spec):
+    with looking_in(spec.experiments[0].folder), imported_anew(customs(spec)):
+        yield
+
+
+@contextmanager
+def imported_anew(policies: Sequence[Custom]) -> Iterator[None]:
+    """A context in which policies are imported anew, however late they import a module.
+
+    At its end, Python's modules and path, the current folder and the policies are as they were before.
+    """
+    if not policies:
         yield
         return
-    here = os.getcwd()
-    with looking_in(spec.experiments[0].folder):
-        known = forget_modules(spec)
+    with _one_at_a_time:
+        here, path = os.getcwd(), list(sys.path)
+        for policy in policies:
+            policy.forget()
+        known = forget_modules(policies)
         try:
             yield
         finally:
             _restore(known)
+            for policy in policies:
+                policy.forget()
+            sys.path[:] = path
             with suppress(OSError):  # it was removed
                 os.chdir(here)
 
 
-imported_before: set[str] = set()  # the names of the modules that were imported before those of the policies
-imported_by_policies: dict[str, Source] = {}  # the modules that policies of this process have imported
-_aside: dict[str, ModuleType] = {}  # modules that are taken away only until the policies are imported
-
-
-def forget_modules(spec: DatasetSpec) -> dict[str, ModuleType]:
+def forget_modules(policies: Iterable[Custom]) -> dict[str, ModuleType]:
     """Take modules that are not installed, and those of custom policies, out of `sys.modules`; return them.
 
     What is imported next is what their files hold now. A package stays if it has loaded machine code, which
     cannot be loaded twice.
     """
     sources = list(imported_by_policies.values())
-    for policy in customs(spec):
+    for policy in policies:
         with suppress(UsageError):  # a file that is not found is named where it is needed
             sources += imported(policy.module())[0].values()
-    tops = {source.module.partition(".")[0] for source in sources} - sys.stdlib_module_names
-    with importing:
-        users = [name for name, module in sys.modules.items() if is_users(name, module)]
-        of_policies = [name for name in sys.modules if name.partition(".")[0] in tops]
-        for name in {*users, *of_policies}:
-            _note(sys.modules[name])
-        taken = _taken(of_policies)
-        _aside.update(_taken(users))
-        imported_before.clear()
-        imported_before.update(sys.modules.keys() - imported_by_policies.keys())
     for source in sources:
         drop_stale_bytecode(source)
-    return taken | _aside
-
-
-def _note(module: ModuleType) -> None:
-    """Note what a module's file holds now, before another module of its name is imported."""
-    spec = getattr(module, "__spec__", None)
-    if spec is not None and spec.has_location and spec.origin:
-        noted_sha256(spec, Path(spec.origin))
-
-
-def bring_back_others() -> None:
-    """Put the modules that the policies have not imported back into `sys.modules`."""
+    tops = {source.module.partition(".")[0] for source in sources} - sys.stdlib_module_names
     with importing:
-        imported_before.update(_aside.keys() - sys.modules.keys())
-        sys.modules.update({name: _aside[name] for name in _aside.keys() - sys.modules.keys()})
-        _aside.clear()
+        taken = _taken(
+            name
+            for name, module in list(sys.modules.items())
+            if name.partition(".")[0] in tops or is_users(name, module)
+        )
+        imported_before.clear()
+        imported_before.update(sys.modules.keys() - imported_by_policies.keys())
+    return taken
 
 
 def _restore(known: dict[str, ModuleType]) -> None:
@@ -93,8 +91,6 @@ def _restore(known: dict[str, ModuleType]) -> None:
         _taken(imported_by_policies.keys() - imported_before)
         compile_others_anew(False)
         sys.modules.update(known)
-        imported_before.update(known)
-        _aside.clear()
 
 
 def _taken(names: Iterable[str]) -> dict[str, ModuleType]:

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, printable
-from ibdata.experiment.code_record import imported_late, provenance
+from ibdata.experiment.code_record import code_hashes, imported_late, provenance
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import bring_back_others, forget_modules, in_one_folder
+from ibdata.experiment.fresh_modules import forget_modules, in_one_folder
 from ibdata.generation import receipt
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.simulation import self_check
@@ -49,7 +49,7 @@ def observe(spec: DatasetSpec, where: Path | str) -> Origin:
 
     Raises UsageError if the code changed meanwhile.
     """
-    found = _imported(spec, provenance(spec), where)
+    found = _imported(spec, provenance(customs(spec)), where)
     return Origin(known_answer=known_answer(), code=found)  # importing may change what the processor does
 
 
@@ -62,8 +62,7 @@ def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Co
         policy.load()
     for experiment in spec.experiments:
         warm_up(experiment)
-    found = provenance(spec)
-    bring_back_others()
+    found = provenance(customs(spec))
     _refuse_parts(_parts(code), _parts(found), _parts(code), where)
     return found
 
@@ -117,7 +116,7 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     if note is None or [note] == _agreed:
         return
     origin = get(root, root)
-    forget_modules(spec)  # of another run of Ray's, or of the script that a new process begins with
+    forget_modules(customs(spec))  # of another run of Ray's, or of the script that a new process begins with
     code = _imported(spec, origin.code, root)
     _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
     _agreed[:] = [note]
@@ -145,7 +144,7 @@ def _refuse_other(began: Origin, here: Origin, where: Path | str) -> None:
 def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
     """As `refuse_other_code` for the code that is found here before any of it is imported."""
     with in_one_folder(spec):
-        found = _parts(provenance(spec))
+        found = _parts(provenance(customs(spec)))
     _refuse_parts(_parts(began), found, found, where)
 
 
@@ -175,8 +174,5 @@ def _again(where: Path | str) -> str:
 
 
 def _parts(code: Sequence[Code]) -> Parts:
-    parts: Parts = {}
-    for each in code:
-        parts |= {each.target: each.sha256, **each.files}
-        parts |= {f"the version of {name}": version for name, version in each.distributions.items()}
-    return parts
+    versions = {name: version for each in code for name, version in each.distributions.items()}
+    return code_hashes(code) | {f"the version of {name}": version for name, version in versions.items()}

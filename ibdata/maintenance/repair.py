@@ -202,7 +202,7 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}
         right = self_check.is_right(known_answer())
-        finish(spec, [*whole, *made.values()], staged, right, provenance(spec))
+        finish(spec, [*whole, *made.values()], staged, right, provenance(customs(spec)))
         _move(staged, folder, {w.entry.path: w.entry.path for w in made.values()})
         for path in damaged:
             path.unlink()  # it was made again under another name

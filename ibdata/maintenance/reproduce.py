@@ -13,7 +13,7 @@ from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
 from ibdata.experiment.code_record import provenance
-from ibdata.experiment.custom_code import consented_spec
+from ibdata.experiment.custom_code import consented_spec, customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
@@ -63,7 +63,7 @@ def reproduce(
     with in_one_folder(spec):
         for experiment in spec.experiments:
             warm_up(experiment)
-        provenance(spec)  # refuses bytecode of other code, which would run
+        provenance(customs(spec))  # refuses bytecode of other code, which would run
         known_answer("episodes made again may differ")
         for part, floats in (made for run in asked for made in simulated(spec, run)):
             experiment = spec.of_shard(part)

@@ -20,9 +20,14 @@ def code_places() -> tuple[Path, ...]:
     return _places.get() or (Path.cwd(),)
 
 
+def two_places(here: str | Path, folder: Path | None) -> tuple[Path, ...]:
+    """The folder in which a run begins, and that of its YAML file if there is one and it is another."""
+    return tuple(dict.fromkeys([Path(here), *([] if folder is None else [folder.absolute()])]))
+
+
 def look_in(here: str | Path, folder: Path | None) -> None:
     """Look for code in the folder in which the run began, and in that of its YAML file, from now on."""
-    _places.set(tuple(dict.fromkeys([Path(here), *([] if folder is None else [folder.absolute()])])))
+    _places.set(two_places(here, folder))
 
 
 @contextmanager
@@ -36,18 +41,18 @@ def looking_in(folder: Path | None) -> Iterator[None]:
         _places.set(before)
 
 
-def located(name: str, what: str) -> Path:
+def located(name: str, what: str, places: tuple[Path, ...]) -> Path:
     """Return the path of a file that is named relative to the YAML file or to the current folder.
 
     Raises UsageError, which begins with `what`, where there is none, or two that differ.
     """
-    places = dict.fromkeys(place / name for place in reversed(code_places()))
-    found = [path for path in places if path.is_file()]
+    paths = dict.fromkeys(place / name for place in reversed(places))
+    found = [path for path in paths if path.is_file()]
     if not found:
-        paths = printable(" or ".join(map(str, places)))
+        named = printable(" or ".join(map(str, paths)))
         raise UsageError(
             f"{what}: found no file {printable(name)!r}, expected it beside the experiment's YAML file or in "
-            f"the current folder: {paths}; copy it there, or go to the folder in which it is"
+            f"the current folder: {named}; copy it there, or go to the folder in which it is"
         )
     if len(found) > 1 and not filecmp.cmp(found[0], found[1], shallow=False):
         raise UsageError(

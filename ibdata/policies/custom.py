@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ibdata.errors import IbdataError, UsageError, printable
 from ibdata.policies.adapter import Adapter
 from ibdata.policies.base import Deterministic, Floats, History
-from ibdata.policies.code_places import code_places, import_from, located
+from ibdata.policies.code_places import code_places, import_from, located, two_places
 from ibdata.policies.given import Decision, Given
 from ibdata.policies.parameters import Parameters
 from ibdata.policies.support import Support
@@ -92,6 +92,8 @@ class Custom(Adapter):
         default=False, strict=True, description="promise that it draws no random numbers of any kind"
     )
 
+    _places: tuple[Path, ...] = PrivateAttr(())  # other folders than those of the run
+
     @property
     def code_target(self) -> str | None:
         """The target."""
@@ -129,22 +131,39 @@ class Custom(Adapter):
         """Import or create the object, unless this was done before. Raises CustomError if it fails."""
         _ = self.adapted
 
+    def forget(self) -> None:
+        """Forget the object, so that it is imported or created anew on its next use."""
+        for name in ("adapted", "way", "conversation"):
+            self.__dict__.pop(name, None)
+
     def module(self) -> str:
         """Make the target's module importable and return its name.
 
         Raises UsageError if the target is a file that is not found.
         """
-        import_from(code_places())
-        if (file := self._file()) is None:
+        import_from(self._code_places())
+        if (file := self.file()) is None:
             return self.target.partition(":")[0]
         import_from((file.parent,))
         return file.stem
 
-    def _file(self) -> Path | None:
+    def look_beside(self, folder: Path | None) -> None:
+        """Look for the code in the current folder and in that of a YAML file, whatever run it belongs to."""
+        self._places = two_places(Path.cwd(), folder)
+
+    def _code_places(self) -> tuple[Path, ...]:
+        return self._places or code_places()
+
+    def declared(self) -> dict[str, Path]:
+        """The paths of the declared files by their names. Raises UsageError if one is not found."""
+        what = f"{self.target}: files"
+        return {name: located(name, what, self._code_places()) for name in self.files or ()}
+
+    def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
         name = Path(self.target.partition(":")[0])
         is_file = name.suffix == ".py" and "." not in name.stem  # else the module py of a package
-        return located(str(name), self.target) if is_file else None
+        return located(str(name), self.target, self._code_places()) if is_file else None
 
     @cached_property
     def adapted(self) -> Any:
@@ -163,7 +182,7 @@ class Custom(Adapter):
         except BaseException as error:
             line = f"{self.target}: cannot be loaded: {told(error)}"
             if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-                folders = " or ".join(map(str, code_places()))
+                folders = " or ".join(map(str, self._code_places()))
                 line += f"; expected the module in {printable(folders)}, or installed"
             raise CustomError(line) from error
         if not can_act(own):
@@ -183,7 +202,7 @@ class Custom(Adapter):
 
     def _imported(self, module: str) -> Any:
         """Import the module. Raises UsageError if its name means another one than the target's file."""
-        imported, file = import_module(module), self._file()
+        imported, file = import_module(module), self.file()
         found = getattr(imported, "__file__", None)
         if file is not None and not (found and os.path.samefile(found, file)):
             raise UsageError(

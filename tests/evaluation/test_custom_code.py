@@ -1,19 +1,20 @@
-"""Custom policies that are evaluated: a process imports each of their modules once, and never another one."""
+"""Custom policies that are evaluated do what their files hold now, whatever the process has imported."""
 
 from __future__ import annotations
 
 import importlib
+import pickle
+import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.experiment import code_record
-from ibdata.policies.custom import Custom
+from ibdata.experiment import Experiment, fresh_modules
 
-TARGET = "own_two.py:Own"
 POLICY = """
 import numpy as np
 
@@ -31,11 +32,11 @@ class Own:
 def version(tmp_path, monkeypatch):
     """`version(name, size)` writes a policy and its helper into a folder and returns the path of the YAML."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(code_record, "_loaded_once", {})
+    monkeypatch.setattr(fresh_modules, "imported_by_policies", {})
 
     def written(name, size):
         folder = tmp_path / name
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         (folder / f"own_{name}.py").write_text(POLICY)
         (folder / "size_of_version.py").write_text(f"SIZE = {size}\n")
         (folder / "own.yaml").write_text(f"kind: custom\ntarget: own_{name}.py:Own\n")
@@ -47,18 +48,22 @@ def version(tmp_path, monkeypatch):
 
 
 def evaluated(*policies):
-    return ibdata.evaluate(list(policies), allow_code=True, episodes=3, steps=4, setpoint=70)
+    return ibdata.evaluate(list(policies), allow_code=True, episodes=3, steps=4, setpoint=70).returns[:, 0]
 
 
-def test_two_folders_with_a_module_of_one_name_are_refused_however_late_it_is_imported(version):
+def constant(size):
+    """The returns of a policy that always takes one action."""
+    return evaluated({"kind": "constant", "action": [size] * 3})[0]
+
+
+def test_two_folders_with_a_module_of_one_name_are_refused_in_one_evaluation_only(version):
     one, two = version("one", 0.0), version("two", 1.0)
     with pytest.raises(
-        UsageError, match=r"two/size_of_version\.py: found another module with the name size_"
+        UsageError, match=r"two/size_of_version\.py: found another module with the name size_.*; rename one"
     ):
         evaluated(one, two)
-    assert evaluated(one, one).returns.shape[0] == 2
-    with pytest.raises(UsageError, match=r"two/size_of_version\.py: .*one/size_of_version\.py; rename"):
-        evaluated(two)
+    np.testing.assert_array_equal(evaluated(one, one), [constant(0.0)] * 2)
+    np.testing.assert_array_equal(evaluated(two)[0], constant(1.0))
 
 
 def test_a_module_of_another_folder_that_is_imported_while_a_policy_plays_is_refused(version, tmp_path):
@@ -68,64 +73,98 @@ def test_a_module_of_another_folder_that_is_imported_while_a_policy_plays_is_ref
         evaluated(one, two)
 
 
-def test_a_policy_of_an_experiment_is_looked_for_in_the_current_folder_and_compared(version, monkeypatch):
-    for path in (version("one", 0.0), version("two", 1.0)):
-        monkeypatch.chdir(path.parent)
-        policy = Custom(target=f"own_{path.parent.name}.py:Own")
-        if path.parent.name == "one":
-            evaluated(policy)
-    with pytest.raises(UsageError, match=r"two/size_of_version\.py: .*one/size_of_version\.py; rename"):
-        evaluated(policy)
+def imported_by_the_script(folder, monkeypatch):
+    monkeypatch.syspath_prepend(folder)
+    return importlib.import_module("size_of_version")
 
 
-def test_a_module_that_a_policy_finds_in_a_folder_of_its_own_is_compared_too(version, tmp_path):
-    for name, size in (("one", 0.0), ("two", 1.0)):
-        version(name, size)
-        folder = tmp_path / name
-        (folder / "lib").mkdir()
-        (folder / "size_of_version.py").rename(folder / "lib/size_of_version.py")
-        (folder / f"own_{name}.py").write_text(
-            "import os, sys\nsys.path.insert(0, os.path.join(os.path.dirname(__file__), 'lib'))\n"
-            f"import size_of_version\n{POLICY}"
-        )
-    evaluated(tmp_path / "one/own.yaml")
-    with pytest.raises(UsageError, match=r"two/lib/size_of_version\.py: .*one/lib/size_of_version\.py; ren"):
-        evaluated(tmp_path / "two/own.yaml")
+def imported_with_bytecode_of_now(folder, monkeypatch):
+    """As if a terminal had imported the module after the edit."""
+    monkeypatch.syspath_prepend(folder)
+    module = importlib.import_module("size_of_version")
+    (folder / "size_of_version.py").write_text("SIZE = -1.0\n")
+    subprocess.run([sys.executable, "-c", "import size_of_version"], cwd=folder, check=True)
+    return module
 
 
-def test_a_run_between_evaluations_does_not_hide_an_edit(version, tmp_path, monkeypatch):
+def never_imported(folder, monkeypatch):
+    return None
+
+
+@pytest.mark.parametrize("way", [never_imported, imported_by_the_script, imported_with_bytecode_of_now])
+def test_an_edit_counts_at_once_and_the_modules_of_the_script_stay(version, tmp_path, monkeypatch, way):
     path = version("two", 1.0)
-    evaluated(path)
-    (tmp_path / "two/size_of_version.py").write_text("SIZE = -1.0\n")
-    monkeypatch.chdir(tmp_path / "two")
-    plain = {"name": "x", "setpoints": 70, "steps": 3, "policies": [{"kind": "custom", "target": TARGET}]}
-    made = ibdata.generate(plain, tmp_path / "data", workers=1, allow_code=True)
-    assert set(np.unique(made.arrays()["actions"])) == {-1.0}
-    with pytest.raises(UsageError, match=r"size_of_version\.py: was changed after .*; start Python again"):
-        evaluated(path)
+    module = way(tmp_path / "two", monkeypatch)
+    for size in (1.0, -1.0, 0.5):
+        version("two", size)
+        np.testing.assert_array_equal(evaluated(path)[0], constant(size))
+        assert sys.modules.get("size_of_version") is module
 
 
-@pytest.mark.parametrize("keeps", [True, False])
-def test_an_edit_of_what_the_script_had_imported_is_seen_in_the_bytecode(
-    version, tmp_path, monkeypatch, keeps
-):
+def test_an_edit_of_a_module_that_no_source_names_counts_too(version, tmp_path, monkeypatch):
+    path = version("two", 1.0)
+    monkeypatch.chdir(path.parent)
+    code = POLICY.replace("from size_of", "import importlib; SIZE = importlib.import_module('size_' + 'of")
+    path.with_name("own_two.py").write_text(code.replace("_version import SIZE", "_version').SIZE"))
+    for size in (1.0, -1.0):
+        path.with_name("size_of_version.py").write_text(f"SIZE = {size}\n")
+        np.testing.assert_array_equal(evaluated(path)[0], constant(size))
+
+
+def test_an_edit_of_the_module_of_a_stored_object_counts_too(version, tmp_path, monkeypatch):
     path = version("two", 1.0)
     monkeypatch.syspath_prepend(path.parent)
-    monkeypatch.setattr(sys, "dont_write_bytecode", not keeps)
-    importlib.import_module("size_of_version")
-    (tmp_path / "two/size_of_version.py").write_text("SIZE = -0.5\n")
-    if keeps:
-        with pytest.raises(
-            UsageError, match=r"size_of_version\.py: was changed after .*; start Python again"
-        ):
-            evaluated(path)
-    else:
-        evaluated(path)  # nothing tells
+    own = importlib.import_module("own_two").Own()
+    path.with_name("own.bin").write_bytes(pickle.dumps(own))
+    path.with_name("loads.py").write_text(
+        "import pickle, pathlib\n"
+        "def P(): return pickle.loads(pathlib.Path(__file__).with_name('own.bin').read_bytes())\n"
+    )
+    path.write_text("kind: custom\ntarget: loads.py:P\nfiles: [own.bin]\n")
+    for sign in (1.0, -1.0):
+        path.with_name("own_two.py").write_text(POLICY.replace("SIZE)", f"{sign} * SIZE)"))
+        np.testing.assert_array_equal(evaluated(path)[0], constant(sign))
 
 
-def test_a_file_that_was_edited_after_it_was_imported_is_refused(version, tmp_path):
+def test_a_policy_of_an_experiment_reads_its_files_anew(version, monkeypatch):
     path = version("two", 1.0)
+    monkeypatch.chdir(path.parent)
+    path.with_name("own_two.py").write_text(
+        "import numpy as np\nclass Own:\n    def __init__(self): self.size = np.load('size.npy')\n"
+        "    def predict(self, observations): return np.full((len(observations), 3), self.size)\n"
+    )
+    block = {"kind": "custom", "target": "own_two.py:Own", "files": ["size.npy"]}
+    blocks = [block, {"kind": "gaussian", "base": {**block, "deterministic": True}, "scale": 1e-9}]
+    experiment = Experiment.model_validate({"name": "x", "setpoints": 70, "steps": 3, "policies": blocks})
+    for size in (1.0, -1.0):
+        np.save("size.npy", size)
+        for policy in experiment.policies:
+            np.testing.assert_array_equal(evaluated(policy)[0], constant(size))
+
+
+def test_a_run_between_evaluations_changes_nothing(version, monkeypatch):
+    path = version("two", 1.0)
+    monkeypatch.chdir(path.parent)
+    policy = {"kind": "custom", "target": "own_two.py:Own"}
+    plain = {"name": "x", "setpoints": 70, "steps": 3, "policies": [policy]}
+    for size in (1.0, -1.0):
+        version("two", size)
+        made = ibdata.generate(plain, f"data{size}", workers=1, allow_code=True)
+        assert set(np.unique(made.arrays()["actions"])) == {size}
+        np.testing.assert_array_equal(evaluated(path)[0], constant(size))
+
+
+def test_evaluations_in_threads_wait_for_each_other(version):
+    paths = [version("one", 0.0), version("two", 1.0)] * 4
+    with ThreadPoolExecutor(4) as pool:
+        for returns, path in zip(pool.map(evaluated, paths), paths, strict=True):
+            np.testing.assert_array_equal(returns[0], constant(float(path.parent.name == "two")))
+
+
+def test_the_path_of_python_and_the_current_folder_stay(version, tmp_path, monkeypatch):
+    path = version("two", 1.0)
+    path.with_name("own_two.py").write_text(f"import os, sys\nos.chdir('/')\nsys.path.append('x')\n{POLICY}")
+    monkeypatch.chdir(tmp_path)
+    before = list(sys.path)
     evaluated(path)
-    (tmp_path / "two/own_two.py").write_text(POLICY.replace("SIZE)", "-SIZE)"))
-    with pytest.raises(UsageError, match=r"own_two\.py: was changed after .*; start Python again"):
-        evaluated(path)
+    assert (sys.path, tmp_path.samefile(".")) == (before, True)

@@ -127,6 +127,32 @@ def test_what_somebody_imported_before_is_imported_anew_and_comes_back(here, mon
     assert helper_a.SIZE == 0.25
 
 
+LATE = """
+    import importlib
+    import numpy as np
+
+    class P:
+        def predict(self, observations):
+            if (observations[:, 1] <= 51.5).all():
+                return np.full((len(observations), 3), 0.5)
+            return np.full((len(observations), 3), importlib.import_module("helper" + "_late").SIZE)
+    """
+
+
+@pytest.mark.slow
+def test_a_module_that_the_script_had_imported_is_late_like_any_other(here, monkeypatch):
+    """The policy imports it at the fifth step, by a name that is made there."""
+    Path("helper_late.py").write_text("SIZE = 0.25\n")
+    Path("pol_imports.py").write_text(textwrap.dedent(LATE))
+    monkeypatch.syspath_prepend(Path().absolute())
+    import helper_late
+
+    longer = Experiment.model_validate({**OWN.plain(), "steps": 12})
+    with pytest.raises(UsageError, match=r"imported while it ran, .*: helper_late\.py; import it when"):
+        ibdata.generate(longer, "late", workers=1, allow_code=True)
+    assert sys.modules.pop("helper_late") is helper_late
+
+
 def test_names_that_are_written_out_in_a_call_are_imports(here):
     policy(
         "import importlib\nSIZE = importlib.import_module('helper_f').SIZE + __import__('helper_h').SIZE\n"

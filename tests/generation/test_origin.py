@@ -200,8 +200,10 @@ EDITED = """
 )
 def test_a_worker_with_other_code_or_bits_than_the_run_is_refused(here, monkeypatch, change, found):
     (here / "at-70-stop.py").unlink()
-    (here / "edited.py").write_text(textwrap.dedent(EDITED).format(change))
-    monkeypatch.syspath_prepend(here)
+    installed = here / "site-packages"  # whose modules stay where they are during a run
+    installed.mkdir()
+    (installed / "edited.py").write_text(textwrap.dedent(EDITED).format(change))
+    monkeypatch.syspath_prepend(installed)
     monkeypatch.setattr("ibdata.generation.worker_pool._start", importlib.import_module("edited").start)
     try:
         with pytest.raises(UsageError, match=f": {found}"):
