@@ -63,7 +63,8 @@ def refuse_changed(began: Iterable[Code], here: Iterable[Code], where: str | Pat
     if changed:
         named = printable(", ".join(changed[:8]))
         raise UsageError(
-            f"{where}: found other code than the dataset was made with, in {named}; restore it, and give a changed policy a file of its own"
+            f"{where}: found other code than the dataset was made with, in {named}; restore it, "
+            "and give a changed policy a file of its own"
         )
 
 

@@ -87,7 +87,7 @@ def test_a_writer_that_fails_leaves_nothing_behind(dataset, tmp_path, monkeypatc
 def test_windows_are_not_kept_within_a_dataset(dataset):
     with pytest.raises(UsageError, match="lies within the dataset"):
         dataset.windows(folder=dataset.path / "data" / "windows")
-    with pytest.raises(UsageError, match="^folder: .* cannot be written: File name too long"):
+    with pytest.raises(UsageError, match=r"^folder: .* cannot be written: File name too long"):
         dataset.windows(folder=dataset.path.parent / ("w" * 300))
 
 
