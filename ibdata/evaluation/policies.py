@@ -13,7 +13,7 @@ from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
-from ibdata.experiment.code_record import provenance, refuse_mixed
+from ibdata.experiment.code_record import provenance, refuse_mixed, refuse_two
 from ibdata.experiment.custom_code import customs_in
 from ibdata.experiment.fresh_modules import imported_anew
 from ibdata.experiment.messages import shown
@@ -177,7 +177,7 @@ def loaded(policies: Iterable[Policy]) -> Iterator[None]:
     """
     own = [custom for policy in policies for custom in customs_in(policy)]
     with imported_anew(own):
-        provenance(own)  # refuses two modules of one name before any code runs
+        refuse_two(own)
         for custom in own:
             custom.load()
         provenance(own)  # refuses bytecode of other code

@@ -36,7 +36,7 @@ def provenance(customs: Iterable[Custom]) -> list[Code]:
         return []
     owners = importlib.metadata.packages_distributions()
     found = [imported(policy.module()) for policy in policies.values()]
-    _refuse_two(source for sources, _ in found for source in sources.values())
+    _refuse_equal_names(source for sources, _ in found for source in sources.values())
     code = [_provenance(policy, *one, owners) for policy, one in zip(policies.values(), found, strict=True)]
     known = {_file(source) for sources, _ in found for source in sources.values()}
     more = {
@@ -46,6 +46,11 @@ def provenance(customs: Iterable[Custom]) -> list[Code]:
     first = code[0].files
     files = {f"{name} as imported" if name in first else name: _sha256(x) for name, x in more.items()}
     return [code[0].model_copy(update={"files": first | files}), *code[1:]]
+
+
+def refuse_two(policies: Iterable[Custom]) -> None:
+    """Raise UsageError if modules of policies have the same name, before any of them is imported."""
+    _refuse_equal_names(source for policy in policies for source in imported(policy.module())[0].values())
 
 
 def refuse_mixed(policies: Iterable[Custom]) -> None:
@@ -75,7 +80,7 @@ def code_hashes(code: Iterable[Code]) -> dict[str, str | None]:
     }
 
 
-def _refuse_two(sources: Iterable[Source]) -> None:
+def _refuse_equal_names(sources: Iterable[Source]) -> None:
     """Raise UsageError if two files are modules of the same name, of which Python would import only one."""
     known: dict[str, Path] = {}
     for source in sources:
