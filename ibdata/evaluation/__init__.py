@@ -19,7 +19,7 @@ from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.notes import notes
 from ibdata.evaluation.play import Played, episodes_of
-from ibdata.evaluation.policies import Acting, loaded, policies_of
+from ibdata.evaluation.policies import Acting, policies_of
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
@@ -125,7 +125,7 @@ def evaluate(
     )  # of any class
     vars(experiment)["labels"] = labels
     baselines = [] if against is None else baselines_of(against, experiment, discount, view)
-    with loaded(policies.values()), bar(progress, experiment.rows, "steps") as advance:
+    with bar(progress, experiment.rows, "steps") as advance:
         played = episodes_of(experiment, discount, advance, view)
     scale = None
     if not experiment.drifting and view.reward.kind == "classic":

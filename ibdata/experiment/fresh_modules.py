@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib import invalidate_caches
 from importlib.machinery import ExtensionFileLoader
 from threading import RLock
 from types import ModuleType
@@ -44,13 +45,15 @@ def imported_anew(policies: Sequence[Custom]) -> Iterator[None]:
         return
     with _one_at_a_time:
         here, path = os.getcwd(), list(sys.path)
-        for policy in policies:
-            policy.forget()
-        known = forget_modules(policies)
         try:
-            yield
+            for policy in policies:
+                policy.forget()
+            known = forget_modules(policies)
+            try:
+                yield
+            finally:
+                _restore(known)
         finally:
-            _restore(known)
             for policy in policies:
                 policy.forget()
             sys.path[:] = path
@@ -61,8 +64,9 @@ def imported_anew(policies: Sequence[Custom]) -> Iterator[None]:
 def forget_modules(policies: Iterable[Custom]) -> dict[str, ModuleType]:
     """Take modules that are not installed, and those of custom policies, out of `sys.modules`; return them.
 
-    What is imported next is what their files hold now. A package stays if it has loaded machine code, which
-    cannot be loaded twice.
+    What is imported next is what their files hold now. Packages are taken as a whole, because those that stay
+    would keep their old modules as attributes. A package stays if it has loaded machine code, which cannot be
+    loaded twice.
     """
     sources = list(imported_by_policies.values())
     for policy in policies:
@@ -70,13 +74,10 @@ def forget_modules(policies: Iterable[Custom]) -> dict[str, ModuleType]:
             sources += imported(policy.module())[0].values()
     for source in sources:
         drop_stale_bytecode(source)
-    tops = {source.module.partition(".")[0] for source in sources} - sys.stdlib_module_names
+    invalidate_caches()  # a file may have been written a moment ago
     with importing:
-        taken = _taken(
-            name
-            for name, module in list(sys.modules.items())
-            if name.partition(".")[0] in tops or is_users(name, module)
-        )
+        users = [name for name, module in list(sys.modules.items()) if is_users(name, module)]
+        taken = _taken({*users, *(source.module for source in sources)})
         imported_before.clear()
         imported_before.update(sys.modules.keys() - imported_by_policies.keys())
     return taken
@@ -88,16 +89,20 @@ def _restore(known: dict[str, ModuleType]) -> None:
 
     with importing:
         imported_by_policies.update({source.module: source for source in loaded(imported_before).values()})
-        _taken(imported_by_policies.keys() - imported_before)
+        _taken(imported_by_policies, imported_before)
         compile_others_anew(False)
         sys.modules.update(known)
 
 
-def _taken(names: Iterable[str]) -> dict[str, ModuleType]:
-    """Take modules out of `sys.modules`, except those of packages that have loaded machine code."""
-    found = [name for name in list(names) if name in sys.modules]
-    stay = {name.partition(".")[0] for name, module in list(sys.modules.items()) if _is_machine_code(module)}
-    return {name: sys.modules.pop(name) for name in found if name.partition(".")[0] not in stay}
+def _taken(names: Iterable[str], others: Container[str] = ()) -> dict[str, ModuleType]:
+    """Take the outermost packages of some modules out of `sys.modules`, with all that is in them.
+
+    Packages that have loaded machine code stay, and so do modules with one of the other names.
+    """
+    modules = [(name.partition(".")[0], name, module) for name, module in list(sys.modules.items())]
+    tops = {name.partition(".")[0] for name in names} - sys.stdlib_module_names
+    tops -= {top for top, _, module in modules if _is_machine_code(module)}
+    return {name: sys.modules.pop(name) for top, name, _ in modules if top in tops and name not in others}
 
 
 def _is_machine_code(module: ModuleType) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, fresh_modules
 
 POLICY = """
@@ -56,21 +55,10 @@ def constant(size):
     return evaluated({"kind": "constant", "action": [size] * 3})[0]
 
 
-def test_two_folders_with_a_module_of_one_name_are_refused_in_one_evaluation_only(version):
+def test_policies_in_two_folders_with_modules_of_one_name_do_not_meet(version):
     one, two = version("one", 0.0), version("two", 1.0)
-    with pytest.raises(
-        UsageError, match=r"two/size_of_version\.py: found another module with the name size_.*; rename one"
-    ):
-        evaluated(one, two)
-    np.testing.assert_array_equal(evaluated(one, one), [constant(0.0)] * 2)
-    np.testing.assert_array_equal(evaluated(two)[0], constant(1.0))
-
-
-def test_a_module_of_another_folder_that_is_imported_while_a_policy_plays_is_refused(version, tmp_path):
-    one, two = version("one", 0.0), version("two", 1.0)
-    (tmp_path / "two/own_two.py").write_text(POLICY.replace("from size_of_version import SIZE", "SIZE = 1.0"))
-    with pytest.raises(UsageError, match=r"one/size_of_version\.py: .*two/size_of_version\.py; rename"):
-        evaluated(one, two)
+    expected = [constant(0.0), constant(1.0), constant(0.0)]
+    np.testing.assert_array_equal(evaluated(one, two, one), expected)
 
 
 def imported_by_the_script(folder, monkeypatch):
@@ -140,6 +128,44 @@ def test_a_policy_of_an_experiment_reads_its_files_anew(version, monkeypatch):
         np.save("size.npy", size)
         for policy in experiment.policies:
             np.testing.assert_array_equal(evaluated(policy)[0], constant(size))
+
+
+def test_an_object_beside_a_block_is_played_as_it_is(version, monkeypatch):
+    path = version("two", 1.0)
+    monkeypatch.syspath_prepend(path.parent)
+    module = importlib.import_module("own_two")
+    monkeypatch.setattr(importlib.import_module("size_of_version"), "SIZE", -1.0)
+    returns = evaluated(path, module.Own(), path)
+    np.testing.assert_array_equal(returns, [constant(1.0), constant(-1.0), constant(1.0)])
+
+
+@pytest.mark.parametrize("is_package", [False, True])
+def test_a_package_that_the_script_has_imported_keeps_no_old_module(version, monkeypatch, is_package):
+    path = version("two", 1.0)
+    monkeypatch.chdir(path.parent)
+    monkeypatch.syspath_prepend(path.parent)
+    package = path.with_name("sized")
+    package.mkdir()
+    if is_package:
+        (package / "__init__.py").write_text("")
+    (package / "size_of_version.py").write_text("SIZE = 1.0\n")
+    code = POLICY.replace(
+        "from size_of_version import SIZE", "from . import size_of_version as own; SIZE = own.SIZE"
+    )
+    (package / "own_two.py").write_text(code)
+    path.with_name("own_two.py").write_text(
+        "import importlib\ndef Own(): return importlib.import_module('sized' + '.own_two').Own()\n"
+    )
+    module = importlib.import_module("sized.size_of_version")
+    try:
+        for size in (1.0, -1.0):
+            (package / "size_of_version.py").write_text(f"SIZE = {size}\n")
+            np.testing.assert_array_equal(evaluated(path)[0], constant(size))
+            assert sys.modules["sized"].size_of_version is sys.modules["sized.size_of_version"] is module
+        assert "sized.own_two" not in sys.modules
+    finally:
+        for name in ("sized", "sized.size_of_version"):
+            del sys.modules[name]
 
 
 def test_a_run_between_evaluations_changes_nothing(version, monkeypatch):
