@@ -21,6 +21,7 @@ from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter
+from ibdata.policies.code_places import looking_in
 from ibdata.policies.ways import WAYS, can_act
 
 
@@ -176,7 +177,7 @@ def loaded(policies: Iterable[Policy]) -> Iterator[None]:
     Raises UsageError if two of their modules have the same name.
     """
     own = [custom for policy in policies for custom in customs_in(policy)]
-    with imported_anew(own):
+    with looking_in(None), imported_anew(own):
         refuse_two(own)
         for custom in own:
             custom.load()

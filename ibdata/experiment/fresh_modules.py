@@ -68,11 +68,12 @@ def forget_modules(policies: Iterable[Custom]) -> dict[str, ModuleType]:
     would keep their old modules as attributes. A package stays if it has loaded machine code, which cannot be
     loaded twice.
     """
-    sources = list(imported_by_policies.values())
+    sources, declared = list(imported_by_policies.values()), []
     for policy in policies:
         with suppress(UsageError):  # a file that is not found is named where it is needed
             sources += imported(policy.module())[0].values()
-    for source in sources:
+            declared += [Source(path.stem, path) for path in policy.declared().values()]
+    for source in [*sources, *declared]:
         drop_stale_bytecode(source)
     invalidate_caches()  # a file may have been written a moment ago
     with importing:

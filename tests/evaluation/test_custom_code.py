@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pickle
 import subprocess
 import sys
@@ -166,6 +167,52 @@ def test_a_package_that_the_script_has_imported_keeps_no_old_module(version, mon
     finally:
         for name in ("sized", "sized.size_of_version"):
             del sys.modules[name]
+
+
+def test_a_package_that_only_a_policy_imported_is_gone_afterwards(version, monkeypatch):
+    path = version("two", 1.0)
+    (path.parent / "sized").mkdir()
+    path.with_name("size_of_version.py").rename(path.parent / "sized/size_of_version.py")
+    path.with_name("own_two.py").write_text(POLICY.replace("from size", "from sized.size"))
+    evaluated(path)
+    assert not [name for name in sys.modules if name.startswith("sized")]
+
+
+EXECUTED = """
+import importlib.util, pathlib
+import numpy as np
+
+class Own:
+    def __init__(self):
+        path = pathlib.Path(__file__).with_name("size_of_version.py")
+        spec = importlib.util.spec_from_file_location("executed", path)
+        self.own = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(self.own)
+
+    def predict(self, observations):
+        return np.full((len(observations), 3), self.own.SIZE)
+"""
+
+
+def test_a_declared_file_that_is_executed_is_not_taken_from_bytecode_of_another(version, monkeypatch):
+    """The time and the size of the file stay, so Python takes its bytecode for right."""
+    path = version("two", 1.0)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    path.with_name("own_two.py").write_text(EXECUTED)
+    path.write_text("kind: custom\ntarget: own_two.py:Own\nfiles: [size_of_version.py]\n")
+    for size in ("0.25", "0.75"):
+        path.with_name("size_of_version.py").write_text(f"SIZE = {size}\n")
+        os.utime(path.with_name("size_of_version.py"), (10**9, 10**9))
+        np.testing.assert_array_equal(evaluated(path)[0], constant(float(size)))
+
+
+def test_a_policy_that_goes_to_another_folder_is_looked_for_in_the_first(version, tmp_path, monkeypatch):
+    path = version("two", 1.0)
+    monkeypatch.chdir(path.parent)
+    code = POLICY.replace("class Own:", "class Own:\n    def __init__(self): os.chdir('/')\n")
+    path.with_name("own_two.py").write_text(f"import os\n{code}")
+    np.testing.assert_array_equal(evaluated({"kind": "custom", "target": "own_two.py:Own"})[0], constant(1.0))
+    assert path.parent.samefile(".")
 
 
 def test_a_run_between_evaluations_changes_nothing(version, monkeypatch):

@@ -365,6 +365,24 @@ def test_code_of_the_data_that_was_changed_since_is_refused(tmp_path, monkeypatc
         ibdata.importance(ds, custom, allow_code=True)
 
 
+def test_a_module_of_the_data_that_the_target_imports_while_it_is_played_is_refused(tmp_path, monkeypatch):
+    """The policy of the data has no part in it, but the module is where its own ones are looked for."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other").mkdir()
+    same = EXPLORER.replace("from helper_of_explorer", "PUSH = 0.0  #")
+    begin = "    def log_prob(self, history, action):"
+    (tmp_path / "first.py").write_text(same)
+    (tmp_path / "other/second.py").write_text(same.replace(begin, f"{begin}\n        import late_helper"))
+    for folder in (tmp_path, tmp_path / "other"):
+        (folder / "late_helper.py").write_text("")
+    custom = {"kind": "custom", "target": "first.py:Explorer", "uniforms": 6}
+    experiment = Experiment(name="x", setpoints=70, episodes=3, steps=3, policies=[custom])
+    ds = ibdata.generate(experiment, "x", workers=1, allow_code=True)
+    (tmp_path / "other/target.yaml").write_text("{kind: custom, target: 'second.py:Explorer', uniforms: 6}")
+    with pytest.raises(UsageError, match=r"other/late_helper\.py: found another module with the name late_h"):
+        ibdata.importance(ds, "other/target.yaml", allow_code=True)
+
+
 def test_a_file_of_the_data_that_was_changed_since_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "read.py").write_text(EXPLORER.replace("from helper_of_explorer", "PUSH = 0.0  #"))
