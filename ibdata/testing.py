@@ -187,6 +187,8 @@ def _check_atoms(policy: Policy, one: Given) -> None:
     many = _rows(one, np.zeros(REPEATS, dtype=np.int64))._replace(uniforms=u)
     actions, counts = np.unique(_decided(policy, many)[0], axis=0, return_counts=True)
     actions, shares = actions[counts > REPEATS // 100], counts[counts > REPEATS // 100] / REPEATS
+    if not len(actions):
+        return
     said = np.exp(_log_density(policy, _rows(many, slice(len(actions))), actions))
     error = CERTAIN * np.sqrt((shares * (1.0 - shares) + 1.0 / REPEATS) / REPEATS)
     wrong = np.abs(said - shares) > error  # False where the density is NaN

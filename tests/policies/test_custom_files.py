@@ -112,12 +112,14 @@ def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
 
 def test_a_file_with_the_name_of_another_module_is_refused(beside, tmp_path):
     (tmp_path / "exp/json.py").write_text("Own = 1")
-    with pytest.raises(UsageError, match=r"json\.py:Own: found another module with the name json, .*; rena"):
+    line = r"json\.py:Own: found another module with the name json, .*; rename"
+    with pytest.raises(UsageError, match=line):
         Custom(target="exp/json.py:Own").load()
-    in_use = r"json\.py: found another module with the name json in use, .*; rename"
-    with pytest.raises(UsageError, match=in_use):
+    with pytest.raises(UsageError, match=line):
         ibdata.evaluate({"kind": "custom", "target": "exp/json.py:Own"})
-    with pytest.raises(UsageError, match=in_use):
+    with pytest.raises(
+        UsageError, match=r"json\.py: found another module with the name json in use, .*; rename"
+    ):
         beside("exp/json.py:Own")
 
 
