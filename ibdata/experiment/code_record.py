@@ -54,7 +54,12 @@ def refuse_two(policies: Iterable[Custom]) -> None:
 
 
 def refuse_mixed(policies: Iterable[Custom]) -> None:
-    """Raise UsageError if a policy has imported another one's module of the same name while it was played."""
+    """Raise UsageError if a policy has imported other code than its own while it was played.
+
+    It may be another policy's module of the same name, or bytecode that is not that of its file.
+    """
+    for source in loaded(imported_before).values():
+        _refuse_stale(source)
     for policy in policies:
         for source in imported(policy.module())[0].values():
             if (spec := _spec_in_use(source.module)) is not None:
@@ -75,9 +80,13 @@ def refuse_changed(began: Iterable[Code], here: Iterable[Code], where: str | Pat
 
 def code_hashes(code: Iterable[Code]) -> dict[str, str | None]:
     """The hashes of modules and of declared files, by the names that messages give them."""
-    return {
-        name: sha256 for each in code for name, sha256 in {each.target: each.sha256, **each.files}.items()
-    }
+    found: dict[str, str | None] = {}
+    for each in code:
+        for name, sha256 in {each.target: each.sha256, **each.files}.items():
+            before = found.setdefault(name, sha256)
+            if before != sha256:  # two files of policies that find them in different folders
+                found[name] = f"{before} {sha256}"
+    return found
 
 
 def _refuse_equal_names(sources: Iterable[Source]) -> None:
@@ -120,11 +129,13 @@ def _provenance(
     files = {name: _sha256(source) for name, source in sources.items()}
     own = next((name for name, source in sources.items() if source.module == module), "")
     version = _versions({module.partition(".")[0]}, owners)
+    hashes = {name: file_sha256(path) for name, path in policy.declared().items()}
+    declared = {name if files.get(name, x) == x else f"{name} as declared": x for name, x in hashes.items()}
     return Code(
         target=policy.target,
         version=next(iter(version.values()), None),
         sha256=files.pop(own, None),
-        files=files | {name: file_sha256(path) for name, path in policy.declared().items()},
+        files=files | declared,
         distributions=_versions(packages, owners),
     )
 
@@ -133,6 +144,16 @@ def _versions(names: set[str], owners: Mapping[str, list[str]]) -> dict[str, str
     """Return the versions of the distributions of installed modules."""
     found = sorted({owner for name in names for owner in owners.get(name, ())})
     return {owner: importlib.metadata.version(owner) for owner in found}
+
+
+def _refuse_stale(source: Source) -> None:
+    """Raise UsageError if this process has imported bytecode that is not that of the module's file."""
+    if drop_stale_bytecode(source):
+        vars(_spec_in_use(source.module))[NOTE] = None
+        raise UsageError(
+            f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
+            "size of the file are the same; the bytecode was removed, so run again"
+        )
 
 
 def _archive(path: Path) -> Path:
@@ -164,12 +185,7 @@ def _sha256(source: Source) -> str | None:
     if spec is None:
         return found
     _refuse_elsewhere(source, spec)
-    if drop_stale_bytecode(source):
-        vars(spec)[NOTE] = None
-        raise UsageError(
-            f"{source.path}: its bytecode was that of other code, which Python does not see where time and "
-            "size of the file are the same; the bytecode was removed, so run again"
-        )
+    _refuse_stale(source)
     if vars(spec).setdefault(NOTE, found) != found:
         raise UsageError(
             f"{source.path}: was changed after this process had imported it, so other code would run than it "

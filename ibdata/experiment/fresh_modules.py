@@ -98,12 +98,17 @@ def _restore(known: dict[str, ModuleType]) -> None:
 def _taken(names: Iterable[str], others: Container[str] = ()) -> dict[str, ModuleType]:
     """Take the outermost packages of some modules out of `sys.modules`, with all that is in them.
 
-    Packages that have loaded machine code stay, and so do modules with one of the other names.
+    Packages that have loaded machine code stay, and so do Python's own modules and those with other names.
     """
     modules = [(name.partition(".")[0], name, module) for name, module in list(sys.modules.items())]
-    tops = {name.partition(".")[0] for name in names} - sys.stdlib_module_names
-    tops -= {top for top, _, module in modules if _is_machine_code(module)}
+    tops = {name.partition(".")[0] for name in names}
+    tops -= {top for top, name, module in modules if _is_machine_code(module) or _is_of_python(name, module)}
     return {name: sys.modules.pop(name) for top, name, _ in modules if top in tops and name not in others}
+
+
+def _is_of_python(name: str, module: ModuleType) -> bool:
+    """Whether a module is Python's own, and not a user's that has the name of one, such as profile.py."""
+    return name in sys.stdlib_module_names and not is_users(name, module)
 
 
 def _is_machine_code(module: ModuleType) -> bool:

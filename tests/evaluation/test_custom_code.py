@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, fresh_modules
 
 POLICY = """
@@ -204,6 +205,39 @@ def test_a_declared_file_that_is_executed_is_not_taken_from_bytecode_of_another(
         path.with_name("size_of_version.py").write_text(f"SIZE = {size}\n")
         os.utime(path.with_name("size_of_version.py"), (10**9, 10**9))
         np.testing.assert_array_equal(evaluated(path)[0], constant(float(size)))
+
+
+def test_late_bytecode_of_another_file_is_refused_once(version, monkeypatch):
+    """Nobody knows the name of the module before it is imported."""
+    path = version("two", 1.0)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.syspath_prepend(path.parent)
+    late = POLICY.replace("from size_of", "import importlib; SIZE = importlib.import_module('size_' + 'of")
+    path.with_name("own_two.py").write_text(late.replace("_version import SIZE", "_version').SIZE"))
+    helper = path.with_name("size_of_version.py")
+    for size in ("0.25", "0.75"):
+        helper.write_text(f"SIZE = {size}\n")
+        os.utime(helper, (10**9, 10**9))
+        if size == "0.25":
+            importlib.import_module("size_of_version")
+    with pytest.raises(
+        UsageError, match=r"size_of_version\.py: its bytecode was that of other code, .* run again"
+    ):
+        evaluated(path)
+    np.testing.assert_array_equal(evaluated(path)[0], constant(0.75))
+
+
+def test_a_module_with_the_name_of_one_of_python_is_imported_anew_too(version, monkeypatch):
+    path = version("two", 1.0)
+    monkeypatch.syspath_prepend(path.parent)
+    monkeypatch.delitem(sys.modules, "sched", raising=False)
+    path.with_name("own_two.py").write_text(POLICY.replace("size_of_version", "sched"))
+    for size in (1.0, -1.0):
+        path.with_name("sched.py").write_text(f"SIZE = {size}\n")
+        module = importlib.import_module("sched")
+        np.testing.assert_array_equal(evaluated(path)[0], constant(size))
+        assert sys.modules["sched"] is module
+    del sys.modules["sched"]
 
 
 def test_a_policy_that_goes_to_another_folder_is_looked_for_in_the_first(version, tmp_path, monkeypatch):

@@ -202,6 +202,28 @@ def test_two_modules_of_one_name_are_refused_by_their_names(here, other):
 
 
 @pytest.mark.slow
+def test_a_declared_file_hides_no_module_of_its_name(here, monkeypatch):
+    """The policy imports `conf.py` beside its own file, and declares the one beside the YAML file."""
+    Path("sub").mkdir()
+    policy("from conf import SIZE\n")
+    Path("pol_imports.py").rename("sub/pol_conf.py")
+    block = {"kind": "custom", "target": "sub/pol_conf.py:P", "files": ["conf.py"]}
+    experiment = Experiment.model_validate({**OWN.plain(), "policies": [block]})
+    for path, size in (("conf.py", 0.5), ("sub/conf.py", 0.25)):
+        Path(path).write_text(f"SIZE = {size}\n")
+    ibdata.generate_shards(experiment, "1/2", "half", workers=1, allow_code=True)
+    for path in ("sub/conf.py", "conf.py"):
+        was = Path(path).read_text()
+        Path(path).write_text("SIZE = 0.75\n")
+        with pytest.raises(UsageError, match=r"found other code than the run began with, in .*conf\.py"):
+            ibdata.generate_shards(experiment, "2/2", "half", workers=1, allow_code=True)
+        Path(path).write_text(was)
+    ibdata.generate_shards(experiment, "2/2", "half", workers=1, allow_code=True)
+    files = ibdata.finalize("half").manifest["code"][0]["files"]
+    assert {"conf.py", "conf.py as declared"} <= files.keys()
+
+
+@pytest.mark.slow
 def test_bytecode_with_nan_is_that_of_its_file(here, monkeypatch):
     """To Python, no two code objects with such a constant are equal."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
