@@ -146,6 +146,7 @@ def importance(
             np.concatenate(arrays)
             for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
         )
+        refuse_changed(ds.manifest_model.code, provenance(customs), ds.place)  # what was imported late
     return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
 
 
