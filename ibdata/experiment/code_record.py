@@ -58,7 +58,7 @@ def refuse_mixed(policies: Iterable[Custom]) -> None:
 
     It may be another policy's module of the same name, or bytecode that is not that of its file.
     """
-    for source in loaded(imported_before).values():
+    for source in _since_the_record().values():
         _refuse_stale(source)
     for policy in policies:
         for source in imported(policy.module())[0].values():
@@ -105,11 +105,14 @@ def imported_late(code: Sequence[Code]) -> list[str]:
         code: What `provenance` returned.
     """
     known = {hashed for each in code for hashed in (each.sha256, *each.files.values())}
-    return [
-        name
-        for name, source in loaded(imported_before).items()
-        if NOTE not in vars(_spec_in_use(source.module)) and file_sha256(_archive(source.path)) not in known
-    ]
+    late = _since_the_record()
+    return [name for name, source in late.items() if file_sha256(_archive(source.path)) not in known]
+
+
+def _since_the_record() -> dict[str, Source]:
+    """The sources of the modules that policies have imported since `provenance` looked."""
+    found = loaded(imported_before)
+    return {name: x for name, x in found.items() if NOTE not in vars(_spec_in_use(x.module))}
 
 
 def _file(source: Source) -> tuple[str, str]:

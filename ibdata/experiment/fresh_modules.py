@@ -98,7 +98,7 @@ def _restore(known: dict[str, ModuleType]) -> None:
 def _taken(names: Iterable[str], others: Container[str] = ()) -> dict[str, ModuleType]:
     """Take the outermost packages of some modules out of `sys.modules`, with all that is in them.
 
-    Packages that have loaded machine code stay, and so do Python's own modules and those with other names.
+    Packages that have loaded machine code stay, and so do Python's own modules and those that `others` names.
     """
     modules = [(name.partition(".")[0], name, module) for name, module in list(sys.modules.items())]
     tops = {name.partition(".")[0] for name in names}
