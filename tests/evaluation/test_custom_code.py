@@ -227,6 +227,19 @@ def test_late_bytecode_of_another_file_is_refused_once(version, monkeypatch):
     np.testing.assert_array_equal(evaluated(path)[0], constant(0.75))
 
 
+def test_a_policy_of_ibdata_is_played_whatever_the_script_has_imported(version, monkeypatch):
+    path = version("two", 1.0)
+    evaluated(path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.syspath_prepend(path.parent)
+    helper = path.with_name("size_of_version.py")
+    for size in ("0.25", "0.75"):
+        helper.write_text(f"SIZE = {size}\n")
+        os.utime(helper, (10**9, 10**9))
+        importlib.import_module("size_of_version")  # once, so its bytecode is that of the first
+    assert evaluated("safe").shape == (1, 3)
+
+
 def test_a_module_with_the_name_of_one_of_python_is_imported_anew_too(version, monkeypatch):
     path = version("two", 1.0)
     monkeypatch.syspath_prepend(path.parent)
