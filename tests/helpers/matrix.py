@@ -20,6 +20,9 @@ CHILD = ROOT / "tests" / "same_bits" / "child.py"
 PACKAGE = Path(ibdata.__file__).parents[1]
 # Prefixes of environment variables that settings use; a row has only those that it sets itself.
 VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHONPATH", "OMP_", "LD_")
+# What the kernel says of the processor: numpy, numba and the C library are to find the same.
+CPUINFO = Path("/proc/cpuinfo")
+PROCESSOR = CPUINFO.read_text().split() if CPUINFO.exists() else []
 SIZE = "full" if os.environ.get("IBDATA_SAME_BITS") == "full" else "small"
 
 

@@ -82,7 +82,10 @@ def facts() -> dict[str, object]:
     return {
         "machine": platform.machine(),
         "libc exp": hashlib.sha256(struct.pack("<20000d", *map(math.exp, inputs))).hexdigest(),
-        "numpy exp": hashlib.sha256(np.exp(np.array(inputs)).tobytes()).hexdigest(),
+        "numpy": {
+            name: hashlib.sha256(getattr(np, name)(np.array(inputs)).tobytes()).hexdigest()
+            for name in ("exp", "tanh")
+        },
         "numpy on": [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__.get(name)],
         "features": {name: bool(on) for name, on in umath.__cpu_features__.items()},
         "blas": core_name(),

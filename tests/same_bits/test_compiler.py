@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
-from helpers.matrix import Row
+from helpers.matrix import PROCESSOR, Row
 
 pytestmark = pytest.mark.same_bits
 
-HAS_FMA = os.environ.get("IBDATA_SAME_BITS_NO_FMA") != "absent"
+HAS_FMA = "fma" in PROCESSOR
 INTERPRETED = "numba off"
 
 
