@@ -33,7 +33,8 @@ class Windows:
 
     A map-style dataset for `torch.utils.data.DataLoader`, preferably with `collate_fn=windows.collate`:
     `windows[i]` is a mapping with observations and next_observations (k · history,), newest first, actions
-    (3,), rewards, terminated and truncated. `windows.batch(indices)` has the same for several transitions.
+    (3,), rewards, terminated and truncated. `windows.batch(indices)` has the same for several transitions, as
+    has `windows[i:j]`.
 
     Attributes:
         frame: the names of the numbers of a frame, which are repeated for each step of the history.
@@ -63,25 +64,25 @@ class Windows:
         return f"<ibdata.Windows: {len(self):,} transitions, {frames}>"
 
     def __getitem__(self, index: Any) -> dict[str, Any]:
-        arrays = self.batch([range(len(self))[index]])  # which raises IndexError beyond the end
-        return {name: array[0] for name, array in arrays.items()}
+        chosen = range(len(self))[index]  # which raises IndexError beyond the end
+        if isinstance(chosen, range):
+            return self.batch(chosen)
+        return {name: array[0] for name, array in self.batch([chosen]).items()}
 
     def __getitems__(self, indices: Sequence[int]) -> Batch:
         return Batch(self.batch(indices))
 
     def batch(self, indices: npt.ArrayLike) -> dict[str, Array]:
-        """The transitions with these numbers (n,), from 0 to len - 1.
+        """The transitions with these numbers (n,), from 0 to len - 1, or those where a mask (len,) is true.
 
         Returns:
             observations and next_observations (n, k · history), newest first, actions (n, 3), and rewards,
             terminated and truncated (n,). They are copies; the two observations share memory.
 
         Raises:
-            IndexError: a number is out of range.
+            IndexError: a number is out of range, or these are neither whole numbers nor a mask.
         """
-        numbers = np.asarray(indices, dtype=np.int64)
-        if len(numbers) and not 0 <= numbers.min() <= numbers.max() < len(self):
-            raise IndexError(f"found {numbers.min()} … {numbers.max()}, expected 0 … {len(self) - 1}")
+        numbers = self._numbers(np.asarray(indices))
         episode = np.searchsorted(self._stops, numbers, side="right")
         step = numbers - self._firsts[episode] + self._skipped
         rows = self._starts[episode] + step
@@ -96,6 +97,18 @@ class Windows:
             "terminated": stored.terminated[rows],
             "truncated": stored.truncated[rows],
         }
+
+    def _numbers(self, given: Array) -> Array:
+        """The numbers of transitions (n,) that are given as numbers, as a mask, or by an empty array."""
+        if given.dtype == bool and given.shape == (len(self),):
+            return np.flatnonzero(given)
+        if given.ndim != 1 or (given.dtype.kind not in "iu" and len(given)):
+            raise IndexError(
+                f"found {given.dtype} {given.shape}, expected whole numbers (n,) or a mask ({len(self)},)"
+            )
+        if len(given) and not 0 <= given.min() <= given.max() < len(self):
+            raise IndexError(f"found {given.min()} … {given.max()}, expected 0 … {len(self) - 1}")
+        return given.astype(np.int64)
 
     def _gathered(self, numbers: Array, steps: Array) -> Float32s:
         """The frame after each of these frames, this frame, and those before it, (n, (history + 1) · k)."""

@@ -17,6 +17,7 @@ from ibdata.experiment.imported_modules import Source, imported, loaded
 from ibdata.policies.custom import Custom
 from ibdata.system.atomic_files import file_sha256
 
+AS_IMPORTED = " as imported"  # ends the names of modules that only an import has shown
 NOTE = "ibdata_sha256"  # an attribute of a module's spec: the hash of its file when ibdata first saw it
 
 
@@ -43,9 +44,8 @@ def provenance(customs: Iterable[Custom]) -> list[Code]:
         name: source for name, source in loaded(imported_before, owners).items() if _file(source) not in known
     }
     imported_by_policies.update({source.module: source for source in more.values()})
-    first = code[0].files
-    files = {f"{name} as imported" if name in first else name: _sha256(x) for name, x in more.items()}
-    return [code[0].model_copy(update={"files": first | files}), *code[1:]]
+    files = {f"{name}{AS_IMPORTED}": _sha256(source) for name, source in more.items()}
+    return [code[0].model_copy(update={"files": code[0].files | files}), *code[1:]]
 
 
 def refuse_two(policies: Iterable[Custom]) -> None:
@@ -67,13 +67,20 @@ def refuse_mixed(policies: Iterable[Custom]) -> None:
 
 
 def refuse_changed(began: Iterable[Code], here: Iterable[Code], where: str | Path) -> None:
-    """Raise UsageError if code, or a declared file, is not that with which a dataset was made."""
+    """Raise UsageError if code, or a declared file, is not that with which a dataset was made.
+
+    Here may be fewer policies than in the dataset, beside others that have imported modules, too.
+    """
+    began, here = list(began), list(here)
     was, found = code_hashes(began), code_hashes(here)
-    changed = sorted(name for name in was.keys() & found.keys() if was[name] != found[name])
+    changed = {name for name in was.keys() & found.keys() if was[name] != found[name]}
+    for code in here:  # modules that appeared, or vanished
+        names = [_names(other) for other in began if other.target == code.target]
+        if _names(code) not in names:
+            changed.update(*(_names(code) ^ other for other in names[:1]))
     if changed:
-        named = printable(", ".join(changed[:8]))
         raise UsageError(
-            f"{where}: found other code than the dataset was made with, in {named}; restore it, "
+            f"{where}: found other code than the dataset was made with, in {listed(changed)}; restore it, "
             "and give a changed policy a file of its own"
         )
 
@@ -87,6 +94,16 @@ def code_hashes(code: Iterable[Code]) -> dict[str, str | None]:
             if before != sha256:  # two files of policies that find them in different folders
                 found[name] = f"{before} {sha256}"
     return found
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names of files in a record, for a message."""
+    return printable(", ".join(sorted({name.removesuffix(AS_IMPORTED) for name in names})[:8]))
+
+
+def _names(code: Code) -> set[str]:
+    """The names of files that are known without an import."""
+    return {name for name in code.files if not name.endswith(AS_IMPORTED)}
 
 
 def _refuse_equal_names(sources: Iterable[Source]) -> None:

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
-from ibdata.errors import UsageError, printable
-from ibdata.experiment.code_record import code_hashes, imported_late, provenance
+from ibdata.errors import UsageError
+from ibdata.experiment.code_record import code_hashes, imported_late, listed, provenance
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import forget_modules, in_one_folder
@@ -128,7 +128,7 @@ def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
     if late:
         raise UsageError(
             f"{root}: found code that a policy imported while it ran, so that it is not recorded: "
-            f"{printable(', '.join(late[:8]))}; import it when the policy is loaded, or list its file"
+            f"{listed(late)}; import it when the policy is loaded, or list its file"
         )
 
 
@@ -156,11 +156,11 @@ def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path |
 
 def _refuse_parts(was: Parts, found: Parts, names: Iterable[str], where: Path | str) -> None:
     """Raise UsageError if one of these parts of the code is another."""
-    changed = sorted(name for name in names if was.get(name, "") != found.get(name, ""))
+    changed = [name for name in names if was.get(name, "") != found.get(name, "")]
     if changed:
         raise UsageError(
-            f"{where}: found other code than the run began with, in {printable(', '.join(changed[:8]))}; "
-            f"restore it and --resume, {_again(where)}"
+            f"{where}: found other code than the run began with, in {listed(changed)}; restore it "
+            f"and --resume, {_again(where)}"
         )
 
 

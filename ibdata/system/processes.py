@@ -1,4 +1,7 @@
-"""Processors, and worker processes that do not import the script that starts them, so it needs no guard."""
+"""Processors, and worker processes that import nothing from the current folder nor the script.
+
+So the script needs no guard, and files in the folder of a dataset do not run.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,10 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import util
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
+from multiprocessing.resource_tracker import ensure_running
 from types import ModuleType
 from typing import Any
 
@@ -27,26 +32,50 @@ def _nameless_main() -> Iterator[None]:
     multiprocessing makes a spawned process import the `__main__` of its parent first. That would start the
     run again in a script without a guard, and fail for a script that was read from stdin.
     """
-    with _lock:
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
-        try:
-            yield
-        finally:
-            sys.modules["__main__"] = main
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+@contextmanager
+def _current_folder_unsearched() -> Iterator[None]:
+    """Start new processes without the current folder on the path of modules.
+
+    multiprocessing starts `python -c`, which looks there before all else: a file signal.py would be imported
+    in place of Python's. A worker is given the path of its parent afterwards.
+    """
+    start = util.spawnv_passfds
+
+    def start_safely(path: Any, args: Any, fds: Any) -> int:
+        code = args.index("-c") + 1
+        args[code] = f"import sys; sys.path[:] = filter(None, sys.path); {args[code]}"
+        return start(path, args, fds)
+
+    util.spawnv_passfds = start_safely  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        util.spawnv_passfds = start
 
 
 class _Process(SpawnProcess):
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
-        with _nameless_main():
+        with _lock, _nameless_main(), _current_folder_unsearched():
             return SpawnProcess._Popen(process_obj)
 
 
 class Spawning(SpawnContext):
-    """multiprocessing's context `spawn` without the import of `__main__`.
+    """multiprocessing's context `spawn` without imports of `__main__` and from the current folder.
 
     Processes are not forked, because a forked child would inherit threads, open files and locks.
     """
 
     Process = _Process
+
+    def __init__(self) -> None:
+        with _lock, _current_folder_unsearched():
+            ensure_running()  # the process that tracks locks, which multiprocessing starts with the first one

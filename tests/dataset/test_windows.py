@@ -6,6 +6,7 @@ import errno
 import json
 import os
 
+import numpy as np
 import pytest
 
 import ibdata
@@ -21,6 +22,27 @@ def test_a_transition_has_the_values_of_the_arrays(dataset):
     batch = windows.__getitems__([5, 3])
     assert len(batch) == 2
     assert [one["rewards"] for one in batch] == arrays["rewards"][[5, 3]].tolist()
+
+
+@pytest.mark.parametrize("history", [1, 3])
+def test_a_slice_and_a_mask_choose_the_rows_that_they_choose_of_the_arrays(dataset, history):
+    windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
+    mask = arrays["rewards"] > np.median(arrays["rewards"])
+    for found, rows in (
+        (windows[3:9], slice(3, 9)),
+        (windows[-2:], slice(-2, None)),
+        (windows[::-7], slice(None, None, -7)),
+        (windows[9:9], slice(9, 9)),
+        (windows.batch(mask), mask),
+        (windows.batch([]), []),
+    ):
+        assert all(np.array_equal(found[name], arrays[name][rows]) for name in found)
+
+
+@pytest.mark.parametrize("given", [[True, False], [0.9], [[0, 1]], 3, ["0"]])
+def test_what_are_neither_numbers_nor_a_mask_is_an_index_error(dataset, given):
+    with pytest.raises(IndexError, match=r"found .* expected whole numbers \(n,\) or a mask"):
+        dataset.windows().batch(given)
 
 
 @pytest.mark.parametrize("index", [10**6, -(10**6)])

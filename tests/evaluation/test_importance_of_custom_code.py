@@ -94,3 +94,33 @@ def test_a_file_of_the_data_that_was_changed_since_is_refused(tmp_path, monkeypa
     (tmp_path / "weights.txt").write_text("2")
     with pytest.raises(UsageError, match=r"x: found other code than .*made with, in weights\.txt; restore"):
         ibdata.importance(ds, custom, allow_code=True)
+
+
+OPTIONAL = "try:\n    from settings_of_explorer import PUSH\nexcept ImportError:\n    PUSH = 0.0\n"
+REFUSED = r"x: found other code than .*made with, in .*settings_of_explorer(/__init__)?\.py"
+
+
+def test_a_module_of_the_data_that_appeared_or_vanished_or_became_a_package_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    settings, package = tmp_path / "settings_of_explorer.py", tmp_path / "settings_of_explorer"
+    (tmp_path / "explorer.py").write_text(EXPLORER.replace("from helper_of_explorer import PUSH", OPTIONAL))
+    (tmp_path / "other.py").write_text(EXPLORER.replace("from helper_of_explorer", "PUSH = 0.0  #"))
+    custom = {"kind": "custom", "target": "explorer.py:Explorer", "uniforms": 6}
+    other = {"kind": "custom", "target": "other.py:Explorer", "uniforms": 6, "name": "other"}
+    experiment = Experiment(name="x", setpoints=70, episodes=3, steps=3, policies=[custom, other])
+    ds = ibdata.generate(experiment, "x", workers=1, allow_code=True)
+    settings.write_text("PUSH = 0.3\n")
+    with pytest.raises(UsageError, match=REFUSED):
+        ibdata.importance(ds, custom, policy="custom", allow_code=True)
+    assert ibdata.importance(ds, other, policy="other", allow_code=True).weights.shape == (3, 3)
+
+    ds = ibdata.generate(experiment, "x", workers=1, allow_code=True, overwrite=True)
+    assert ibdata.importance(ds, custom, policy="custom", allow_code=True).weights.shape == (3, 3)
+    package.mkdir()
+    settings.rename(package / "__init__.py")
+    with pytest.raises(UsageError, match=REFUSED):
+        ibdata.importance(ds, custom, allow_code=True)
+    (package / "__init__.py").rename(package / "elsewhere.py")
+    with pytest.raises(UsageError, match=REFUSED):
+        ibdata.importance(ds, custom, allow_code=True)
+    assert ibdata.importance(ds, other, policy="other", allow_code=True).weights.shape == (3, 3)

@@ -1,0 +1,42 @@
+"""Worker processes import nothing from the folder in which they are started."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ibdata
+
+SCRIPT = """
+import ibdata
+ibdata.repair(".", workers=2)
+experiment = {"name": "x", "setpoints": 70, "episodes": 2, "steps": 3, "output": {"shard_rows": 3}}
+ibdata.generate(experiment | {"policies": ["random"]}, "../again", workers=2)
+"""
+
+
+@pytest.mark.slow  # a process starts in more than a second
+def test_files_in_the_folder_of_a_dataset_do_not_run_with_several_workers(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    experiment = ibdata.Experiment(
+        name="x", setpoints=70, policies=["safe"], episodes=4, steps=3, output={"shard_rows": 6}
+    )
+    made = ibdata.generate(experiment, tmp_path / "theirs", workers=1)
+    for name in (*sys.stdlib_module_names, "numpy", "pyarrow", "ibdata"):
+        Path(made.path, f"{name}.py").write_text(f"open('../{name} was imported', 'w'); raise SystemExit")
+    for path in Path(made.path, "data").iterdir():
+        os.truncate(path, 100)
+    child = subprocess.run(
+        [sys.executable, tmp_path / "script.py"],
+        cwd=made.path,
+        env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert child.returncode == 0, child.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
