@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ibdata.evaluation.policies import Acting, loaded
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
+from ibdata.policies.code_places import looking_here
 from ibdata.policies.given import Given
 from ibdata.simulation.rollout import CHUNK, Block, blocks, read_only
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
@@ -106,12 +107,14 @@ def episodes_of(
     """
     cells, episodes, policies = len(experiment.cells), experiment.episodes, len(experiment.policies)
     out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
-    for number, policy in enumerate(experiment.policies):
-        with loaded([policy]):  # one at a time, so that their modules never meet
-            for cell in range(number * cells // policies, (number + 1) * cells // policies):
-                for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
-                    *both, count = EvaluationBlock(experiment, first, stop, view).returns(discount, advance)
-                    out[:, first:stop] = both
-                    clipped[cell] += count / (episodes * experiment.steps)
+    with looking_here():
+        for number, policy in enumerate(experiment.policies):
+            with loaded([policy]):  # one at a time, so that their modules never meet
+                for cell in range(number * cells // policies, (number + 1) * cells // policies):
+                    for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
+                        block = EvaluationBlock(experiment, first, stop, view)
+                        *both, count = block.returns(discount, advance)
+                        out[:, first:stop] = both
+                        clipped[cell] += count / (episodes * experiment.steps)
     discounted, undiscounted = out.reshape(2, policies, -1, episodes)
     return Played(discounted, undiscounted, clipped.reshape(policies, -1))

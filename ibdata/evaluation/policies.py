@@ -21,7 +21,7 @@ from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import POLICIES, Policy
 from ibdata.policies.adapter import Adapter
-from ibdata.policies.code_places import looking_in
+from ibdata.policies.code_places import looking_here
 from ibdata.policies.ways import WAYS, can_act
 
 
@@ -180,7 +180,7 @@ def loaded(policies: Iterable[Policy]) -> Iterator[None]:
     if not own:  # else the check at the end would look at what the script and other threads import
         yield
         return
-    with looking_in(None), imported_anew(own):
+    with looking_here(), imported_anew(own):
         refuse_two(own)
         for custom in own:
             custom.load()

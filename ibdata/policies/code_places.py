@@ -41,6 +41,16 @@ def looking_in(folder: Path | None) -> Iterator[None]:
         _places.set(before)
 
 
+@contextmanager
+def looking_here() -> Iterator[None]:
+    """A context in which code is looked for in the current folder, whatever code changes it in between."""
+    if _places.get():
+        yield
+        return
+    with looking_in(None):
+        yield
+
+
 def located(name: str, what: str, places: tuple[Path, ...]) -> Path:
     """Return the path of a file that is named relative to the YAML file or to the current folder.
 

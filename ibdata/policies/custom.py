@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +33,7 @@ TARGET = rf"^({NAME}(\.{NAME})*|({PART}/)*{STEM}\.py):{NAME}$"
 TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the YAML file"
 
 importing = RLock()  # held while modules of policies are imported or taken out of sys.modules
+_begun: set[str] = set()  # the targets that are being imported or created
 
 
 class CustomError(IbdataError):
@@ -173,7 +175,7 @@ class Custom(Adapter):
         module, name = self.module(), self.target.partition(":")[2]
         try:
             compile_others_anew(True)
-            with importing, redirect_stdout(sys.stderr):  # stdout is for a command's results
+            with importing, self._not_within_itself(), redirect_stdout(sys.stderr):  # stdout is for results
                 found = getattr(self._imported(module), name)
                 made = isinstance(found, type) or not (has_method(found) or is_torch_module(found))
                 own = found(**self.params) if made and callable(found) else found
@@ -189,6 +191,20 @@ class Custom(Adapter):
             raise CustomError(f"{self.target}: found {type(own).__name__}, expected {WAYS}")
         self._refuse_too_little(own)
         return own
+
+    @contextmanager
+    def _not_within_itself(self) -> Iterator[None]:
+        """A context that raises UsageError within itself, as where the target is in the script."""
+        if self.target in _begun:
+            raise UsageError(
+                f"{self.target}: calls ibdata with itself as a policy while it is imported; put the policy "
+                'into a file of its own, or such calls under `if __name__ == "__main__":`'
+            )
+        _begun.add(self.target)
+        try:
+            yield
+        finally:
+            _begun.discard(self.target)
 
     def _refuse_too_little(self, own: Any) -> None:
         """CustomError if an object with `decide` needs more than the options say, which are known before."""

@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -260,6 +261,39 @@ def test_a_policy_that_goes_to_another_folder_is_looked_for_in_the_first(version
     path.with_name("own_two.py").write_text(f"import os\n{code}")
     np.testing.assert_array_equal(evaluated({"kind": "custom", "target": "own_two.py:Own"})[0], constant(1.0))
     assert path.parent.samefile(".")
+
+
+def test_code_is_looked_for_in_the_first_folder_if_an_object_goes_to_another(version, tmp_path, monkeypatch):
+    class Gone:
+        def predict(self, observations):
+            os.chdir(tmp_path)
+            return np.zeros((len(observations), 3))
+
+    monkeypatch.chdir(version("two", 1.0).parent)
+    returns = evaluated(Gone(), {"kind": "custom", "target": "own_two.py:Own"})
+    np.testing.assert_array_equal(returns[1], constant(1.0))
+
+
+@pytest.mark.parametrize("call", ["generate", "evaluate"])
+def test_a_script_that_names_itself_as_the_policy_is_told_so(tmp_path, call):
+    experiment = {"name": "x", "setpoints": 70, "steps": 3, "policies": []}
+    block = {"kind": "custom", "target": "train.py:Own"}
+    calls = {
+        "evaluate": f"ibdata.evaluate({block}, 70, episodes=2, steps=3)",
+        "generate": f"ibdata.generate({experiment | {'policies': [block]}}, 'out', workers=2, allow_code=True)",
+    }
+    (tmp_path / "train.py").write_text(f"import ibdata\n{POLICY}\n{calls[call]}\n")
+    child = subprocess.run(
+        [sys.executable, "train.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert "UsageError: train.py:Own: calls ibdata with itself as a policy while" in child.stderr
+    assert len(child.stderr.splitlines()) < 100
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_run_between_evaluations_changes_nothing(version, monkeypatch):
