@@ -274,15 +274,21 @@ def test_code_is_looked_for_in_the_first_folder_if_an_object_goes_to_another(ver
     np.testing.assert_array_equal(returns[1], constant(1.0))
 
 
-@pytest.mark.parametrize("call", ["generate", "evaluate"])
+NAMES_ITSELF = """
+import ibdata
+{policy}
+own = {{"kind": "custom", "target": "train.py:Own"}}
+plain = {{"name": "x", "setpoints": 70, "episodes": 2, "steps": 3, "policies": [own]}}
+ibdata.{call}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "call", ["generate(plain, 'out', workers=2, allow_code=True)", "evaluate(own, 70, episodes=2, steps=3)"]
+)
 def test_a_script_that_names_itself_as_the_policy_is_told_so(tmp_path, call):
-    experiment = {"name": "x", "setpoints": 70, "steps": 3, "policies": []}
-    block = {"kind": "custom", "target": "train.py:Own"}
-    calls = {
-        "evaluate": f"ibdata.evaluate({block}, 70, episodes=2, steps=3)",
-        "generate": f"ibdata.generate({experiment | {'policies': [block]}}, 'out', workers=2, allow_code=True)",
-    }
-    (tmp_path / "train.py").write_text(f"import ibdata\n{POLICY}\n{calls[call]}\n")
+    (tmp_path / "train.py").write_text(NAMES_ITSELF.format(policy=POLICY, call=call))
     child = subprocess.run(
         [sys.executable, "train.py"],
         cwd=tmp_path,
