@@ -16,7 +16,8 @@ from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.overlap import check_support
 from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, read
-from ibdata.experiment.code_record import provenance, refuse_changed
+from ibdata.experiment.code_comparison import refuse_changed
+from ibdata.experiment.code_record import provenance
 from ibdata.experiment.custom_code import consented_spec, customs_in
 from ibdata.numerics.confidence import estimate
 from ibdata.validation.consistency import refuse_other_plan

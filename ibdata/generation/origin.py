@@ -12,7 +12,8 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code, JsonObject, Sha256, parse
 from ibdata.errors import UsageError
-from ibdata.experiment.code_record import code_hashes, imported_late, listed, provenance
+from ibdata.experiment.code_comparison import code_hashes, listed
+from ibdata.experiment.code_record import imported_late, provenance
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import forget_modules, in_one_folder
