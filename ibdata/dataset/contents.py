@@ -53,6 +53,15 @@ class Contents:
     def __fspath__(self) -> str:
         return str(self.path)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "url": object_store.url_of(self.path)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        url = state.pop("url")
+        self.__dict__.update(state)
+        if url is not None:
+            object_store.stand_for(self.path, url)
+
     def __len__(self) -> int:
         return self.manifest_model.rows
 

@@ -37,13 +37,19 @@ Array = npt.NDArray[Any]
 BLOCK_ROWS = 65_536
 
 
+def checked_length(history: Any) -> int:
+    """The number of observations in a history. Raises UsageError if it is invalid."""
+    if isinstance(history, bool) or not isinstance(history, Integral) or history < 1:
+        raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
+    return int(history)
+
+
 def checked_history(history: Any, pad: Any) -> bool:
     """Check both arguments of `Dataset.arrays`; return whether rows without a full history are dropped.
 
     Raises UsageError if one is invalid.
     """
-    if isinstance(history, bool) or not isinstance(history, Integral) or history < 1:
-        raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
+    checked_length(history)
     if pad not in ("repeat", "drop"):
         raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
     return bool(pad == "drop")

@@ -102,7 +102,7 @@ class Windows:
         """The numbers of transitions (n,) that are given as numbers, as a mask, or by an empty array."""
         if given.dtype == bool and given.shape == (len(self),):
             return np.flatnonzero(given)
-        if given.ndim != 1 or (given.dtype.kind not in "iu" and len(given)):
+        if given.ndim != 1 or (given.dtype.kind not in "iu" and (len(given) or given.dtype == bool)):
             raise IndexError(
                 f"found {given.dtype} {given.shape}, expected whole numbers (n,) or a mask ({len(self)},)"
             )

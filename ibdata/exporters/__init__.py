@@ -92,6 +92,7 @@ def export(
         IbdataError: The system refuses to write, or `verify` reads other values than were written.
     """
     from ibdata.dataset.opened import opened
+    from ibdata.dataset.viewed import checked_length
     from ibdata.errors import UsageError
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
@@ -103,8 +104,7 @@ def export(
     format = _format(to)
     if history is None:
         history = getattr(format, "HISTORY", 1)
-    if history < 1:
-        raise UsageError(f"history: found {history}, expected a whole number of at least 1")
+    history = checked_length(history)
     options = view_options(observe, actions, reward, reward_scale, imperfections)
     if verify and not hasattr(format, "verify"):
         raise UsageError(f"the format {to} has no function to verify an export; leave out --verify")

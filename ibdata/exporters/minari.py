@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ibdata.dataset import manifest, reference_returns
+from ibdata.dataset import reference_returns
 from ibdata.errors import DatasetError, UsageError
-from ibdata.experiment.yaml import Document
+from ibdata.experiment.dataset_spec import spec_in
 from ibdata.exporters._arrays import same
 from ibdata.exporters._target import differs, needed, reserve
 from ibdata.exporters._view import Array, Arrays, Block, View
@@ -75,7 +75,8 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
     data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
     observations, actions = _spaces(view)
-    common, episodes = _common(view), view.described()
+    episodes = view.described()
+    common = _common(view, episodes)
     environment = _environment(view, episodes, common)
     storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
     storage.update_metadata({**_metadata(view, episodes, name), **_references(view, episodes)})
@@ -129,12 +130,14 @@ def _spaces(view: View) -> tuple[Any, Any]:
 
 
 def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
-    """The environment for `recover_environment`, with the dataset's dynamics, start and observations.
+    """The environment for `recover_environment`, with the dynamics, start and observations of the episodes.
 
-    It has the dataset's setpoint, if there is only one.
+    It has their setpoint, if there is only one. It is None if no environment is that of all episodes.
     """
     from gymnasium.envs.registration import EnvSpec
 
+    if None in map(common, ("dynamics", "start", "drifting")):
+        return None
     setpoints = episodes["setpoint"].unique().tolist()
     options = view.options
     kwargs: dict[str, Any] = {"history": view.history, "reward_scale": view.reward_scale}
@@ -143,25 +146,23 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
         kwargs |= {"imperfections": options.imperfections.plain() or None}
     if options.reward.kind != "classic":
         kwargs["reward"] = options.reward.plain()
-    kwargs |= {key: common(key) for key in ("dynamics", "start") if common(key) is not None}
-    if len(setpoints) == 1:
-        kwargs["setpoint"] = {"drifting": setpoints[0]} if view.dataset.info_model.drifting else setpoints[0]
+    kwargs |= {key: common(key) for key in ("dynamics", "start")}
+    if common("drifting"):
+        kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
+    elif len(setpoints) == 1:
+        kwargs["setpoint"] = setpoints[0]
     return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=common("steps"), kwargs=kwargs)
 
 
-def _common(view: View) -> Common:
-    """A function that returns an option of the dataset's experiments, or None if they differ in it."""
-    experiments = []
-    for path in view.dataset.manifest_model.entries():
-        if path.startswith("meta/experiment"):
-            text = manifest.listed_content(view.dataset.path, view.dataset.manifest_model, path)
-            try:
-                experiments.append(Document(text).data)
-            except ValueError as error:
-                raise DatasetError(f"{view.dataset.path / path}: cannot be read: {error}") from None
+def _common(view: View, episodes: pd.DataFrame) -> Common:
+    """A function that returns an option of the episodes' experiments, or None if they differ in it."""
+    experiments = spec_in(view.dataset.path, view.dataset.manifest_model).experiments
+    stops = np.cumsum([len(experiment.cells) * experiment.episodes for experiment in experiments])
+    numbers = np.unique(np.searchsorted(stops, episodes.index, side="right"))
+    chosen = [{**experiments[i].plain(), "drifting": experiments[i].drifting} for i in numbers]
 
     def common(key: str) -> Any:
-        first, *others = (experiment.get(key) for experiment in experiments)
+        first, *others = (experiment[key] for experiment in chosen)
         return first if all(other == first for other in others) else None
 
     return common

@@ -20,7 +20,7 @@ from ibdata.generation.origin import Origin
 from ibdata.generation.staging import discard
 from ibdata.system.guard import refusals, writing_to
 from ibdata.system.lock import refuse_busy
-from ibdata.system.object_store import Remote, is_url
+from ibdata.system.object_store import Remote, url_of
 from ibdata.system.progress import bar
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -71,8 +71,8 @@ def generate(
     experiment = load(config, overrides, seed)
     refuse_unreadable(experiment)
     run = select_engine(engine, workers, address)
-    if is_url(out):
-        remote = Remote(str(out))
+    if (url := url_of(out)) is not None:
+        remote = Remote(url)
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
         folder = uploading.work_folder(remote, experiment)
         found = uploading.find(remote, experiment, folder, resume, overwrite)

@@ -24,15 +24,23 @@ BLOCK = 2**23
 
 
 def is_url(place: str | os.PathLike[str] | None) -> bool:
-    """Whether a place is a URL and not a path."""
-    return isinstance(place, str) and URL.match(place) is not None
+    """Whether a place is a URL, or a dataset at one, and not a path."""
+    return url_of(place) is not None
+
+
+def url_of(place: str | os.PathLike[str] | None) -> str | None:
+    """The URL that a place is, or that it is the temporary copy of; None for other paths."""
+    if isinstance(place, str) and URL.match(place):
+        return place
+    copied = _mirrors.get(Path(place)) if isinstance(place, str | os.PathLike) else None
+    return copied.url if copied else None
 
 
 def refuse_url(*places: str | os.PathLike[str] | None) -> None:
     """Raise UsageError if one of the places is a URL."""
     for place in places:
-        if is_url(place):
-            raise UsageError(f"{printable(hidden(str(place)))}: found a URL, expected a path on this machine")
+        if (url := url_of(place)) is not None:
+            raise UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
 
 
 class Remote:
@@ -146,14 +154,18 @@ _mirrors: dict[Path, Remote] = {}
 
 def local_copy(place: str | os.PathLike[str]) -> Path:
     """The folder itself, or for a URL a temporary folder to which files are downloaded when first needed."""
-    if not is_url(place):
+    if not (isinstance(place, str) and URL.match(place)):
         return Path(place)
-    remote = Remote(str(place))
     top = tempfile.mkdtemp(prefix="ibdata-")
     atexit.register(shutil.rmtree, top, ignore_errors=True)
     folder = Path(top, "dataset")
-    _mirrors[folder] = remote
+    stand_for(folder, place)
     return folder
+
+
+def stand_for(folder: Path, url: str) -> None:
+    """Let a temporary folder stand for a URL, as in another process, where files are downloaded to it."""
+    _mirrors[folder] = Remote(url)
 
 
 def name_of(folder: Path) -> str:

@@ -56,10 +56,10 @@ CLASSIC = Reward()
 
 
 def rounded(rewards: npt.NDArray[Any], scale: float) -> Float32s:
-    """Rewards times a scale. Raises UsageError if they become infinite as float32."""
+    """Rewards times a scale. Raises UsageError if they are not finite as float32."""
     product = rewards.astype(np.float64) * scale
-    if np.abs(product).max(initial=0.0) > np.finfo(np.float32).max:
-        raise UsageError(f"reward scale: found {scale}, which makes rewards infinite")
+    if not (np.abs(product) <= np.finfo(np.float32).max).all():
+        raise UsageError(f"reward: found weights or a scale ({scale}) that make rewards infinite")
     return product.astype(np.float32)
 
 

@@ -39,7 +39,7 @@ def test_a_slice_and_a_mask_choose_the_rows_that_they_choose_of_the_arrays(datas
         assert all(np.array_equal(found[name], arrays[name][rows]) for name in found)
 
 
-@pytest.mark.parametrize("given", [[True, False], [0.9], [[0, 1]], 3, ["0"]])
+@pytest.mark.parametrize("given", [[True, False], [0.9], [[0, 1]], 3, ["0"], np.zeros(0, bool)])
 def test_what_are_neither_numbers_nor_a_mask_is_an_index_error(dataset, given):
     with pytest.raises(IndexError, match=r"found .* expected whole numbers \(n,\) or a mask"):
         dataset.windows().batch(given)

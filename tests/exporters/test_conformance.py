@@ -236,7 +236,7 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
         ({"history": 10**30}, "^history: this number takes .* GB of memory, but this machine has"),
         ({"reward_scale": 0.0}, "reward scale: found 0.0, expected a finite number above 0"),
         ({"reward_scale": float("nan")}, "reward scale: found nan"),
-        ({"reward_scale": 1e300}, "reward scale: found 1e.300, which makes rewards infinite"),
+        ({"reward_scale": 1e300}, "reward: found weights or a scale .1e.300. that make rewards infinite"),
         ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
     ],
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ from pyarrow.fs import FileSystem
 import ibdata
 import ibdata.plots
 from ibdata.cli import main
+from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
 from ibdata.experiment.template import write_template
 from ibdata.maintenance.card import card
@@ -128,8 +131,26 @@ def test_functions_that_take_no_url_say_so_and_write_nothing(url):
     for call in WITHOUT_URLS.values():
         with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
             call(url)
+    dataset = ibdata.open(url)
+    for name in WITHOUT_URLS.keys() - {"figure", "template"}:  # whose place is a file
+        with pytest.raises(UsageError, match=f"^{url}: found a URL, expected a path on this machine$"):
+            WITHOUT_URLS[name](dataset)
     assert sorted(Path().rglob("*")) == before
     assert ibdata.validate(url) == []
+
+
+def test_a_dataset_at_a_url_is_not_replaced_in_its_temporary_copy(url):
+    dataset = ibdata.open(made(url).place)
+    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
+        ibdata.generate(FOUR_SHARDS, dataset, workers=1, seed=1, overwrite=True)
+
+
+@pytest.mark.slow
+def test_a_dataset_at_a_url_is_read_in_another_process(url):
+    dataset = ibdata.open(made(url).place)
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        table = pool.submit(Dataset.table, dataset).result()
+    assert table.equals(dataset.table())
 
 
 COMMANDS = {

@@ -31,5 +31,9 @@ def test_a_weight_that_is_not_given_is_zero():
 
 
 def test_rewards_that_become_infinite_are_refused():
-    with pytest.raises(UsageError, match=r"reward scale: found 1e.300, which makes rewards infinite"):
+    with pytest.raises(
+        UsageError, match=r"reward: found weights or a scale .1e.300. that make rewards infinite"
+    ):
         reward_of("delta").of(BEFORE, AFTER, 1e300)
+    with np.errstate(all="ignore"), pytest.raises(UsageError, match="that make rewards infinite"):
+        reward_of({"consumption": 1e308, "fatigue": -1e308}).of(BEFORE, AFTER, 1.0)  # inf - inf

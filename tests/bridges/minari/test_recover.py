@@ -25,3 +25,38 @@ def test_the_recovered_environment_has_the_datasets_spaces_start_and_length(root
         observation, _, terminated, truncated, _ = environment.step(action)
         assert np.isclose(observation[1:4], found[0].observations[step + 1, 1:4]).all()
     assert (terminated, truncated) == (False, True)
+
+
+def recovered(made, root, **options):
+    ibdata.export(made, "minari", root, id=f"ibdata/{made.info['name']}-v0", verify=True, **options)
+    found = minari.load_dataset(f"ibdata/{made.info['name']}-v0")
+    return found, found.recover_environment() if found.env_spec else None
+
+
+@pytest.mark.parametrize("view", [{}, {"observe": "markov"}])
+def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
+    overrides = ["episodes=2", "steps=20", "output.latent=next"]
+    made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
+    found, environment = recovered(made, root, **view)
+    assert environment.observation_space.shape == found.observation_space.shape
+    environment.reset(seed=0)
+    shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
+    assert len(set(shown)) > 1
+
+
+def test_the_environment_of_a_merged_dataset_is_that_of_the_episodes_that_are_exported(root, tmp_path):
+    plain = {"setpoints": 70, "episodes": 2, "steps": 5}
+    parts = [
+        ibdata.generate({**plain, "name": "x", "policies": [policy], **more}, tmp_path / policy, workers=1)
+        for policy, more in (("random", {}), ("safe", {"dynamics": "paper"}))
+    ]
+    merged = ibdata.merge(parts, tmp_path / "merged")
+    merged = ibdata.split(merged, by="policy", names={"random": "theirs", "safe": "printed"})
+    _, environment = recovered(merged, root)
+    assert environment is None
+    for name, dynamics in (("theirs", "siemens"), ("printed", "paper")):
+        ibdata.export(merged, "minari", root, split=name, id=f"ibdata/{name}-v0", verify=True)
+        found = minari.load_dataset(f"ibdata/{name}-v0")
+        assert found.env_spec.kwargs["dynamics"] == dynamics
+        environment = found.recover_environment()
+        environment.reset(options={"dataset": merged, "episode": 0 if name == "theirs" else 2})
