@@ -123,12 +123,12 @@ def view_options(
 
 
 def _observed(observe: Any) -> str | tuple[str, ...]:
-    if observe in ("classic", "markov"):
-        return str(observe)
     if isinstance(observe, str):
+        if observe in ("classic", "markov"):
+            return observe
         near = suggestion(observe, ["classic", "markov"])
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{near}")
-    names = tuple(observe) if isinstance(observe, Iterable) else ()
+    names = tuple(map(str, observe)) if isinstance(observe, Iterable) else ()
     if not names or len(set(names)) < len(names):
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
     for name in names:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from ibdata.errors import UsageError
@@ -25,6 +27,12 @@ def test_a_frame_has_columns_then_flags_then_the_actions_before():
         *("obs_gain", "obs_velocity", "missing_obs_gain"),
         *("previous_act_velocity", "previous_act_gain", "previous_act_shift"),
     )
+
+
+@pytest.mark.parametrize("made", [np.array, pd.Series, iter])
+def test_the_names_of_columns_may_be_in_any_sequence(made):
+    names = ["obs_gain", "latent_mu_v"]
+    assert view_options(made(names)) == view_options(names)
 
 
 def test_bounds_are_those_of_the_columns_unless_they_are_measured_inexactly():
