@@ -60,7 +60,7 @@ class Contents:
         url = state.pop("url")
         self.__dict__.update(state)
         if url is not None:
-            object_store.stand_for(self.path, url)
+            self.path = object_store.own_copy(self.path, url)
 
     def __len__(self) -> int:
         return self.manifest_model.rows

@@ -30,10 +30,15 @@ def is_url(place: str | os.PathLike[str] | None) -> bool:
 
 def url_of(place: str | os.PathLike[str] | None) -> str | None:
     """The URL that a place is, or that it is the temporary copy of; None for other paths."""
-    if isinstance(place, str) and URL.match(place):
-        return place
+    if _is_address(place):
+        return str(place)
     copied = _mirrors.get(Path(place)) if isinstance(place, str | os.PathLike) else None
     return copied.url if copied else None
+
+
+def _is_address(place: str | os.PathLike[str] | None) -> bool:
+    """Whether a place is written as a URL."""
+    return isinstance(place, str) and URL.match(place) is not None
 
 
 def refuse_url(*places: str | os.PathLike[str] | None) -> None:
@@ -150,22 +155,31 @@ def first_line(error: BaseException) -> str:
 
 
 _mirrors: dict[Path, Remote] = {}
+_copies: dict[Path, Path] = {}  # temporary folders of other processes, and those of this one in their place
 
 
 def local_copy(place: str | os.PathLike[str]) -> Path:
     """The folder itself, or for a URL a temporary folder to which files are downloaded when first needed."""
-    if not (isinstance(place, str) and URL.match(place)):
+    if not _is_address(place):
         return Path(place)
+    remote = Remote(str(place))
     top = tempfile.mkdtemp(prefix="ibdata-")
     atexit.register(shutil.rmtree, top, ignore_errors=True)
     folder = Path(top, "dataset")
-    stand_for(folder, place)
+    _mirrors[folder] = remote
     return folder
 
 
-def stand_for(folder: Path, url: str) -> None:
-    """Let a temporary folder stand for a URL, as in another process, where files are downloaded to it."""
-    _mirrors[folder] = Remote(url)
+def own_copy(folder: Path, url: str) -> Path:
+    """The temporary folder of this process for a URL, for which another process may have this one.
+
+    So each process removes what it downloads, and nothing is downloaded twice.
+    """
+    if folder in _mirrors:
+        return folder
+    if folder not in _copies:
+        _copies[folder] = local_copy(url)
+    return _copies[folder]
 
 
 def name_of(folder: Path) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import shutil
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -150,7 +152,12 @@ def test_a_dataset_at_a_url_is_read_in_another_process(url):
     dataset = ibdata.open(made(url).place)
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         table = pool.submit(Dataset.table, dataset).result()
+        first, second = (Path(pool.submit(os.fspath, dataset).result()) for _ in range(2))
+        assert first == second != Path(dataset)
+        assert first.parent.stat().st_mode & 0o777 == 0o700
     assert table.equals(dataset.table())
+    assert not first.parent.exists()
+    assert Path(pickle.loads(pickle.dumps(dataset))) == Path(dataset)
 
 
 COMMANDS = {
