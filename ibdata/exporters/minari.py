@@ -136,7 +136,7 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
     """
     from gymnasium.envs.registration import EnvSpec
 
-    if None in map(common, ("dynamics", "start", "drifting")):
+    if None in map(common, ("dynamics", "start")):
         return None
     setpoints = episodes["setpoint"].unique().tolist()
     options = view.options
@@ -147,7 +147,7 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
     if options.reward.kind != "classic":
         kwargs["reward"] = options.reward.plain()
     kwargs |= {key: common(key) for key in ("dynamics", "start")}
-    if common("drifting"):
+    if view.dataset.info_model.drifting:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
     elif len(setpoints) == 1:
         kwargs["setpoint"] = setpoints[0]
@@ -159,7 +159,7 @@ def _common(view: View, episodes: pd.DataFrame) -> Common:
     experiments = spec_in(view.dataset.path, view.dataset.manifest_model).experiments
     stops = np.cumsum([len(experiment.cells) * experiment.episodes for experiment in experiments])
     numbers = np.unique(np.searchsorted(stops, episodes.index, side="right"))
-    chosen = [{**experiments[i].plain(), "drifting": experiments[i].drifting} for i in numbers]
+    chosen = [experiments[i].plain() for i in numbers]
 
     def common(key: str) -> Any:
         first, *others = (experiment[key] for experiment in chosen)
