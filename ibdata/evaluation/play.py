@@ -95,6 +95,7 @@ class Played(NamedTuple):
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
 
 
+@looking_here()
 def episodes_of(
     experiment: Experiment, discount: float, advance: Advance = unseen, view: ViewOptions = PLAIN
 ) -> Played:
@@ -107,14 +108,12 @@ def episodes_of(
     """
     cells, episodes, policies = len(experiment.cells), experiment.episodes, len(experiment.policies)
     out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
-    with looking_here():
-        for number, policy in enumerate(experiment.policies):
-            with loaded([policy]):  # one at a time, so that their modules never meet
-                for cell in range(number * cells // policies, (number + 1) * cells // policies):
-                    for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
-                        block = EvaluationBlock(experiment, first, stop, view)
-                        *both, count = block.returns(discount, advance)
-                        out[:, first:stop] = both
-                        clipped[cell] += count / (episodes * experiment.steps)
+    for number, policy in enumerate(experiment.policies):
+        with loaded([policy]):  # one at a time, so that their modules never meet
+            for cell in range(number * cells // policies, (number + 1) * cells // policies):
+                for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
+                    *both, count = EvaluationBlock(experiment, first, stop, view).returns(discount, advance)
+                    out[:, first:stop] = both
+                    clipped[cell] += count / (episodes * experiment.steps)
     discounted, undiscounted = out.reshape(2, policies, -1, episodes)
     return Played(discounted, undiscounted, clipped.reshape(policies, -1))

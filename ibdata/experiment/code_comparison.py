@@ -20,8 +20,8 @@ def refuse_changed(began: Iterable[Code], here: Iterable[Code], where: str | Pat
     changed = {name for name in was.keys() & found.keys() if was[name] != found[name]}
     for code in here:  # modules that appeared, or vanished
         names = [_names(other) for other in began if other.target == code.target]
-        if _names(code) not in names:
-            changed.update(*(_names(code) ^ other for other in names[:1]))
+        if names and _names(code) not in names:
+            changed |= _names(code) ^ names[0]
     if changed:
         raise UsageError(
             f"{where}: found other code than the dataset was made with, in {listed(changed)}; restore it, "
