@@ -23,6 +23,7 @@ VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHON
 # What the kernel says of the processor: numpy, numba and the C library are to find the same.
 CPUINFO = Path("/proc/cpuinfo")
 PROCESSOR = CPUINFO.read_text().split() if CPUINFO.exists() else []
+HAS_AVX512, HAS_FMA = "avx512f" in PROCESSOR, "fma" in PROCESSOR
 SIZE = "full" if os.environ.get("IBDATA_SAME_BITS") == "full" else "small"
 
 

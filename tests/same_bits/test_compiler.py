@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from helpers.matrix import PROCESSOR, Row
+from helpers.matrix import HAS_FMA, Row
 
 pytestmark = pytest.mark.same_bits
 
-HAS_FMA = "fma" in PROCESSOR
 INTERPRETED = "numba off"
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy
 import pytest
-from helpers.matrix import PROCESSOR, Row
+from helpers.matrix import HAS_AVX512, HAS_FMA, Row
 from numpy._core import _multiarray_umath as umath
 
 pytestmark = pytest.mark.same_bits
-
-HAS_AVX512 = "avx512f" in PROCESSOR
-HAS_FMA = "fma" in PROCESSOR
 
 # numpy's names differ between versions and unknown ones are ignored, so they are read, not written down.
 DISPATCHED = [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__.get(name)]
