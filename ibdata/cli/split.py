@@ -30,7 +30,7 @@ class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gen
             self.fail(f"found {value!r}, expected numbers such as 0.8,0.1,0.1", param, ctx)
 
 
-class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer clicks
     """Two names with = between them."""
 
     name = "renaming"

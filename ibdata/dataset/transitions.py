@@ -178,7 +178,8 @@ def _seen(
         previous = np.roll(actions, 1, axis=0)
         previous[starts] = 0.0
         parts, later = [*parts, previous], [*later, actions]
-    return tuple(np.concatenate(x, axis=1, dtype=np.float32) for x in (parts, later))  # type: ignore[return-value]
+    shown, shown_after = (np.concatenate(x, axis=1, dtype=np.float32) for x in (parts, later))
+    return shown, shown_after
 
 
 def _numpy(column: Any) -> Array:
