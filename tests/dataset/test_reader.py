@@ -5,8 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.python import python
 
 import ibdata
 from ibdata.errors import UsageError
@@ -209,14 +208,7 @@ def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):
 
 
 def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
-    child = subprocess.run(
-        [sys.executable, "-W", "error", "-c", ONLY_READING, str(dataset.path)],
-        env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    child = python("-W", "error", "-c", ONLY_READING, dataset.path, timeout=60)
     assert (child.returncode, child.stdout, child.stderr) == (0, "", "")
 
 

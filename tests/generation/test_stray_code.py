@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.own_code import PLAIN, generate, sha256
+from helpers.python import python
+from helpers.versions import POLICY
 
 import ibdata
 from ibdata import Experiment
@@ -28,6 +30,26 @@ def test_a_policy_of_the_script_itself_is_refused(here):
     )
     with pytest.raises(UsageError, match="found the target __main__:X, which is in the script itself"):
         ibdata.generate(experiment, "out", workers=2, allow_code=True)
+
+
+NAMES_ITSELF = """
+import ibdata
+{policy}
+own = {{"kind": "custom", "target": "train.py:Own"}}
+plain = {{"name": "x", "setpoints": 70, "episodes": 2, "steps": 3, "policies": [own]}}
+ibdata.{call}
+"""
+
+
+@pytest.mark.parametrize(
+    "call", ["generate(plain, 'out', workers=2, allow_code=True)", "evaluate(own, 70, episodes=2, steps=3)"]
+)
+def test_a_script_that_names_itself_as_the_policy_is_told_so(tmp_path, call):
+    (tmp_path / "train.py").write_text(NAMES_ITSELF.format(policy=POLICY, call=call))
+    child = python("train.py", cwd=tmp_path)
+    assert "UsageError: train.py:Own: calls ibdata with itself as a policy while" in child.stderr
+    assert len(child.stderr.splitlines()) < 100
+    assert not (tmp_path / "out").exists()
 
 
 ENDING = """

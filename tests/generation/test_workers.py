@@ -11,9 +11,9 @@ import textwrap
 import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
+from helpers.python import python
 
 import ibdata
 from ibdata import Experiment
@@ -71,15 +71,7 @@ def run(tmp_path):
         path = tmp_path / "script.py"
         path.write_text(textwrap.dedent(SCRIPT).format(plain=PLAIN))
         (tmp_path / "changing.py").write_text(textwrap.dedent(CHANGING).format(changed=changed))
-        child = subprocess.run(
-            [sys.executable, "-B", "-W", "error", str(path)],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+        child = python("-B", "-W", "error", path, cwd=tmp_path)
         assert child.returncode == 0, child.stderr
         assert "Traceback" not in child.stderr
         return child.stdout.splitlines()

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import ibdata
 from helpers import ROOT
+from helpers.python import PACKAGE
 
 CHILD = ROOT / "tests" / "same_bits" / "child.py"
-PACKAGE = Path(ibdata.__file__).parents[1]
 # Prefixes of environment variables that settings use; a row has only those that it sets itself.
 VARIABLES = ("NPY_", "NUMBA_", "OPENBLAS_", "GLIBC_TUNABLES", "IBDATA_", "PYTHONPATH", "OMP_", "LD_")
 # What the kernel says of the processor: numpy, numba and the C library are to find the same.

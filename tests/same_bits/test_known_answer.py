@@ -7,12 +7,10 @@ import platform
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from helpers.matrix import PACKAGE, Row
 
-import ibdata
 from ibdata.simulation import self_check
 
 pytestmark = pytest.mark.same_bits
@@ -100,7 +98,7 @@ def test_denormal_numbers_that_are_switched_off_show(bits):
     """They change no bit of the known runs, but might of another."""
     child = subprocess.run(
         [sys.executable, "-c", FLUSHING, str(WORD), str(bits)],
-        env={**os.environ, "PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": str(PACKAGE)},
         capture_output=True,
         text=True,
         check=True,

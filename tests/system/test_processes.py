@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from helpers.python import python
 
 import ibdata
 
@@ -30,13 +30,6 @@ def test_files_in_the_folder_of_a_dataset_do_not_run_with_several_workers(tmp_pa
         Path(made.path, f"{name}.py").write_text(f"open('../{name} was imported', 'w'); raise SystemExit")
     for path in Path(made.path, "data").iterdir():
         os.truncate(path, 100)
-    child = subprocess.run(
-        [sys.executable, tmp_path / "script.py"],
-        cwd=made.path,
-        env=os.environ | {"PYTHONPATH": str(Path(ibdata.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    child = python(tmp_path / "script.py", cwd=made.path)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
