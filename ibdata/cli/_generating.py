@@ -149,7 +149,7 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
         print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})
         return
     for dataset in made.values():
-        say(f"{dataset.path}: {counted(len(dataset), 'row')}, content root {dataset.content_root}")
+        say(f"{dataset.place}: {counted(len(dataset), 'row')}, content root {dataset.content_root}")
     say()
     print_pairs(
         [

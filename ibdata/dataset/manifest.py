@@ -68,7 +68,9 @@ def read(folder: Path) -> Manifest:
             f"{object_store.name_of(folder)}: no finished dataset here: {PATH} is missing{_near(folder)}"
         ) from None
     except OSError as error:
-        raise DatasetError(f"{folder / PATH}: cannot be read: {error.strerror}") from None
+        raise DatasetError(
+            f"{object_store.name_of(folder / PATH)}: cannot be read: {error.strerror}"
+        ) from None
     return parsed(folder / PATH, data)
 
 
@@ -86,14 +88,14 @@ def _near(folder: Path) -> str:
 
 def parsed(path: Path, data: bytes) -> Manifest:
     """Parse a manifest. Raises DatasetError if it is damaged, NewerError if its format is newer."""
-    found = _json(path, data, "a manifest")
+    name, found = object_store.name_of(path), _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise DatasetError(f"{path}: found another format, expected {FORMAT}")
+        raise DatasetError(f"{name}: found another format, expected {FORMAT}")
     if found.get("version") != VERSION:
         shown = printable(repr(found.get("version")))[:60]
-        raise NewerError(f"{path}: found version {shown}, expected {VERSION}; use a newer ibdata")
+        raise NewerError(f"{name}: found version {shown}, expected {VERSION}; use a newer ibdata")
     if found.get("checksum") != checksum(found):
-        raise DatasetError(f"{path}: found content that does not fit its checksum; the file has been changed")
+        raise DatasetError(f"{name}: found content that does not fit its checksum; the file has been changed")
     return _parsed(path, Manifest, found)
 
 
@@ -123,7 +125,7 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
         problem = "found other content than the manifest lists"
     refuse_replaced(folder, listed)
     todo = "" if object_store.is_remote(folder) else f"; run ibdata repair {folder}"
-    raise DatasetError(f"{object_store.name_of(folder)}/{path}: {problem}{todo}")
+    raise DatasetError(f"{object_store.name_of(folder / path)}: {problem}{todo}")
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:
@@ -140,7 +142,8 @@ def _json(path: Path, data: bytes, what: str) -> Any:
     try:
         return _encodable(json.loads(data, parse_constant=_no_constant, parse_float=_finite))
     except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: found no valid JSON ({error}), expected {what}") from None
+        name = object_store.name_of(path)
+        raise DatasetError(f"{name}: found no valid JSON ({error}), expected {what}") from None
 
 
 def _no_constant(name: str) -> None:
@@ -167,7 +170,7 @@ def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
     try:
         return parse(form, data)
     except ValueError as error:
-        raise DatasetError(f"{path}: {error}") from None
+        raise DatasetError(f"{object_store.name_of(path)}: {error}") from None
 
 
 def locate(folder: Path, path: str) -> Path:
@@ -196,8 +199,11 @@ def refuse_inside(out: Path) -> None:
     """Raise UsageError for an output in a place in which readers of a dataset could be misled.
 
     It is in a dataset, finished or not, of which the folders `.next` and `.new` are a part; or it is in a
-    folder such as `policy=safe`, from whose name readers of partitioned datasets would take the column.
+    folder such as `policy=safe`, from whose name readers of partitioned datasets would take the column. Or it
+    is no place, for no path contains NUL.
     """
+    if "\0" in str(out):
+        raise UsageError(f"--out: found {str(out)!r}, expected a path without NUL")
     place = Path(os.path.realpath(out))
     if column := next((part for part in place.parts if PARTITION.match(part)), None):
         raise UsageError(

@@ -215,4 +215,4 @@ def verify(view: View, path: Path) -> None:
             if array.dtype != wanted.dtype or array.shape != wanted.shape or not same(array, wanted):
                 raise differs(f"{found.spec.data_path}: episode {number}: {key}")
         if not ((one.observations >= space.low) & (one.observations <= space.high)).all():
-            raise DatasetError(f"{view.dataset.path}: found observations out of bounds, see ibdata validate")
+            raise DatasetError(f"{view.dataset.place}: found observations out of bounds, see ibdata validate")

@@ -57,8 +57,6 @@ def check(folder: Path, experiment: Experiment, resume: bool, overwrite: bool) -
     """
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them")
-    if "\0" in str(folder):
-        raise UsageError(f"--out: found {str(folder)!r}, expected a path without NUL")
     manifest.refuse_inside(folder)
     if not os.path.lexists(folder):
         return folder

@@ -54,13 +54,13 @@ def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) ->
         found = [kind.get(name, "none") for kind in kinds]
         if found[0] != found[1]:
             raise UsageError(
-                f"{y.dataset.path}: column {name}: found {found[1]}, expected {found[0]} "
-                f"as in {x.dataset.path}"
+                f"{y.dataset.place}: column {name}: found {found[1]}, expected {found[0]} "
+                f"as in {x.dataset.place}"
             )
     if a.drifting != b.drifting:
         raise UsageError(
-            f"{y.dataset.path}: found {'moving' if b.drifting else 'constant'} setpoints, expected "
-            f"{'moving' if a.drifting else 'constant'} ones as in {x.dataset.path}"
+            f"{y.dataset.place}: found {'moving' if b.drifting else 'constant'} setpoints, expected "
+            f"{'moving' if a.drifting else 'constant'} ones as in {x.dataset.place}"
         )
 
 
@@ -72,8 +72,9 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence
             known = owners.setdefault((experiment.seed, cell.digest), source)
             if known is not source:
                 raise UsageError(
-                    f"{source.dataset.path}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the same "
-                    f"episodes are also in {known.dataset.path}; make one of the datasets with another --seed"
+                    f"{source.dataset.place}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the "
+                    f"same episodes are also in {known.dataset.place}; make one of the datasets with another "
+                    "--seed"
                 )
 
 
@@ -83,7 +84,7 @@ def _refuse_equal_digests(datasets: list[Dataset]) -> None:
         for episode, digest in enumerate(dataset.digests):
             if digest in owners:
                 raise UsageError(
-                    f"{dataset.path}: episode {episode} is also in {owners[digest].path}; "
+                    f"{dataset.place}: episode {episode} is also in {owners[digest].place}; "
                     "leave one of the datasets out"
                 )
             owners[digest] = dataset

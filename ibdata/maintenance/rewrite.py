@@ -79,7 +79,7 @@ def _data_version(spec: DatasetSpec, sources: list[Source]) -> int:
     for experiment, own, source in zip(spec.experiments, made, sources, strict=True):
         if own != min(experiment.data_version, version):
             raise UsageError(
-                f"{source.dataset.path}: found data version {own}, expected {version} as of the others; "
+                f"{source.dataset.place}: found data version {own}, expected {version} as of the others; "
                 "make it again with this ibdata"
             )
     return version
@@ -139,8 +139,8 @@ def _refuse_changed(w: WrittenShard, source: Source) -> None:
 
 
 def _changed(source: Source) -> DatasetError:
-    path = source.dataset.path
-    return DatasetError(f"{path}: found other content than it lists; see ibdata validate {path}")
+    place = source.dataset.place
+    return DatasetError(f"{place}: found other content than it lists; see ibdata validate {place}")
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:

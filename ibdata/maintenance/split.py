@@ -77,7 +77,8 @@ def split(
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}
     options: dict[str, Any] = {"scheme": scheme, **points, "shots": shots}
-    options |= {"transitions": transitions, "within": within, "fractions": fractions}
+    options |= {"transitions": transitions, "within": within}
+    options["fractions"] = _several(() if fractions is None else fractions)
     given = {
         name: x for name, x in options.items() if x is not None and not (isinstance(x, Sequence) and not x)
     }
@@ -95,8 +96,8 @@ def split(
     return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
 
 
-def _several(setpoints: float | Sequence[float]) -> list[float]:
-    listed: list[float] = np.ravel(setpoints).tolist()
+def _several(numbers: float | Sequence[float]) -> list[float]:
+    listed: list[float] = np.ravel(numbers).tolist()
     return listed
 
 
@@ -133,7 +134,7 @@ def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:
     for name in new:
         if name in declared:
             raise UsageError(
-                f"{dataset.path}: {name} is a declared split, which has files of its own; choose another "
+                f"{dataset.place}: {name} is a declared split, which has files of its own; choose another "
                 "name with --prefix or --name"
             )
         try:
@@ -149,7 +150,7 @@ def _refuse_removal(dataset: Dataset, spec: DatasetSpec, remove: Sequence[str]) 
     for name in remove:
         if name in spec.declared:
             raise UsageError(
-                f"{dataset.path}: {name} is a declared split, which has files of its own; it cannot be "
+                f"{dataset.place}: {name} is a declared split, which has files of its own; it cannot be "
                 "removed"
             )
         if name not in spec.later:

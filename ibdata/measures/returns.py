@@ -63,7 +63,7 @@ def return_improvement(returns: Floats) -> float | None:
 
 
 class ReturnMeasures(NamedTuple):
-    """Both measures; None where there are no reference returns, or no two different returns."""
+    """Both measures; None where there are no reference returns, or no two different returns to compare."""
 
     trajectory_quality: float | None
     return_improvement: float | None
@@ -74,8 +74,9 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
 
     The minimal policy is `random` and the expert `expert`, with the reference returns of ibdata at the
     setpoint of each episode. Returns at different setpoints cannot be compared, so the improvement is
-    computed for each setpoint and length, and averaged with the numbers of episodes as weights. Returns are
-    undiscounted.
+    computed for each setpoint and length, and averaged with the numbers of episodes as weights. Nor can
+    returns under different dynamics, which merged datasets may have: there both measures are None. Returns
+    are undiscounted.
 
     Args:
         episodes: At least one row of the table of episodes.
@@ -88,7 +89,7 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
         scale = None if info.drifting else reference_returns.scale(info.dynamics, info.start, int(steps), 1.0)
         end = scale.ends([p], reference_returns.EXPERT) if scale else None
         ends.append(None if end is None else (len(own) * end[0], len(own) * end[1]))
-        if (improvement := return_improvement(own)) is not None:
+        if info.dynamics is not None and (improvement := return_improvement(own)) is not None:
             improvements.append(improvement)
             weights.append(len(own))
     known = [end for end in ends if end is not None]

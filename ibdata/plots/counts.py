@@ -71,8 +71,8 @@ def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -
             first = stop
     if first != stops[-1]:
         raise DatasetError(
-            f"{dataset.path}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "
-            f"see ibdata validate {dataset.path}"
+            f"{dataset.place}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "
+            f"see ibdata validate {dataset.place}"
         )
     rows = made.rows[..., None]
     return made._replace(mean_costs=np.where(rows > 0, made.mean_costs, np.nan) / np.maximum(rows, 1))
@@ -120,8 +120,8 @@ def _edges(dataset: Dataset, name: str, needed: Floats | None = None) -> Floats:
     low, high = stat.get("min"), stat.get("max")
     if low is None or high is None or low > high:
         raise DatasetError(
-            f"{dataset.path}: meta/stats.json: {name}: found min {low} and max {high}, expected numbers with "
-            f"min <= max; see ibdata validate {dataset.path}"
+            f"{dataset.place}: meta/stats.json: {name}: found min {low} and max {high}, expected numbers "
+            f"with min <= max; see ibdata validate {dataset.place}"
         )
     tails = [stat["quantiles"][tail] for tail in TAILS]
     if None not in tails:

@@ -42,8 +42,8 @@ def episodes_of(dataset: Dataset) -> Episodes:
     setpoint, returns = frame["setpoint"].to_numpy(), frame["return"].to_numpy()
     if not (np.isfinite(setpoint).all() and np.isfinite(returns).all()):
         raise DatasetError(
-            f"{dataset.path}: found a setpoint or return that is infinite or nan, expected finite numbers; "
-            f"see ibdata validate {dataset.path}"
+            f"{dataset.place}: found a setpoint or return that is infinite or nan, expected finite numbers; "
+            f"see ibdata validate {dataset.place}"
         )
     values, number = np.unique(setpoint, return_inverse=True)
     runs = np.array_split(np.arange(len(values)), min(len(values), MOST_SETPOINTS))

@@ -182,9 +182,12 @@ def own_copy(folder: Path, url: str) -> Path:
     return _copies[folder]
 
 
-def name_of(folder: Path) -> str:
-    """The URL that a temporary folder stands for, without credentials, or a folder's own path."""
-    return _mirrors[folder].name if folder in _mirrors else str(folder)
+def name_of(path: Path) -> str:
+    """The URL that a path in a temporary folder stands for, without credentials, or the path itself."""
+    for folder in (path, *path.parents):
+        if folder in _mirrors:
+            return "/".join([_mirrors[folder].name, *path.relative_to(folder).parts])
+    return str(path)
 
 
 def fetch_if_missing(folder: Path, path: str) -> None:

@@ -279,6 +279,11 @@ def test_a_target_within_the_dataset_is_refused(dataset):
     assert not (dataset.path / "data" / "x.csv").exists()
 
 
+def test_a_target_with_nul_is_refused(dataset):
+    with pytest.raises(UsageError, match=r"'a\\x00b', expected a path without NUL$"):
+        ibdata.export(dataset, "npz", "a\0b")
+
+
 def test_no_dataset_is_a_dataset_error(tmp_path):
     with pytest.raises(DatasetError, match="no finished dataset here"):
         ibdata.export(tmp_path, "csv", tmp_path / "made", verify=True)

@@ -224,6 +224,7 @@ def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_p
         ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
         ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
         ({"by": "episode", "fractions": (1.1, -0.1)}, "found fractions 1.1, -0.1"),
+        ({"by": "episode", "fractions": 0.8}, "found fractions 0.8, expected 2 or 3"),
         ({"by": "colour"}, "found 'colour', expected by setpoint, episode or policy"),
         ({"by": None}, "found nothing, expected by setpoint"),
         ({}, "found nothing, expected by setpoint"),

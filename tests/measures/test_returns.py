@@ -63,6 +63,12 @@ def test_without_a_reference_at_every_setpoint_and_length_there_is_no_trajectory
     assert return_measures(table((70, 1000, -2e5)), moving).trajectory_quality is None
 
 
+def test_returns_under_different_dynamics_are_not_compared(info):
+    rows = table((70, 1000, -2e5), (70, 1000, -3e5))
+    assert None not in return_measures(rows, info)
+    assert return_measures(rows, info.model_copy(update={"dynamics": None})) == (None, None)
+
+
 def test_info_prints_them(describe, tmp_path):
     experiment = describe(setpoints=[70], policies=[{"kind": "safe"}], episodes=2, steps=1000)
     ds = ibdata.generate(experiment, tmp_path / "made", workers=1)

@@ -147,6 +147,35 @@ def test_a_dataset_at_a_url_is_not_replaced_in_its_temporary_copy(url):
         ibdata.generate(FOUR_SHARDS, dataset, workers=1, seed=1, overwrite=True)
 
 
+def everything_in(url):
+    dataset = ibdata.open(url)
+    return dataset.info, dataset.episodes, dataset.table()
+
+
+@pytest.mark.parametrize(
+    ("path", "changed"),
+    [
+        ("meta/manifest.json", b"{"),
+        ("meta/info.json", b"{"),
+        ("meta/episodes.parquet", b"x"),
+        (None, b"PAR1"),
+    ],
+    ids=["manifest", "info", "episodes", "shard"],
+)
+def test_errors_name_the_file_at_the_url(url, path, changed):
+    dataset = made(url)
+    path = path or dataset.manifest_model.shards[0].path
+    Path("there", path).write_bytes(changed)
+    with pytest.raises(DatasetError, match=f"^{url}/{path}: "):
+        everything_in(url)
+
+
+def test_merge_names_the_urls_that_it_refuses(url):
+    made(url)
+    with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; make"):
+        ibdata.merge([url, url], "merged")
+
+
 @pytest.mark.slow
 def test_a_dataset_at_a_url_is_read_in_another_process(url):
     dataset = ibdata.open(made(url).place)
