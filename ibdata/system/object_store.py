@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from ibdata.errors import DatasetError, MissingError, UsageError, hidden, printable
 
@@ -55,7 +56,8 @@ class Remote:
     """
 
     def __init__(self, url: str) -> None:
-        self.url = url.rstrip("/")
+        scheme, _, rest = url.partition("://")
+        self.url = f"{scheme.lower()}://{rest}".rstrip("/")
         self.name = hidden(self.url)
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
@@ -129,12 +131,14 @@ def _file_system(url: str) -> tuple[Any, str]:
     scheme = f"{url.partition('://')[0]}://"
     try:
         found: tuple[Any, str] = FileSystem.from_uri(url)
-        return found
     except ImportError:  # for some schemes, such as hf://, pyarrow itself imports fsspec
         pass
     except (ArrowException, OSError) as error:
         if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
             raise UsageError(f"{printable(url)}: {first_line(error)}") from None
+    else:
+        _refuse_ignored(url)
+        return found
     try:
         import fsspec
     except ImportError:
@@ -146,6 +150,16 @@ def _file_system(url: str) -> tuple[Any, str]:
     except (ValueError, TypeError, OSError) as error:
         raise UsageError(f"{printable(url)}: {first_line(error)}") from None
     return PyFileSystem(FSSpecHandler(files)), path
+
+
+def _refuse_ignored(url: str) -> None:
+    """Raise UsageError for a part of a URL that pyarrow passes over, and so would take for another place."""
+    for mark in "#?" if url.startswith("file:") else "#":
+        if mark in url:
+            raise UsageError(
+                f"{printable(hidden(url))}: found {mark}, which begins no part of such a URL; expected "
+                f"{quote(mark)} where it belongs to a name"
+            )
 
 
 def first_line(error: BaseException) -> str:

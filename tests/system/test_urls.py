@@ -109,6 +109,22 @@ def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):
         ibdata.open("s3://")
 
 
+@pytest.mark.parametrize(("mark", "code"), [("#", "%23"), ("?", "%3F")])
+def test_a_part_of_a_url_that_would_be_passed_over_is_refused(mark, code, url):
+    made(url)
+    with pytest.raises(
+        UsageError, match=rf"/there\{mark}x: found \{mark}, .*; expected {code} where it belongs"
+    ):
+        ibdata.open(f"{url}{mark}x")
+    made(f"{url}{code}x")
+    assert Path(f"there{mark}x/data").is_dir()
+
+
+def test_the_scheme_of_a_url_may_be_in_capitals(url):
+    made(url)
+    assert len(ibdata.open(url.replace("file", "FILE", 1))) > 0
+
+
 WITHOUT_URLS = {
     "materialize": lambda url: ibdata.split("here", "episode", fractions=(0.5, 0.5), materialize=url),
     "label": lambda url: ibdata.split(url, "episode", fractions=(0.5, 0.5)),
