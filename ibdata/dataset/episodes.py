@@ -9,8 +9,7 @@ import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError
-from ibdata.system import object_store
+from ibdata.system.object_store import damaged
 
 PATH = "meta/episodes.parquet"
 SCHEMA = pa.schema(
@@ -34,21 +33,20 @@ SCHEMA = pa.schema(
 def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
     """Read the table of episodes. Raises DatasetError if it is damaged or does not match the manifest."""
     path = folder / PATH
-    place = object_store.name_of(path)
     data = manifest.listed_content(folder, listed, PATH)
     rows = max(shard.episodes[1] for shard in listed.shards)
     table = parquet.read(path, rows=rows, data=data)
     for name in SCHEMA.names:
         found = table.schema.field(name).type if name in table.column_names else "none"
         if found != SCHEMA.field(name).type:
-            raise DatasetError(f"{place}: {name}: found {found}, expected {SCHEMA.field(name).type}")
+            raise damaged(path, f"{name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
-            raise DatasetError(f"{place}: {name}: found no value in some rows, expected one in each")
-    _check_places(place, table, len(listed.shards))
+            raise damaged(path, f"{name}: found no value in some rows, expected one in each")
+    _check_places(path, table, len(listed.shards))
     return table.select(SCHEMA.names)
 
 
-def _check_places(place: str, table: pa.Table, shards: int) -> None:
+def _check_places(path: Path, table: pa.Table, shards: int) -> None:
     """Check that the episodes of each shard cover its rows without gaps."""
     shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
     total = np.cumsum(length) - length
@@ -65,4 +63,4 @@ def _check_places(place: str, table: pa.Table, shards: int) -> None:
         if not holds.all():
             row = int(np.argmin(holds))
             found = table[name][row].as_py()
-            raise DatasetError(f"{place}: row {row}: {name}: found {found}, expected episodes without gaps")
+            raise damaged(path, f"row {row}: {name}: found {found}, expected episodes without gaps")

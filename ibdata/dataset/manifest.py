@@ -22,6 +22,7 @@ from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system import object_store
 from ibdata.system.atomic_files import plain_bytes
+from ibdata.system.object_store import damaged
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -68,9 +69,7 @@ def read(folder: Path) -> Manifest:
             f"{object_store.name_of(folder)}: no finished dataset here: {PATH} is missing{_near(folder)}"
         ) from None
     except OSError as error:
-        raise DatasetError(
-            f"{object_store.name_of(folder / PATH)}: cannot be read: {error.strerror}"
-        ) from None
+        raise damaged(folder / PATH, f"cannot be read: {error.strerror}") from None
     return parsed(folder / PATH, data)
 
 
@@ -88,14 +87,16 @@ def _near(folder: Path) -> str:
 
 def parsed(path: Path, data: bytes) -> Manifest:
     """Parse a manifest. Raises DatasetError if it is damaged, NewerError if its format is newer."""
-    name, found = object_store.name_of(path), _json(path, data, "a manifest")
+    found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise DatasetError(f"{name}: found another format, expected {FORMAT}")
+        raise damaged(path, f"found another format, expected {FORMAT}")
     if found.get("version") != VERSION:
         shown = printable(repr(found.get("version")))[:60]
-        raise NewerError(f"{name}: found version {shown}, expected {VERSION}; use a newer ibdata")
+        raise NewerError(
+            f"{object_store.name_of(path)}: found version {shown}, expected {VERSION}; use a newer ibdata"
+        )
     if found.get("checksum") != checksum(found):
-        raise DatasetError(f"{name}: found content that does not fit its checksum; the file has been changed")
+        raise damaged(path, "found content that does not fit its checksum; the file has been changed")
     return _parsed(path, Manifest, found)
 
 
@@ -125,7 +126,7 @@ def listed_content(folder: Path, listed: Manifest, path: str) -> bytes:
         problem = "found other content than the manifest lists"
     refuse_replaced(folder, listed)
     todo = "" if object_store.is_remote(folder) else f"; run ibdata repair {folder}"
-    raise DatasetError(f"{object_store.name_of(folder / path)}: {problem}{todo}")
+    raise damaged(folder / path, f"{problem}{todo}")
 
 
 def refuse_replaced(folder: Path, listed: Manifest) -> None:
@@ -142,8 +143,7 @@ def _json(path: Path, data: bytes, what: str) -> Any:
     try:
         return _encodable(json.loads(data, parse_constant=_no_constant, parse_float=_finite))
     except (ValueError, RecursionError) as error:
-        name = object_store.name_of(path)
-        raise DatasetError(f"{name}: found no valid JSON ({error}), expected {what}") from None
+        raise damaged(path, f"found no valid JSON ({error}), expected {what}") from None
 
 
 def _no_constant(name: str) -> None:
@@ -170,7 +170,7 @@ def _parsed(path: Path, form: type[Parsed], data: Any) -> Parsed:
     try:
         return parse(form, data)
     except ValueError as error:
-        raise DatasetError(f"{object_store.name_of(path)}: {error}") from None
+        raise damaged(path, str(error)) from None
 
 
 def locate(folder: Path, path: str) -> Path:

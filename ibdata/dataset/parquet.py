@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.errors import DatasetError
-from ibdata.system import object_store
+from ibdata.system.object_store import damaged
 
 TAIL = 8  # bytes at the end of a file: the length of the footer, and "PAR1"
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
@@ -25,18 +25,14 @@ def _readable(path: Path, data: bytes | None) -> Iterator[None]:
     try:
         if data is None and not stat.S_ISREG(os.stat(path).st_mode):
             found = "a folder" if path.is_dir() else "a special file"
-            raise DatasetError(
-                f"{object_store.name_of(path)}: found {found}, expected a regular file; see ibdata validate"
-            )
+            raise damaged(path, f"found {found}, expected a regular file; see ibdata validate")
         yield
     except DatasetError:
         raise
     except READ_ERRORS as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         line = (reason.splitlines() or [type(error).__name__])[0]
-        raise DatasetError(
-            f"{object_store.name_of(path)}: cannot be read, see ibdata validate: {line}"
-        ) from None
+        raise damaged(path, f"cannot be read, see ibdata validate: {line}") from None
 
 
 def read(
@@ -116,14 +112,10 @@ def opened(
     ):
         found = file.metadata.num_rows
         if rows is not None and found != rows:
-            raise DatasetError(
-                f"{object_store.name_of(path)}: found {found} rows, expected {rows}; see ibdata validate"
-            )
+            raise damaged(path, f"found {found} rows, expected {rows}; see ibdata validate")
         missing = [name for name in names or () if name not in file.schema_arrow.names]
         if missing:
-            raise DatasetError(
-                f"{object_store.name_of(path)}: {missing[0]}: missing, expected a column; see ibdata validate"
-            )
+            raise damaged(path, f"{missing[0]}: missing, expected a column; see ibdata validate")
         yield file
 
 

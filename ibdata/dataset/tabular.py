@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,12 +23,12 @@ class Table(NamedTuple):
     notes: Sequence[str] = ()
 
 
-class Tabular:
+class Tabular(ABC):
     """Base class of results. A subclass defines `tables`, of which the first is that of `to_pandas`."""
 
+    @abstractmethod
     def tables(self) -> list[Table]:
         """The tables that show the result."""
-        raise NotImplementedError
 
     def to_pandas(self) -> pd.DataFrame:
         """The result as a pandas DataFrame."""

@@ -204,6 +204,11 @@ def name_of(path: Path) -> str:
     return str(path)
 
 
+def damaged(path: Path, problem: str) -> DatasetError:
+    """The error that says where a file of a dataset is, at its URL if it has one, and its problem."""
+    return DatasetError(f"{name_of(path)}: {problem}")
+
+
 def fetch_if_missing(folder: Path, path: str) -> None:
     """Download a file of a dataset at a URL, unless it is here. Raises DatasetError if it cannot be read."""
     if folder in _mirrors and not os.path.lexists(folder / path):
