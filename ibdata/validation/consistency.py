@@ -20,6 +20,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.system.object_store import is_remote, name_of
 from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
@@ -77,9 +78,9 @@ def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest)
     """Raise DatasetError if this ibdata makes other bytes of the experiments than the dataset has."""
     if listed.data_version < spec.data_version:
         raise DatasetError(
-            f"{folder}: found data version {listed.data_version}, in which policies did not see the burn-in; "
-            f"this ibdata makes version {spec.data_version} of it and cannot make it again; use an ibdata "
-            "before 0.9"
+            f"{name_of(folder)}: found data version {listed.data_version}, in which policies did "
+            f"not see the burn-in; this ibdata makes version {spec.data_version} of it and cannot make it "
+            "again; use an ibdata before 0.9"
         )
 
 
@@ -168,8 +169,8 @@ def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
     if not _same_version(listed, "ibdata"):
         same = machine_readable(found) == machine_readable(expected)
     if not same:
-        message = f"found a card that does not fit the dataset; ibdata card {folder} writes it again"
-        yield Problem(manifest.CARD, None, "card", message)
+        todo = "" if is_remote(folder) else f"; ibdata card {folder} writes it again"
+        yield Problem(manifest.CARD, None, "card", f"found a card that does not fit the dataset{todo}")
 
 
 def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experiment) -> Iterator[Problem]:

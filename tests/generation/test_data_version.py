@@ -102,6 +102,11 @@ def test_an_old_dataset_is_not_made_again_and_the_reason_is_one_line(old):
         ibdata.generate(experiment(), old.path, workers=1, resume=True)
 
 
+def test_an_old_dataset_at_a_url_is_named_by_the_url(old):
+    with pytest.raises(DatasetError, match=f"^{old.path.as_uri()}: found data version 1, in which"):
+        ibdata.state_at(ibdata.open(old.path.as_uri()), 0, 0)
+
+
 def test_a_damaged_shard_of_an_old_dataset_is_left_as_it_is(old):
     path = next((old.path / "data").iterdir())
     path.write_bytes(path.read_bytes()[:-9])
