@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.policies import Policy
-from ibdata.policies.support import missing
+from ibdata.policies.support import INSIDE, missing
 from ibdata.simulation.episodes import Float32s, Floats
 from ibdata.simulation.replay import measured
 
@@ -68,7 +69,8 @@ def log_ratios(
     """The logarithms of the ratios of the densities of the target and of the behaviour.
 
     Where the measures of the two densities have unit masses at different numbers of an action, the target
-    takes this action with the probability 0 although its density is positive, and the ratio is 0.
+    takes this action with the probability 0 although its density is positive, and the ratio is 0. So it is
+    at ±1 where the target declares a density on (-1, 1) and nothing else.
 
     Args:
         experiment: the experiment.
@@ -93,8 +95,16 @@ def log_ratios(
         for policy in (target, None)
     )
     _refuse_unknown(target.label, wanted.log_density)
-    same = (wanted.atoms == had.atoms).all(axis=2)
-    return np.where(same, wanted.log_density - log_prob, -np.inf)
+    possible = (wanted.atoms == had.atoms).all(axis=2)
+    possible &= ~((np.abs(actions) == 1.0) & _only_inside(target, actions.shape[1])).any(axis=2)
+    return np.where(possible, wanted.log_density - log_prob, -np.inf)
+
+
+def _only_inside(policy: Policy, steps: int) -> npt.NDArray[np.bool_]:
+    """Whether a policy declares nothing but a density on (-1, 1), by step and component: (steps, 3)."""
+    declared = [policy.supports(t) or () for t in range(steps)]
+    strata = [[stratum for support in supports for stratum in support] for supports in declared]
+    return np.array([[bool(now) and all(s[j] == INSIDE for s in now) for j in range(3)] for now in strata])
 
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:

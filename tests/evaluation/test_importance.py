@@ -297,6 +297,29 @@ def test_an_object_may_say_its_support(dataset):
     assert ibdata.importance(dataset, declared, policy="random").notes[0].startswith("warning")
 
 
+class Flat:
+    """Uniform on (-1, 1)³, with a density that does not look where it is asked."""
+
+    act = Corner.act
+
+    def log_prob(self, history, action):
+        return np.full(len(history), -np.log(8.0))
+
+
+def test_a_declared_density_on_the_inside_is_0_at_the_edges(dataset):
+    """The formula's clipped actions are at ±1, where the measure has point masses."""
+    declared = Flat()
+    declared.support = each(INSIDE)
+    actions = dataset.table(["act_velocity", "act_gain", "act_shift"]).to_pandas().to_numpy()
+    corner = (np.abs(actions) == 1.0).all(axis=1).reshape(80, 6)
+    assert 0 < corner.sum() < corner.size
+    random, found, undeclared = (ibdata.importance(dataset, x) for x in ("random", declared, Flat()))
+    assert (found.ratios[corner] == 0.0).all()
+    assert found.ratios == pytest.approx(random.ratios)
+    assert (undeclared.ratios[corner] > 0.0).all()
+    assert undeclared.notes[0] == "support not checked: flat does not declare its support"
+
+
 def test_bad_arguments_are_named(dataset):
     for arguments, said in (
         ({"target": "random", "discount": 1.5}, "discount: found 1.5"),
