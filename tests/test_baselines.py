@@ -173,25 +173,30 @@ def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_r
     ]
 
 
-def test_runs_are_counted_by_their_paired_difference_from_the_behaviour(baselines, page):
-    def of(algorithm, returns):
-        run = baselines.Run("siemens-offline/bad-0", algorithm, None if algorithm == "behaviour" else 0)
+def test_runs_are_counted_by_their_paired_difference_from_the_behaviour_and_from_the_formula(baselines, page):
+    def of(name, algorithm, returns):
+        run = baselines.Run(name, algorithm, None if algorithm == "behaviour" else 0)
         return line(run).model_copy(update=measured(returns))
 
     own = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
     noise = np.where(np.arange(200) % 2, 1.0, -1.0)
     lines = [
-        of("behaviour", own),
-        of("bc", own + 1.0 + noise),  # far less than the standard deviation of the returns
-        of("td3+bc", own + noise),
-        of("iql", own - 1.0 + noise),
-        of("cql", None),
+        of("siemens-offline/bad-0", "behaviour", own + 2.0),  # the formula alone
+        of("siemens-offline/bad-40", "behaviour", own),
+        of("siemens-offline/bad-40", "bc", own + 1.0 + noise),  # far less than the deviation of the returns
+        of("siemens-offline/bad-40", "td3+bc", own + noise),
+        of("siemens-offline/bad-40", "iql", own - 1.0 + noise),
+        of("siemens-offline/bad-40", "cql", None),
+        of("siemens-offline/bad-40", "bcq", own + 3.0 + noise),
+        of("d4rl-like/random", "behaviour", own),
+        of("d4rl-like/random", "bcq", own - 1.0),
     ]
     assert page.verdicts(lines).splitlines()[2:] == [
-        "| BC | 1 | 0 | 0 |",
-        "| TD3+BC | 0 | 1 | 0 |",
-        "| IQL | 0 | 0 | 1 |",
-        "| CQL | 0 | 0 | 1 |",
+        "| BC | 1 / 0 / 0 | 0 / 0 / 1 | – | – |",
+        "| TD3+BC | 0 / 1 / 0 | 0 / 0 / 1 | – | – |",
+        "| IQL | 0 / 0 / 1 | 0 / 0 / 1 | – | – |",
+        "| CQL | 0 / 0 / 1 | 0 / 0 / 1 | – | – |",
+        "| BCQ | 1 / 0 / 1 | 1 / 0 / 0 | – | – |",
     ]
 
 
