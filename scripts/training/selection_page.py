@@ -110,7 +110,7 @@ def weights(lines: Sequence[Line]) -> str:
 
 
 def times(lines: Sequence[Line]) -> str:
-    """The median seconds of a processor for one policy."""
+    """The median CPU seconds for one policy."""
     rows = []
     for name in lines[0].cpu_seconds:
         seconds = [line.cpu_seconds[name] for line in lines]
@@ -143,7 +143,7 @@ def block(lines: Sequence[Line]) -> str:
         "columns say how many of the 95 % intervals of the estimates contain the true value.",
         weights(lines),
         "### Time",
-        "Seconds of a processor for one target policy.",
+        "CPU seconds for one target policy, without the fit of the model, which is made once per set.",
         times(lines),
     ]
     return "\n\n".join(parts)
