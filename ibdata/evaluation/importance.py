@@ -33,7 +33,7 @@ METHODS = ("ordinary", "per decision", "weighted")
 class Estimated(NamedTuple):
     """The target's mean return as a method estimates it, with standard error and 95 % interval.
 
-    All are None if the weights of a step are all 0, and the last two for one episode.
+    If the weights of a step are all 0, the weighted estimate is None. The last two are None for one episode.
     """
 
     method: str
@@ -97,8 +97,9 @@ def importance(
         per decision   mean of Σ_t γᵗ w_t r_t
         weighted       Σ_t γᵗ mean of w_t r_t / mean of w_t
 
-    The first two are unbiased, the third has a little bias and much less variance. Source: Precup, Sutton and
-    Singh 2000, Eligibility traces for off-policy policy evaluation.
+    The first two are unbiased, the third has a little bias and much less variance. Sources: Precup, Sutton
+    and Singh 2000, Eligibility traces for off-policy policy evaluation; for the third, which is also known as
+    consistent weighted per-decision importance sampling, Thomas 2015, Safe reinforcement learning.
 
     The densities of the behaviour, β, are the `action_log_prob` of the data, whose policies must be able to
     take every action of the target. The density of the target, π, is that given the recorded observations,
@@ -172,6 +173,11 @@ def of_ratios(
         warned.append(
             f"warning: an effective sample size of {effective[-1]:,.1f} is below {LEAST_EFFECTIVE:g}; trust "
             "neither estimates nor intervals"
+        )
+    if not effective[-1]:
+        warned.append(
+            f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so the ordinary "
+            "estimate is 0, and the one per decision leaves out the rewards from there on"
         )
     return Importance(label, found, np.exp(log_ratios), weights, paid, effective, discount, warned)
 

@@ -69,7 +69,7 @@ def noise_floor(
     A perfect model knows the hidden state and the action of a row, but not the random numbers of the step.
     Their law is known:
 
-        c ~ N(ĉ, 1 + k ĉ)
+        c ~ N(ĉ, (1 + k ĉ)²)
         f = f_b (1 + 2 α)/3, where P(α <= x) is `ibdata.dynamics.noise_law.amplification_cdf`
 
     with ĉ and f_b of the next state. The states are simulated again from the random numbers' addresses, so

@@ -85,8 +85,9 @@ def true_values(
 
     From the exact state before a row's action, `episodes` branches are simulated: episodes that begin in that
     state, in which the policy acts. Their random numbers are independent of those of the dataset, of
-    `evaluate` and of other rows. They are the same for all policies and actions, so that differences are
-    paired, branch by branch. The same call gives the same bits.
+    `evaluate` and of other rows. Those of the environment are the same for all policies and actions, and
+    those of a policy for all actions, so that differences are paired, branch by branch. The same call gives
+    the same bits.
 
         V(s) = E[Σ discountᵗ r] for t = 0 … steps - 1;    Q(s, a) is the same if the first action is a
 

@@ -25,10 +25,10 @@ class Prbs(Deterministic):
     """Moves each steering up or down by the same amount, in the order of a pseudo-random binary signal.
 
     The signal is a sequence of maximal length, 2^order - 1 bits of `hold` steps each, from a shift register
-    with feedback. Its autocorrelation is nearly that of white noise, with the greatest power that bounded
-    actions allow. The three numbers of the action follow the same sequence a third of it apart. An episode
-    begins at a random place of the sequence; given this place, its actions have the probability 1. Source:
-    Ljung 1999, System Identification, chapter 13.
+    with feedback. From bit to bit, its autocorrelation is nearly that of white noise, with the greatest power
+    that bounded actions allow. The three numbers of the action follow the same sequence a third of it apart.
+    An episode begins at a random place of the sequence; given this place, its actions have the probability 1.
+    Source: Ljung 1999, System Identification, chapter 13.
     """
 
     history_length: ClassVar[int] = 0

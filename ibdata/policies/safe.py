@@ -32,7 +32,7 @@ class Safe(Policy):
         Δx =  z  if x < 40;   -z  if x > 60;   u  otherwise     for x = v and x = g
         Δh =  u
 
-    z ~ N(½, 1/√3), clipped to [-1, 1], and u ~ U(-1, 1). Source: Depeweg et al. 2018 (arXiv 1710.07283),
+    z ~ N(½, 1/3), clipped to [-1, 1], and u ~ U(-1, 1). Source: Depeweg et al. 2018 (arXiv 1710.07283),
     appendix C.3.1, as restated by `angelolovatto/raylab`; we take 1/√3 as the standard deviation.
     """
 

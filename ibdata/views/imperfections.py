@@ -1,8 +1,7 @@
 """Imperfect measurements: delay, noise, quantisation and missing values, chosen for each column.
 
-These are troubles of real plants that Gao et al. (2025), NeoRL-2: Near Real-World Benchmarks for Offline
-Reinforcement Learning, put into their tasks. The random numbers have addresses: (seed, episode, time,
-column) → variate. So a view of a dataset is the same however it is read.
+These are troubles of real plants. The random numbers have addresses: (seed, episode, time, column) →
+variate. So a view of a dataset is the same however it is read.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ from referring import NOTE
 OPENING = """\
 # Columns
 
-A dataset has these columns, in this order. `float` is `float32`, or `float64` with `output.dtype: float64`.
+A dataset has these columns. Those of the later tables stand between `latent_mu_g` and `policy`. `float` is
+`float32`, or `float64` with `output.dtype: float64`; the actions are rounded to float32 in both.
 `meta/info.json` of a dataset says the same of its own columns. [The format of a dataset](dataset-format.md)
 explains them.
 """

@@ -232,6 +232,15 @@ def test_weights_that_are_all_0_have_no_weighted_estimate():
     found = of_ratios("x", np.full((3, 2), -np.inf), np.ones((3, 2)), 1.0)
     assert found.results[2] == ("weighted", None, None, None)
     assert found.effective.tolist() == [0.0, 0.0]
+    assert found.notes[1].startswith("warning: all weights are 0 from step 0 on")
+
+
+def test_steps_from_which_all_weights_are_0_are_named():
+    ratios = np.array([[0.0, -np.inf, 0.0, 0.0], [0.0, 0.0, -np.inf, 0.0]])
+    found = of_ratios("x", ratios, np.ones((2, 4)), 1.0)
+    assert found.effective.tolist() == [2.0, 1.0, 0.0, 0.0]
+    assert "are 0 from step 2 on" in found.notes[1]
+    assert [each.mean_return for each in found.results] == [0.0, 1.5, None]
 
 
 def test_the_weights_of_long_episodes_may_be_too_small_for_a_number():

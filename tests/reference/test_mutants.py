@@ -62,7 +62,7 @@ MUTANTS = {  # name: file, then (old, new) for each changed line
     "Goldstone sign": ("step.py", [("= penalty(z", "= -penalty(z")]),
     "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
     "reward of t-1": ("step.py", [("return new\n", "return new.replace(reward=state.reward)\n")]),
-    "latents cross-coupled": (  # as in the authors' Java code
+    "latents cross-coupled": (  # as in the authors' code of 2017
         "step.py",
         [
             ("update_mu(x[MU_V, i]", "update_mu(x[MU_G, i]"),
