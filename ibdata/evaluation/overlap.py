@@ -8,9 +8,11 @@ import numpy.typing as npt
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.policies import Policy
-from ibdata.policies.support import INSIDE, missing
+from ibdata.policies.support import INSIDE, Support, missing
 from ibdata.simulation.episodes import Float32s, Floats
 from ibdata.simulation.replay import measured
+
+Supports = tuple[Support, ...] | None  # of a policy at a step
 
 
 def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
@@ -33,6 +35,8 @@ def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
     """
     if target.form() == behaviour.form():
         return []
+    for policy in (behaviour, target):
+        _refuse_mixed_measure(policy)
     for policy in target.everywhere():
         own_memory = policy.memory_size - sum(inner.memory_size for inner in policy.inner)
         own_draws = policy.uniforms_per_step - sum(inner.uniforms_per_step for inner in policy.inner)
@@ -42,7 +46,11 @@ def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
                 "policy whose memory follows from observations, because no data have these numbers"
             )
     unknown: set[str] = set()
-    for now in {(behaviour.supports(t), target.supports(t)) for t in range(steps)}:
+    first: dict[tuple[Supports, Supports], int] = {}  # of steps with equal supports
+    for t in range(steps):
+        first.setdefault((behaviour.supports(t), target.supports(t)), t)
+    for now, t in first.items():
+        when = f" at step {t}" if len(first) > 1 else ""
         for policy, supports in zip((behaviour, target), now, strict=True):
             if supports is None:
                 unknown.add(policy.label)
@@ -50,8 +58,8 @@ def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
             for had in now[0] or ():
                 if (lost := missing(had, wanted)) is not None:
                     raise UsageError(
-                        f"policy {target.label}: found {lost}, where the data of {behaviour.label} have "
-                        f"none, expected data of a policy that can take every action of {target.label}"
+                        f"policy {target.label}: found {lost}{when}, where the data of {behaviour.label} "
+                        f"have none, expected data of a policy that can take every action of {target.label}"
                     )
     return [f"support not checked: {label} does not declare its support" for label in sorted(unknown)]
 
@@ -105,6 +113,19 @@ def _only_inside(policy: Policy, steps: int) -> npt.NDArray[np.bool_]:
     declared = [policy.supports(t) or () for t in range(steps)]
     strata = [[stratum for support in supports for stratum in support] for supports in declared]
     return np.array([[bool(now) and all(s[j] == INSIDE for s in now) for j in range(3)] for now in strata])
+
+
+def _refuse_mixed_measure(policy: Policy) -> None:
+    """Raise UsageError for a density that is wrong where only some numbers of an action are the base's."""
+    for outer in policy.everywhere():
+        if getattr(outer, "explores", False) and any(
+            getattr(inner, "per_dimension", False) for inner in outer.everywhere()
+        ):
+            raise UsageError(
+                f"policy {policy.label}: found a schedule with epsilon around a policy with per_dimension, "
+                "expected one without the other: its density is wrong where only some numbers of an action "
+                "are the base's"
+            )
 
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:

@@ -1,6 +1,6 @@
 """NumPy's NPZ, with the keys of D4RL: observations, actions, rewards, next_observations, terminals, timeouts,
-and infos/… with episode, step, latent state and action_log_prob. Compressed. Includes the last transition of
-each episode, with its next observation. Written in constant memory; np.load reads a whole array at a time.
+and infos/… with episode, step, latent state and action_log_prob. Not compressed. Includes the last transition
+of each episode, with its next observation. Written in constant memory; np.load reads a whole array at a time.
 """
 
 from __future__ import annotations

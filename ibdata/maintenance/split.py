@@ -39,7 +39,8 @@ def split(
     """Split a dataset by setpoint, episode or policy, and open it.
 
     The splits are labels on episodes: nothing is copied and no row changes. A split with the same name that
-    was made in this way before is replaced; give names or a prefix to keep both.
+    was made in this way before is replaced; give names or a prefix to keep both. Earlier splits that were
+    made together with those, such as a target-rest that is not made anew, are removed.
 
     Args:
         folder: A dataset, or its folder.
@@ -86,10 +87,12 @@ def split(
     if by not in OPTIONS and (by is not None or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
         raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
-    new = _named(_made(spec, by, given) if by else {}, prefix, names or {})
+    made = _made(spec, by, given) if by else {}
+    new = _named(made, prefix, names or {})
     _refuse_names(dataset, spec, new)
-    later = {name: split for name, split in spec.later.items() if name not in remove}
     _refuse_removal(dataset, spec, remove)
+    gone = {*remove, *(_prefixed(name, prefix) for name in _made_together(made))}
+    later = {name: split for name, split in spec.later.items() if name not in gone}
     labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
         return relabel(dataset, labelled)
@@ -122,11 +125,19 @@ def _named(made: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits
         if name not in made:
             known = f"{', '.join(made)}{suggestion(name, made)}"
             raise UsageError(f"split: found {name!r} to be renamed, expected one of {known}")
-    start = "" if prefix is None else f"{prefix}-"
-    named = {names.get(name, start + name): split for name, split in made.items()}
+    named = {names.get(name, _prefixed(name, prefix)): split for name, split in made.items()}
     if len(named) < len(made):
         raise UsageError("split: found one name for two splits, expected different names")
     return named
+
+
+def _prefixed(name: str, prefix: str | None) -> str:
+    return name if prefix is None else f"{prefix}-{name}"
+
+
+def _made_together(made: Splits) -> set[str]:
+    """The names of all splits that may have been made together with splits of these names."""
+    return {name for group in split_schemes.TOGETHER if group & made.keys() for name in group}
 
 
 def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:

@@ -42,7 +42,9 @@ class Schedule(Choice):
     Each policy begins its stage as if it began an episode, with step 0 and without memory, but sees the
     observations and actions before. In a stage with `epsilon`, the whole action is replaced with probability
     ε by one drawn from U(-1, 1)³; ε changes linearly with the step, as in Mnih et al. 2015, Human-level
-    control through deep reinforcement learning. The density is that of the stage.
+    control through deep reinforcement learning. The density is that of the stage. With `epsilon` around a
+    policy with `per_dimension: true`, it is too great where only some numbers of an action are those of the
+    inner base; `importance` refuses such policies.
     """
 
     kind: Literal["schedule"] = "schedule"

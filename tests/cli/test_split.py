@@ -39,9 +39,14 @@ def test_what_is_replaced_or_removed_is_said(made, run):
     code, out, _ = run(
         "split", "d", "--source", "20", "--target", "70", "--prefix", "few", "--remove", "random"
     )
-    assert (code, out.splitlines()[:2]) == (
+    assert (code, out.splitlines()[:4]) == (
         0,
-        ["removed the split random", "replaced the split few-source; --prefix or --name keeps both"],
+        [
+            "removed the split few-target-rest",
+            "removed the split random",
+            "replaced the split few-source; --prefix or --name keeps both",
+            "replaced the split few-target; --prefix or --name keeps both",
+        ],
     )
     taken = json.loads(run("split", "d", "--remove", "careful", "--json")[1])["taken_away"]
     assert taken == {"removed": ["careful"]}

@@ -195,6 +195,29 @@ def test_support_changes_with_the_step():
         assert check_support(POLICY["random"], sticky, steps=1) == []
 
 
+def test_missing_support_at_some_steps_is_named_with_the_first():
+    stages = [{"base": POLICY["ε-greedy"].model_dump(), "steps": 2}, {"base": {"kind": "random"}}]
+    with pytest.raises(
+        UsageError, match="found a point mass at the action of bad in the whole action at step 2,"
+    ):
+        check_support(policy_of({"kind": "schedule", "stages": stages}), POLICY["ε-greedy"], STEPS)
+
+
+def test_a_density_of_mixed_measures_is_refused():
+    """Half of the actions replaced around numbers that are replaced one by one."""
+    inner = POLICY["ε-greedy per dimension"]
+    stages = [{"base": inner.model_dump(), "epsilon": [0.5, 0.5]}]
+    around = policy_of({"kind": "schedule", "stages": stages})
+    for behaviour, target in ((around, inner), (POLICY["random"], around)):
+        with pytest.raises(
+            UsageError, match="found a schedule with epsilon around a policy with per_dimension"
+        ):
+            check_support(behaviour, target, STEPS)
+    assert check_support(around, around, STEPS) == []
+    without = policy_of({"kind": "schedule", "stages": [{"base": inner.model_dump()}]})
+    assert check_support(without, inner, STEPS) == []
+
+
 def test_an_action_drawn_for_the_episode_supports_only_itself():
     around = policy_of({"kind": "epsilon_greedy", "base": {"kind": "prbs"}, "epsilon": 0.5})
     with pytest.raises(UsageError, match="the action of prbs, drawn for each episode, in the whole action"):

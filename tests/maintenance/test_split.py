@@ -155,6 +155,20 @@ def test_a_labelled_split_is_read_by_every_reader_and_no_other_row(made):
     assert split.statistics("target")["reward"]["mean"] == pytest.approx(expected["reward"].mean())
 
 
+def test_splits_that_were_made_together_with_replaced_ones_are_removed(made):
+    """Else a rest of the earlier scheme would share episodes with the new splits."""
+    ibdata.split(made.path, by="policy")
+    kept = set(ibdata.open(made.path).info["splits"])
+    ibdata.split(made.path, source=50, target=75, shots=1)
+    ibdata.split(made.path, source=50, target=75, shots=1, prefix="few")
+    found = ibdata.split(made.path, source=50, target=75).info["splits"]
+    assert set(found) - kept == {"source", "target", "few-source", "few-target", "few-target-rest"}
+    ibdata.split(made.path, by="episode", fractions=[0.5, 0.25, 0.25])
+    found = ibdata.split(made.path, by="episode", fractions=[0.5, 0.5]).info["splits"]
+    assert set(found) - kept >= {"source", "target", "train", "test"}
+    assert "validation" not in found
+
+
 def test_splits_add_up_and_one_of_the_same_name_is_replaced(made):
     ibdata.split(made.path, by="policy")
     ibdata.split(made.path, source=[50], target=[75])

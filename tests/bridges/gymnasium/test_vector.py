@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ibdata.environment  # noqa: F401 - registers the environment
-from ibdata.environment.vector import MODES
+from ibdata.environment.vector import MODES, IndustrialBenchmarkVectorEnv
 from ibdata.errors import ConfigError, UsageError
 
 ID = "ibdata/IndustrialBenchmark-v0"
@@ -185,6 +185,9 @@ def test_what_cannot_be_meant_is_refused_in_one_line():
         UsageError, match=r"^autoreset_mode: found 'next', expected one of NextStep, SameStep, Dis"
     ):
         made("next")
+    for limit in (0, -3, 2.5, True):
+        with pytest.raises(UsageError, match=rf"^max_episode_steps: found {limit}, expected a whole number"):
+            IndustrialBenchmarkVectorEnv(2, limit)
     with pytest.raises(UsageError, match=r"^num_envs: found 0, expected at least 1$"):
         made(lanes=0)
     with pytest.raises(ConfigError, match=f"^{ID}: history: found 0, expected a whole number of at least 1$"):
