@@ -37,11 +37,11 @@ Array = npt.NDArray[Any]
 BLOCK_ROWS = 65_536
 
 
-def checked_length(history: Any) -> int:
-    """The number of observations in a history. Raises UsageError if it is invalid."""
-    if isinstance(history, bool) or not isinstance(history, Integral) or history < 1:
-        raise UsageError(f"history: found {history!r}, expected a whole number of at least 1")
-    return int(history)
+def checked_length(length: Any, name: str = "history") -> int:
+    """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
+    if isinstance(length, bool) or not isinstance(length, Integral) or length < 1:
+        raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
+    return int(length)
 
 
 def checked_history(history: Any, pad: Any) -> bool:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.viewed import checked_length
 from ibdata.dynamics import State
 from ibdata.environment.discrete import discrete_actions as discrete_actions_of
 from ibdata.environment.fitting_state import checked_lanes
@@ -74,9 +74,8 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
         if num_envs < 1:
             raise UsageError(f"num_envs: found {num_envs}, expected at least 1")
-        limit = max_episode_steps
-        if limit is not None and (isinstance(limit, bool) or not isinstance(limit, Integral) or limit < 1):
-            raise UsageError(f"max_episode_steps: found {limit!r}, expected a whole number of at least 1")
+        if max_episode_steps is not None:
+            max_episode_steps = checked_length(max_episode_steps, "max_episode_steps")
         given = settings(
             setpoint=setpoint,
             dynamics=dynamics,
@@ -94,7 +93,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self.single_observation_space, self.single_action_space = spaces(given)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._mode, self._limit = mode, limit
+        self._mode, self._limit = mode, max_episode_steps
         self._checked = discrete_actions_of if discrete_actions else checked_actions
         self._simulation = Simulation(given, num_envs)
         self._streams = Streams(num_envs)

@@ -12,9 +12,9 @@ from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.numerics.naming import counted, exact
 
 Splits = dict[str, Split]
-# Splits that are made together: where some of a group are made, earlier ones of the others do not fit them.
-TOGETHER = ({"source", "target", "target-rest", "near", "far"}, {"train", "validation", "test"})
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
+# Splits that are made together: where some of a group are made, earlier ones of the others do not fit them.
+TOGETHER = ({"source", "target", "target-rest", "near", "far"}, set(FRACTION_NAMES[3]))
 
 
 def transfer(
