@@ -1,11 +1,10 @@
-"""Worker processes that make shards, and that end with the process that started them."""
+"""Worker processes that make shards."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -104,19 +103,10 @@ def _start(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(OSError):  # the folder was removed
         os.chdir(here)  # a policy may have changed the parent's current folder
     look_in(here, folder)
     _job[:] = [DatasetSpec.from_plain(plain, weights), root, identity, overlap, telling]
-
-
-def _end_with_parent() -> None:
-    """End this worker if its parent is killed; otherwise it would go on writing (cpython#111873)."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
 
 
 def _work(shard: Shard) -> WrittenShard:

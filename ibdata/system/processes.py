@@ -1,4 +1,4 @@
-"""Processors, and worker processes that import nothing from the current folder nor the script.
+"""Processors, and worker processes that end with their parent and import nothing from its script or folder.
 
 So the script needs no guard, and files in the folder of a dataset do not run.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import util
@@ -17,6 +18,7 @@ from multiprocessing.resource_tracker import ensure_running
 from types import ModuleType
 from typing import Any
 
+LOOK = 0.1  # seconds between two looks of a worker at whether its parent is there
 _lock = threading.Lock()
 
 
@@ -62,14 +64,30 @@ def _current_folder_unsearched() -> Iterator[None]:
 
 
 class _Process(SpawnProcess):
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A worker learns first which process its parent is, then what to import, which takes seconds."""
+        return _begun, (os.getpid(),), vars(self)
+
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
         with _lock, _nameless_main(), _current_folder_unsearched():
             return SpawnProcess._Popen(process_obj)
 
 
+def _begun(parent: int) -> _Process:
+    """A worker in its own process, which ends with its parent; otherwise it would go on (cpython#111873)."""
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    return _Process.__new__(_Process)
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOK)
+    os._exit(1)
+
+
 class Spawning(SpawnContext):
-    """multiprocessing's context `spawn` without imports of `__main__` and from the current folder.
+    """multiprocessing's context `spawn`: no imports of `__main__` or from the current folder, no orphans.
 
     Processes are not forked, because a forked child would inherit threads, open files and locks.
     """

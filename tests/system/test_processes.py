@@ -1,8 +1,9 @@
-"""Worker processes import nothing from the folder in which they are started."""
+"""Worker processes end with their parent, and import nothing from the folder in which they are started."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -33,3 +34,23 @@ def test_files_in_the_folder_of_a_dataset_do_not_run_with_several_workers(tmp_pa
     child = python(tmp_path / "script.py", cwd=made.path)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
+
+
+KILLED = """
+import os, signal, time
+from ibdata.system.processes import Spawning
+
+class Slow:
+    def __reduce__(self):
+        return time.sleep, (600,)
+
+Spawning().Process(target=Slow()).start()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_worker_that_is_still_importing_ends_when_its_parent_is_killed(tmp_path):
+    (tmp_path / "script.py").write_text(KILLED)
+    child = python(tmp_path / "script.py", timeout=60)  # the worker holds the pipe of its parent's output
+    assert child.returncode == -signal.SIGKILL
+    assert child.stderr == ""
