@@ -232,6 +232,7 @@ def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Random, "history_length", 1)
+    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: 1)  # shards in order
     monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
 
     def generate(answer, resume=False):

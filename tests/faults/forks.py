@@ -1,4 +1,4 @@
-"""Run `ibdata …` in forks of one process that has loaded everything, so that a run takes milliseconds.
+"""Run `ibdata …` in forks of one process that has made a dataset before, so that a run takes milliseconds.
 
 Reads requests as JSON lines on stdin, and answers with code and output. The keys of a request are args,
 folder, at, mode, log, user (whose rights the run has; 0 for its own), megabytes (of memory; 0 for all),
@@ -6,7 +6,9 @@ exchange (whether two folders can be exchanged in one system call) and readers (
 for readers).
 """
 
+import contextlib
 import ctypes
+import io
 import json
 import os
 import resource
@@ -21,14 +23,17 @@ TIMEOUT = 60  # seconds until a run counts as hanging, and is killed by SIGALRM
 
 
 def load(config: str) -> None:
-    """Import and compile what a run needs."""
-    import ibdata.cli.generate
-    import ibdata.cli.validate
-    from ibdata.experiment import load as load_experiment
-    from ibdata.generation import estimate, local, warm_up
+    """Make a dataset, replace it and repair it, so that all that a run needs is imported, compiled and begun."""
+    from ibdata.cli import main
+    from ibdata.generation import replacement
 
-    assert all((ibdata.cli.generate, ibdata.cli.validate, estimate, local))
-    warm_up.warm_up(load_experiment(config))
+    waits, replacement.PAUSE = replacement.PAUSE, 0.0
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        made = ["generate", "--quiet", "--config", config, "--out", f"{folder}/out", "--workers", "1"]
+        for args in (made, [*made, "--overwrite"], ["repair", f"{folder}/out"]):
+            with contextlib.suppress(SystemExit):
+                main(args)
+    replacement.PAUSE = waits
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
             thread.join()

@@ -10,6 +10,7 @@ import pytest
 
 pytestmark = pytest.mark.faults
 KILLED = -9
+HALVES = (1, 2)  # of the faults, for two processes of pytest
 FAILURES = ("ENOSPC", "EIO", "full")  # full: from here on nothing more can be written
 
 
@@ -61,13 +62,14 @@ def generate(config: Path, out: Path, *more: object) -> list[object]:
     return ["generate", "--quiet", "--config", config, "--out", out, "--workers", 1, *more]
 
 
+@pytest.mark.parametrize("half", HALVES)
 def test_after_any_failed_or_last_operation_of_a_new_run_it_is_resumed_to_the_same_dataset(
-    forks: Any, tools: Any
+    forks: Any, tools: Any, half: int
 ) -> None:
     base = tools.where / "new"
     base.mkdir()
     out = base / "out"
-    cases = faults(forks, tools, base, generate(tools.tiny, out))
+    cases = faults(forks, tools, base, generate(tools.tiny, out))[half - 1 :: 2]
     root, shards = tools.root(out), tools.hashes(out)
     wrong = []
     for k, mode, line in cases:
@@ -100,7 +102,8 @@ def test_after_any_failed_or_last_operation_of_a_new_run_it_is_resumed_to_the_sa
             bad.append(f"left after the resume: {left}")
         wrong += [case + what for what in bad]
     tools.figure(
-        f"F2: {len(cases)} faults at {max(k for k, _, _ in cases)} operations, {len(wrong)} violations"
+        f"F2, half {half}: {len(cases)} faults at {len({k for k, _, _ in cases})} operations, "
+        f"{len(wrong)} violations"
     )
     assert not wrong, "\n".join(wrong).replace(f"{base}/", "")
 
@@ -124,12 +127,13 @@ def seen_by_readers(
     return bad
 
 
+@pytest.mark.parametrize("half", HALVES)
 @pytest.mark.parametrize(
     ("other", "exchange"),
     [("same shape", True), ("fewer shards", True), ("more shards", True), ("same shape", False)],
 )
 def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the_old_dataset_or_the_new_one(
-    forks: Any, tools: Any, other: str, exchange: bool
+    forks: Any, tools: Any, other: str, exchange: bool, half: int
 ) -> None:
     from ibdata.validation.validate import validate
 
@@ -149,6 +153,7 @@ def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the
     root, rows = tools.root(out), tools.rewards(out)
     if (other != "same shape" or not exchange) and not tools.full:
         cases = cases[-50:]  # what differs is how it settles
+    cases = cases[half - 1 :: 2]
 
     def restore() -> None:
         shutil.rmtree(out)
@@ -189,7 +194,7 @@ def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the
             bad.append(f"left after the next --overwrite: {left}")
         wrong += [case + what for what in bad]
     tools.figure(
-        f"F10, {other}, {'one call' if exchange else 'two calls'}: {len(cases)} faults: {still_old} times "
+        f"F10, {other}, {'one call' if exchange else 'two calls'}, half {half}: {len(cases)} faults: {still_old} times "
         f"the old dataset was whole, {len(cases) - still_old} times the new one, {unsettled} of them after "
         f"`repair` had settled it; five readers each: {len(wrong)} violations"
     )

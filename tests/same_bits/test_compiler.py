@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from helpers.matrix import HAS_FMA, Row
+from helpers.matrix import HAS_FMA, SIZE, Row
 
 pytestmark = pytest.mark.same_bits
 
@@ -20,18 +20,9 @@ ROWS = {
     "numba for a generic processor": _target("generic", ""),
     "numba without AVX-512": _target(features="-avx512f"),
     "numba without FMA": _target(features="-fma"),
-    "numba without AVX2 and FMA": _target(features="-avx2,-fma"),
-    **{
-        f"numba at level {level}": {
-            "env": {"NUMBA_OPT": level},
-            "spec": {"expect": {"OPT": int(level)}},
-            "own_code": True,
-        }
-        for level in ("0", "3")
-    },
-    "numba with SLP vectorization": {
-        "env": {"NUMBA_SLP_VECTORIZE": "1"},
-        "spec": {"expect": {"SLP_VECTORIZE": 1}},
+    "numba without optimization": {
+        "env": {"NUMBA_OPT": "0"},
+        "spec": {"expect": {"OPT": 0}},
         "own_code": True,
     },
     INTERPRETED: {
@@ -41,6 +32,13 @@ ROWS = {
     },
     "numba on, tiny": {"spec": {"size": "tiny", "expect": {"DISABLE_JIT": 0}}},
 }
+if SIZE == "full":
+    ROWS["numba without AVX2 and FMA"] = _target(features="-avx2,-fma")  # a generic processor has neither
+    ROWS["numba with SLP vectorization"] = {
+        "env": {"NUMBA_SLP_VECTORIZE": "1"},
+        "spec": {"expect": {"SLP_VECTORIZE": 1}},
+        "own_code": True,
+    }
 
 
 def test_the_compilers_settings_do_not_change_the_data(row, matrix, check):
