@@ -23,7 +23,7 @@ TIMEOUT = 60  # seconds until a run counts as hanging, and is killed by SIGALRM
 
 
 def load(config: str) -> None:
-    """Make a dataset, replace it and repair it, so that all that a run needs is imported, compiled and begun."""
+    """Make a dataset, replace it and repair it, so that all that a run needs is compiled."""
     from ibdata.cli import main
     from ibdata.generation import replacement
 

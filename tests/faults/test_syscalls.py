@@ -194,8 +194,8 @@ def test_at_any_failed_or_last_operation_of_a_replacement_every_reader_finds_the
             bad.append(f"left after the next --overwrite: {left}")
         wrong += [case + what for what in bad]
     tools.figure(
-        f"F10, {other}, {'one call' if exchange else 'two calls'}, half {half}: {len(cases)} faults: {still_old} times "
-        f"the old dataset was whole, {len(cases) - still_old} times the new one, {unsettled} of them after "
-        f"`repair` had settled it; five readers each: {len(wrong)} violations"
+        f"F10, {other}, {'one call' if exchange else 'two calls'}, half {half}: {len(cases)} faults: "
+        f"{still_old} times the old dataset was whole, {len(cases) - still_old} times the new one, "
+        f"{unsettled} of them after `repair` had settled it; five readers each: {len(wrong)} violations"
     )
     assert not wrong, "\n".join(wrong).replace(f"{base}/", "")
