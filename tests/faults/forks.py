@@ -31,8 +31,11 @@ def load(config: str) -> None:
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         made = ["generate", "--quiet", "--config", config, "--out", f"{folder}/out", "--workers", "1"]
         for args in (made, [*made, "--overwrite"], ["repair", f"{folder}/out"]):
-            with contextlib.suppress(SystemExit):
+            try:
                 main(args)
+            except SystemExit as end:
+                if end.code:
+                    raise
     replacement.PAUSE = waits
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
