@@ -23,7 +23,7 @@ from typing import TextIO
 import click
 
 from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
-from ibdata.errors import ConfigError, IbdataError, is_thread_limit, printable
+from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
 from ibdata.version import __version__
 
 INTERRUPTED = 130
@@ -97,6 +97,9 @@ def main(args: Sequence[str] | None = None) -> None:
             error.ctx if isinstance(error, click.UsageError) else None,
         )
         code = 2
+    except Interrupted as error:
+        code = error.exit_code
+        _report([str(error)], code, as_json)
     except (KeyboardInterrupt, click.Abort):
         _report(["stopped; nothing unfinished is left behind"], INTERRUPTED, as_json)
         code = INTERRUPTED

@@ -21,7 +21,7 @@ from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system import object_store
-from ibdata.system.atomic_files import plain_bytes
+from ibdata.system.files import plain_bytes
 from ibdata.system.object_store import damaged
 
 PATH = "meta/manifest.json"

@@ -18,12 +18,12 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.system.object_store import refuse_url
-from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+from ibdata.system.storage import refuse_url
 from ibdata.validation.rules import Problem
-from ibdata.validation.validate import wrong_files
+from ibdata.validation.files import changed_files
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.finish import root_of
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.summary import simulated
 
 
@@ -46,20 +46,19 @@ def reproduce(
         missing or changed.
 
     Raises:
-        DatasetError: There is no finished dataset, or it is of an older data version.
+        DatasetError: There is no finished dataset, or it is of another data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     refuse_url(folder)
     path = Path(folder)
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
-    refuse_other_data_version(path, spec, listed)
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
     count, clipped, problems = 0, 0, list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
-    problems += wrong_files(path, listed, {listed.shards[part.number].path for part in asked})
+    problems += changed_files(path, listed, {listed.shards[part.number].path for part in asked})
     with in_one_folder(spec):
         for experiment in spec.experiments:
             warm_up(experiment)

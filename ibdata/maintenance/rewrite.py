@@ -15,20 +15,20 @@ from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import output_folder, replacement
-from ibdata.generation.single_files import refuse_edits
+from ibdata.generation.publish import publish
+from ibdata.generation.receipt import DATASET
+from ibdata.generation.target import refuse_immovable, refuse_taken
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
-from ibdata.system import lock
-from ibdata.system.atomic_files import FileEntry, write
-from ibdata.system.guard import writing_to
-from ibdata.system.object_store import refuse_url
+from ibdata.system.files import write
+from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check
-from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import BATCH_ROWS, stored_parts
-from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.system.storage import refuse_url
+from ibdata.writing import metadata
+from ibdata.writing.finish import finish
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
-from ibdata.writing.summary import describe
+from ibdata.writing.stored import BATCH_ROWS, stored_parts
 
 
 class Source(NamedTuple):
@@ -47,62 +47,35 @@ def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
 def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
     """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
-    Raises UsageError if the folder is not new or data versions differ, and DatasetError if the episodes are
-    not those that the source lists; nothing is left behind then. The files of a run that was killed are
-    removed by the next run.
+    Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
+    lists; nothing is left behind then.
     """
-    version = _data_version(spec, sources)
     refuse_url(out)
-    folder = output_folder.resolved(out)
-    _refuse(folder)
-    lock.refuse_busy(folder)
-    with writing_to(folder):
-        _refuse(folder)
-        replacement.withdraw(folder)
-        with replacement.staged(folder) as root:
-            written = []
-            for shard in spec.shards:
-                written.append(_copied(spec, shard, sources[shard.experiment], root))
-                check()
-            listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
-            code = [each for one in listed for each in one.code]
-            clipped = sum(one.clipped_actions for one in listed)
-            finish(spec, written, root, all(one.reproducible for one in listed), code, clipped, version)
-    return Dataset(folder)
+    place, target = Path(out), resolved(out)
+    refuse_taken(target, place)
+    with locked_part(target, place) as part:
+        refuse_taken(target, place)
+        refuse_immovable(part, place)
+        if part.receipts:
+            raise UsageError(f"{place}: holds an unfinished run of generate; choose another --out")
+        part.clear()
+        made = part.folder / DATASET
+        made.mkdir()
+        written = []
+        for shard in spec.shards:
+            written.append(_copied(spec, shard, sources[shard.experiment], made))
+            check()
+        listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
+        code = [each for one in listed for each in one.code]
+        clipped = sum(one.clipped_actions for one in listed)
+        finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
+        publish(part)
+    return Dataset(place)
 
 
-def _data_version(spec: DatasetSpec, sources: list[Source]) -> int:
-    """The data version of the sources, as far as it says anything about their experiments."""
-    listed = [source.dataset.manifest_model.data_version for source in sources]
-    made = [min(e.data_version, version) for e, version in zip(spec.experiments, listed, strict=True)]
-    version = max(made)
-    for experiment, own, source in zip(spec.experiments, made, sources, strict=True):
-        if own != min(experiment.data_version, version):
-            raise UsageError(
-                f"{source.dataset.place}: found data version {own}, expected {version} as of the others; "
-                "make it again with this ibdata"
-            )
-    return version
-
-
-def _refuse(folder: Path) -> None:
-    manifest.refuse_inside(folder)
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UsageError(f"{folder}: exists and is not a folder; choose another --out")
-    left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
-    if folder.exists() and any(path.name not in left for path in folder.iterdir()):
-        unsettled = os.path.lexists(folder / manifest.NEW)
-        todo = (
-            f"ibdata repair {folder} finishes what was begun there" if unsettled else "choose another --out"
-        )
-        raise UsageError(f"{folder}: exists already; {todo}")
-    if folder.exists():
-        output_folder.refuse_links(folder)
-
-
-def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
+def _copied(spec: DatasetSpec, shard: Shard, source: Source, folder: Path) -> WrittenShard:
     """Copy a shard's episodes from a source, and check that they are those that it lists."""
-    with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
+    with writing_threads() as threads, shard_writer(spec, shard, folder, threads) as writer:
         for part, floats in _parts(spec, shard, source):
             writer.add(part, floats)
         w = writer.finish()
@@ -144,40 +117,14 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Write the label splits of a spec into the metadata of a dataset. Its rows are read, but do not change.
+    """Write the splits of a spec into the metadata of a dataset; nothing else changes.
 
-    A report is removed, because it shows the old splits.
-
-    Raises DatasetError if the rows are not those that the dataset lists, BusyError if it is being written.
+    Raises BusyError if the dataset is being written, or was replaced meanwhile.
     """
-    refuse_url(dataset.place)
-    folder = dataset.path
-    lock.refuse_busy(folder)
-    output_folder.refuse_links(folder)
-    with writing_to(folder):
-        replacement.finish_interrupted(folder)
-        listed = dataset.manifest_model
-        manifest.refuse_replaced(folder, listed)
-        refuse_other_plan(spec, listed)
-        refuse_edits(folder, listed, "the new splits")
-        entries = listed.entries()
-        sources = sources_of(dataset, spec)
-        paths = [shard.path for shard in listed.shards]
-        written = [
-            _read(spec, shard, sources[shard.experiment], entries[path])
-            for shard, path in zip(spec.shards, paths, strict=True)
-        ]
-        with replacement.staged(folder) as staged:
-            for path, make in metadata_files(spec, written, listed.content_root).items():
-                entries[path] = write(staged, path, make())
-            entries.pop(manifest.REPORT, None)
-            write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
-    return Dataset(folder)
-
-
-def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:
-    """Read a shard of the dataset and summarize its content."""
-    w = WrittenShard(shard, entry, describe(spec, shard, _parts(spec, shard, source)))
-    _refuse_changed(w, source)
-    check()
-    return w
+    refuse_url(dataset)
+    listed = dataset.manifest_model
+    refuse_other_plan(spec, listed)
+    with locked_part(resolved(dataset.path), dataset.path):
+        manifest.refuse_replaced(dataset.path, listed)
+        write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
+    return Dataset(dataset.path)
