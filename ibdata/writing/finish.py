@@ -36,7 +36,6 @@ def finish(
     reproducible: bool,
     code: Sequence[Code] = (),
     clipped: int | None = None,
-    data_version: int | None = None,
 ) -> Manifest:
     """Write all files of a dataset other than its shards, with the manifest last.
 
@@ -47,7 +46,6 @@ def finish(
         reproducible: Whether the machine computes the same bits as all others.
         code: The code of the custom policies.
         clipped: The number of clipped actions; by default the sum over the shards.
-        data_version: The data version of the shards; by default that of new ones.
 
     Returns:
         The manifest.
@@ -64,7 +62,7 @@ def finish(
         Manifest(
             format=manifest.FORMAT,
             version=manifest.VERSION,
-            data_version=spec.data_version if data_version is None else data_version,
+            data_version=manifest.DATA_VERSION,
             content_root=root,
             **spec.plain(),
             rows=spec.rows,
@@ -84,6 +82,7 @@ def finish(
             checksum=UNSEALED,
         )
     )
+    write(folder, manifest.SPLITS, metadata.splits_file(spec))
     write(folder, manifest.PATH, metadata.as_json(listed))
     return listed
 
@@ -103,7 +102,7 @@ def metadata_files(
 ) -> dict[str, Callable[[], bytes]]:
     """Functions that make the files other than shards and manifest, by path.
 
-    Those for episodes.parquet and stats.json need the content of the shards, and so does that for the card
+    Those for episodes.parquet and statistics.json need the content of the shards, and so does that for the card
     without the table of `episodes`.
     """
 
@@ -112,9 +111,9 @@ def metadata_files(
         return metadata.episodes_table(spec, written) if episodes is None else episodes
 
     return {
-        "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
+        "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(table()),
-        "meta/stats.json": lambda: metadata.as_json(metadata.stats(spec, written)),
+        "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
         **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
         manifest.CARD: lambda: card(spec, written, root, table()),
