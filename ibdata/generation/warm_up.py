@@ -8,7 +8,7 @@ from ibdata.experiment import Experiment
 from ibdata.simulation import self_check
 from ibdata.simulation.rollout import rollout
 from ibdata.system.signals import check
-from ibdata.writing.statistics import moments, sums
+from ibdata.dataset.statistics import moments, sums
 
 
 def warm_up(experiment: Experiment) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ibdata.dataset.opened import Place, opened
+from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.selection import selected
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes

@@ -100,9 +100,9 @@ def metadata_files(
     That for statistics.json needs the content of the shards, and that for episodes.parquet the table of `episodes`.
     """
     return {
-        INFO: lambda: metadata.as_json(metadata.info(spec)),
-        EPISODES: lambda: metadata.episodes_parquet(episodes),
-        STATISTICS: lambda: metadata.as_json(metadata.statistics(spec, written)),
+        "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(episodes),
+        "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
         **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
     }

@@ -21,7 +21,7 @@ from ibdata.simulation.variables import columns
 from ibdata.system.files import FileEntry, HashingFile, new_file
 from ibdata.system.signals import held
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
-from ibdata.writing.statistics import Moments
+from ibdata.dataset.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 WAITING = 2  # parts that may be in progress

@@ -17,7 +17,7 @@ from ibdata.simulation.noise import NOISE_ROWS, standard_noise
 from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
 from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
-from ibdata.writing.statistics import moments
+from ibdata.dataset.statistics import moments
 from measuring.timing import MILLION, Row, described, paired
 
 

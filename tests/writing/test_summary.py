@@ -17,7 +17,7 @@ from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import parts, rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.writing import arrow, shard_writer, summary
-from ibdata.writing.statistics import moments
+from ibdata.dataset.statistics import moments
 from ibdata.writing.summary import describe
 
 STEPS, EPISODES = 20, 30
