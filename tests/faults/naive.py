@@ -10,7 +10,7 @@ from pathlib import Path
 from ibdata.experiment import load
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import rollout
-from ibdata.system.atomic_files import HashingFile
+from ibdata.system.files import HashingFile
 from ibdata.writing.shard_writer import encode
 
 

@@ -130,7 +130,7 @@ def split(place: Place, by: str) -> Expected:
 
 def card(place: Place) -> Expected:
     """A new card; the words of a user are kept beside it."""
-    return Expected(NO if not place.holds else ANY if place.damaged else DONE, place)
+    return Expected(NO if not place.holds else ANY if place.damaged else DONE, replace(place))
 
 
 def repair(place: Place) -> Expected:
@@ -139,4 +139,4 @@ def repair(place: Place) -> Expected:
         return Expected(NO, place)
     splits = place.declared if LABELS in place.damaged else place.splits
     needed = {"meta/experiment.yaml"} & place.damaged
-    return Expected(ANY if needed else DONE, replace(place, damaged=frozenset(), splits=splits))
+    return Expected(ANY if needed or place.note else DONE, replace(place, damaged=frozenset(), splits=splits))

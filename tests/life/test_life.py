@@ -12,7 +12,7 @@ from hypothesis.stateful import run_state_machine_as_test
 
 from life.story import Life, know
 
-STEPS = 16
+STEPS = 30
 PARTS = 4  # of the many stories, for as many processes of pytest
 
 
