@@ -130,9 +130,7 @@ class Dataset(Contents):
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            yield from parquet.batches(
-                self.storage, shard.path, columns, batch_rows, shard.rows, start, stop
-            )
+            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:

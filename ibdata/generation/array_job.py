@@ -32,8 +32,8 @@ from ibdata.generation.generate import (
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import refuse_immovable, refuse_taken
-from ibdata.system.storage import is_url, refuse_url
 from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
 
 MAX_PARTS = 100_000
@@ -175,7 +175,9 @@ def _finish(part: Part, begun: Origin, place: Path) -> None:
     found = {shard.number: receipt.get(part.folder, shard) for shard in spec.shards}
     missing = [n for n, each in found.items() if each is None or not receipt.is_whole(part.folder, each)]
     if missing:
-        named = ", ".join(map(str, missing[:8])) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
+        named = ", ".join(map(str, missing[:8])) + (
+            f" and {len(missing) - 8} more" if len(missing) > 8 else ""
+        )
         raise IbdataError(
             f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: {named}; make them with the same "
             "command, or with --resume in place of --shards"

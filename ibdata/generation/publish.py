@@ -79,10 +79,10 @@ def _note(part: Part) -> None:
 
 def _keep(old: Path, new: Path) -> None:
     """Keep the mode and the group of a folder that is replaced, and a card that somebody has edited."""
-    for path in ("", "data", "meta"):
-        keep_access(old / path, new / path)
-    for path in (new / "data", new / "meta"):
-        for file in path.iterdir():
+    keep_access(old, new)
+    for folder in ("data", "meta"):
+        keep_access(old / folder, new / folder)
+        for file in (new / folder).iterdir():
             keep_access(old / manifest.PATH, file)
     card, kept = old / manifest.CARD, f"{manifest.CARD}.old"
     if is_edited(card):

@@ -57,7 +57,9 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{place}: holds files, but no finished dataset; choose another --out ({error})") from None
+        raise UsageError(
+            f"{place}: holds files, but no finished dataset; choose another --out ({error})"
+        ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None

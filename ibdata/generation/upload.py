@@ -67,5 +67,7 @@ def upload(remote: Remote, work: Path) -> None:
                     remote.put(work / path, path)
                 check()
     except OSError as error:
-        raise IbdataError(f"{remote.name}: cannot be written: {reason(error)}; --resume tries again") from None
+        raise IbdataError(
+            f"{remote.name}: cannot be written: {reason(error)}; --resume tries again"
+        ) from None
     shutil.rmtree(work.parent, ignore_errors=True)

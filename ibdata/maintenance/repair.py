@@ -19,7 +19,7 @@ from ibdata.generation.engine import refuse_workers
 from ibdata.generation.target import strangers
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.workers import run
-from ibdata.system.files import FileEntry, file_sha256, keep_access, sync_folder, write
+from ibdata.system.files import FileEntry, file_sha256, keep_access, remove, sync_folder, write
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
@@ -29,7 +29,7 @@ from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.stored import stored_content
-from ibdata.writing.summary import UNREAD, content_of
+from ibdata.writing.summary import UNREAD, ShardSummary, content_of
 
 NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
 REPAIR = "repair"  # the folder of a part in which shards are made again
@@ -151,7 +151,7 @@ def _repaired(
     return entries
 
 
-def _content(spec: DatasetSpec, shard: Shard, folder: Path, path: str):
+def _content(spec: DatasetSpec, shard: Shard, folder: Path, path: str) -> ShardSummary | None:
     try:
         return stored_content(spec, shard, folder, path)
     except (DatasetError, ValueError):
@@ -198,6 +198,4 @@ def _move(made: Path, path: Path) -> None:
 
 
 def _clean(part: Part) -> None:
-    from ibdata.system.files import remove
-
     remove(part.folder / REPAIR)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ibdata.dataset.reader import Place, opened
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.reader import Dataset, Place, opened
 from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in

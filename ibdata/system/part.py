@@ -18,7 +18,9 @@ from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
 LOCK, RECEIPTS = "lock", "receipts"
-PATIENCE = 10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+PATIENCE = (
+    10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+)
 
 
 class Part:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import parquet
+from ibdata.dataset.statistics import Moments
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -22,7 +23,6 @@ from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
 from ibdata.writing.arrow import arrow_schema
-from ibdata.dataset.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
