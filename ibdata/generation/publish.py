@@ -26,8 +26,8 @@ OLD = "old"  # the folder of a part that holds the replaced dataset, where two f
 def publish(part: Part) -> None:
     """Give the finished dataset in a part its name, in place of what is there, and remove the part.
 
-    Once the note of the run has the checksum of the new manifest, whoever holds the part next can tell whether
-    this was done, and `settle` does it where it was not.
+    The note of the run first gets the checksum of the new manifest. So whoever holds the part next can tell
+    whether this was done, and `settle` does it where it was not.
     """
     made = part.folder / DATASET
     if part.target.is_dir():

@@ -38,8 +38,8 @@ REPAIR = "repair"  # the folder of a part in which shards are made again
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the broken and missing files of a dataset again, and only them.
 
-    A shard is replaced only by one with the content that the manifest lists. If pyarrow writes other bytes than
-    the version that made the dataset, the manifest gets the new hashes.
+    A shard is replaced only by one with the content that the manifest lists. If pyarrow writes other bytes
+    than the version that made the dataset, the manifest gets the new hashes.
 
     Args:
         folder: The folder of the dataset.
@@ -51,8 +51,8 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         The paths of the files that were made again, or whose entries in the manifest were mended.
 
     Raises:
-        DatasetError: There is no manifest, weights are lost, or a shard that was made again has another content.
-        UsageError: The folder holds files that are not the dataset's, or custom policies that are not allowed.
+        DatasetError: There is no manifest, weights are lost, or a shard that was made again differs.
+        UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
     refuse_url(folder)
     refuse_workers(workers)
@@ -111,8 +111,8 @@ def _spec(folder: Path, listed: Manifest) -> DatasetSpec:
     for path in entries:
         if manifest.WEIGHTS.fullmatch(path) and _entry(folder, path) != entries[path]:
             raise DatasetError(
-                f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with the "
-                f"SHA-256 {entries[path].sha256} there, then repair"
+                f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with "
+                f"the SHA-256 {entries[path].sha256} there, then repair"
             )
     return declared_spec(folder, listed)
 
@@ -183,8 +183,8 @@ def _made_again(
         one = listed.shards[each.shard.number]
         if content_of(each.content.digests) != one.content:
             raise DatasetError(
-                f"{folder / one.path}: found other content when made again, expected the content that the manifest "
-                "lists; no shard was changed"
+                f"{folder / one.path}: found other content when made again, expected the content that the "
+                "manifest lists; no shard was changed"
             )
     return found
 
