@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import stat
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,6 @@ import pyarrow.parquet as pq
 from ibdata.errors import DatasetError
 from ibdata.system.object_store import damaged
 
-TAIL = 8  # bytes at the end of a file: the length of the footer, and "PAR1"
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
@@ -58,15 +56,6 @@ def described(path: Path) -> tuple[pa.Schema, int]:
     """The schema and the number of rows of a file. Raises the errors of `read`."""
     with opened(path) as file:
         return file.schema_arrow, file.metadata.num_rows
-
-
-def footer(path: Path, data: bytes | None = None) -> bytes:
-    """The bytes of the footer of a file that is a Parquet file; its structure is that of Thrift."""
-    with io.BytesIO(data) if data is not None else path.open("rb") as file:
-        end = file.seek(-TAIL, os.SEEK_END)
-        length = int.from_bytes(file.read(4), "little")
-        file.seek(end - length)
-        return file.read(length)
 
 
 def batches(

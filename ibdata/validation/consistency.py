@@ -14,14 +14,13 @@ from pydantic import ValidationError
 
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
-from ibdata.dataset.episodes import SCHEMA, read_episodes
+from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, Manifest, Statistic, Stats
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.system.object_store import is_remote, name_of
-from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card, machine_readable
@@ -187,12 +186,6 @@ def _episodes(
     folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], expected: pa.Table | None
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
-    if more := foreign_metadata(found.schema):
-        yield Problem(EPISODES, None, "schema", more)
-    else:
-        data = manifest.listed_content(folder, listed, EPISODES)
-        if wrong := wrong_footer(folder / EPISODES, SCHEMA, data):
-            yield Problem(EPISODES, None, "footer", wrong)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)

@@ -18,10 +18,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
-from ibdata.validation.footer import foreign_metadata, wrong_footer
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.validation.stored import Part, stored_parts
-from ibdata.writing.arrow import arrow_schema
 from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
@@ -51,7 +49,6 @@ def check_shard(
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
     version = spec.data_version if data_version is None else data_version
-    problems: list[Problem] = []
     try:
         schema, rows = parquet.described(path)
         expected = (shard.stop - shard.first) * experiment.steps
@@ -60,8 +57,6 @@ def check_shard(
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
-        if wrong := wrong_footer(path, arrow_schema(columns(experiment))):
-            problems.append(Problem(listed, None, "footer", wrong))
         batches = parquet.batches(path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
@@ -74,7 +69,7 @@ def check_shard(
                 before.result()
     except DatasetError as error:
         return None, [Problem.of(error, listed, path, "parquet")]
-    problems += found.problems()
+    problems = found.problems()
     return (None if problems else account.content()), problems
 
 
@@ -146,12 +141,12 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """Describe the first column that differs from the expected one, or metadata of the schema; else None."""
+    """Describe the first column that differs from the expected one; None if none does."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
-    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else foreign_metadata(found)
+    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
 
 
 def _plain_type(kind: pa.DataType) -> str:
