@@ -38,7 +38,7 @@ RUN = ".run"  # the folder of an unfinished run's receipts
 FRESH = ".fresh"  # an empty file that marks a new folder until the whole replacement is in place
 FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
-DATA_VERSION = 2  # raised whenever some experiment gives other bytes; see Experiment.data_version
+DATA_VERSION: Final = 2  # raised whenever some experiment gives other rows
 SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 MAX_BYTES = 2**32  # of a JSON file, which is read whole
@@ -50,8 +50,8 @@ class NoDatasetError(DatasetError):
     """There is no manifest."""
 
 
-class NewerError(DatasetError):
-    """The dataset was made by a newer ibdata."""
+class OtherVersionError(DatasetError):
+    """The dataset was made by an ibdata of another format or data version."""
 
 
 class ReplacedError(DatasetError):
@@ -86,18 +86,24 @@ def _near(folder: Path) -> str:
 
 
 def parsed(path: Path, data: bytes) -> Manifest:
-    """Parse a manifest. Raises DatasetError if it is damaged, NewerError if its format is newer."""
+    """Parse a manifest. Raises DatasetError if it is damaged, OtherVersionError if of another version."""
     found = _json(path, data, "a manifest")
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise damaged(path, f"found another format, expected {FORMAT}")
     if found.get("version") != VERSION:
         shown = printable(repr(found.get("version")))[:60]
-        raise NewerError(
+        raise OtherVersionError(
             f"{object_store.name_of(path)}: found version {shown}, expected {VERSION}; use a newer ibdata"
         )
     if found.get("checksum") != checksum(found):
         raise damaged(path, "found content that does not fit its checksum; the file has been changed")
-    return _parsed(path, Manifest, found)
+    listed = _parsed(path, Manifest, found)
+    if listed.data_version != DATA_VERSION:
+        raise OtherVersionError(
+            f"{object_store.name_of(path)}: found data version {listed.data_version}, expected "
+            f"{DATA_VERSION}; make the dataset again with this ibdata"
+        )
+    return listed
 
 
 def read_json(folder: Path, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:

@@ -63,8 +63,5 @@ def read(ds: Dataset, spec: DatasetSpec, part: Part, target: Policy) -> tuple[Fl
         table[name].to_numpy().astype(np.float64).reshape(n, part.steps)
         for name in ("reward", "action_log_prob")
     )
-    seen = ds.manifest_model.data_version >= experiment.data_version
-    ratios = log_ratios(
-        experiment, part.first, part.stop, grid(observed), grid(acted), log_prob, target, seen
-    )
+    ratios = log_ratios(experiment, part.first, part.stop, grid(observed), grid(acted), log_prob, target)
     return ratios[part.selected], reward[part.selected]

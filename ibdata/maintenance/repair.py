@@ -26,7 +26,7 @@ from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
-from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import check_files, strangers
 from ibdata.version import __version__
@@ -70,7 +70,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         replacement.finish_interrupted(path)
         try:
             listed = manifest.read(path)
-        except manifest.NewerError:
+        except manifest.OtherVersionError:
             raise
         except DatasetError:
             return _rebuild(path, workers, allow_code)
@@ -122,7 +122,6 @@ def _make_again(
     if lost and listed.versions["ibdata"] != __version__:
         lost = list(metadata_files(spec, [], ""))  # so that one version writes all of them
     if wrong:
-        refuse_other_data_version(folder, spec, listed)
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
             warm_up(experiment)

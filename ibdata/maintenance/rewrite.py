@@ -47,11 +47,9 @@ def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
 def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
     """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
-    Raises UsageError if the folder is not new or data versions differ, and DatasetError if the episodes are
-    not those that the source lists; nothing is left behind then. The files of a run that was killed are
-    removed by the next run.
+    Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
+    lists; nothing is left behind then. The files of a run that was killed are removed by the next run.
     """
-    version = _data_version(spec, sources)
     refuse_url(out)
     folder = output_folder.resolved(out)
     _refuse(folder)
@@ -67,22 +65,8 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
             listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
             code = [each for one in listed for each in one.code]
             clipped = sum(one.clipped_actions for one in listed)
-            finish(spec, written, root, all(one.reproducible for one in listed), code, clipped, version)
+            finish(spec, written, root, all(one.reproducible for one in listed), code, clipped)
     return Dataset(folder)
-
-
-def _data_version(spec: DatasetSpec, sources: list[Source]) -> int:
-    """The data version of the sources, as far as it says anything about their experiments."""
-    listed = [source.dataset.manifest_model.data_version for source in sources]
-    made = [min(e.data_version, version) for e, version in zip(spec.experiments, listed, strict=True)]
-    version = max(made)
-    for experiment, own, source in zip(spec.experiments, made, sources, strict=True):
-        if own != min(experiment.data_version, version):
-            raise UsageError(
-                f"{source.dataset.place}: found data version {own}, expected {version} as of the others; "
-                "make it again with this ibdata"
-            )
-    return version
 
 
 def _refuse(folder: Path) -> None:

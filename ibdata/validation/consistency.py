@@ -20,7 +20,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.system.object_store import is_remote, name_of
+from ibdata.system.object_store import is_remote
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card, machine_readable
@@ -56,9 +56,6 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
         ("files", files, planned),
         ("code", targets, spec.code_targets),
     )
-    if listed.data_version > spec.data_version:
-        message = f"data_version: found {listed.data_version}, expected at most {spec.data_version}"
-        yield Problem(manifest.PATH, None, "versions", message)
     if listed.clipped_actions > listed.rows:
         message = f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
         yield Problem(manifest.PATH, None, "counts", message)
@@ -71,16 +68,6 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
     """Raise DatasetError if what a manifest lists does not follow from its experiments."""
     for problem in check_plan(spec, listed):
         raise DatasetError(f"{problem}; see ibdata validate")
-
-
-def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest) -> None:
-    """Raise DatasetError if this ibdata makes other bytes of the experiments than the dataset has."""
-    if listed.data_version < spec.data_version:
-        raise DatasetError(
-            f"{name_of(folder)}: found data version {listed.data_version}, in which policies did "
-            f"not see the burn-in; this ibdata makes version {spec.data_version} of it and cannot make it "
-            "again; use an ibdata before 0.9"
-        )
 
 
 def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:

@@ -31,7 +31,6 @@ def check_shard(
     shard: Shard,
     path: Path,
     listed: str,
-    data_version: int | None = None,
     advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
@@ -41,14 +40,12 @@ def check_shard(
         shard: The shard.
         path: Its file.
         listed: The path under which the manifest lists it.
-        data_version: The data version of the dataset; by default that of a new one.
         advance: Called with the number of rows of each part.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
-    version = spec.data_version if data_version is None else data_version
     try:
         schema, rows = parquet.described(path)
         expected = (shard.stop - shard.first) * experiment.steps
@@ -63,7 +60,7 @@ def check_shard(
             for part in stored_parts(spec, shard, batches, PART_ROWS):
                 if before:
                     before.result()
-                before = checking.submit(_check, experiment, version, shard, part, account, found)
+                before = checking.submit(_check, experiment, shard, part, account, found)
                 advance((part.episodes.stop - part.episodes.first) * experiment.steps)
             if before:
                 before.result()
@@ -97,7 +94,6 @@ class _Found:
 
 def _check(
     experiment: Experiment,
-    data_version: int,
     shard: Shard,
     part: Part,
     account: ShardSummarizer,
@@ -111,12 +107,12 @@ def _check(
         found.add("nulls", row, missing)
         whole, row = whole and not missing, row + batch.num_rows
     if whole:
-        own = _rows(experiment, data_version, part, account.add(part.episodes, part.floats))
+        own = _rows(experiment, part, account.add(part.episodes, part.floats))
         for name, rule in RULES.items():
             found.add(name, first, rule(own))
 
 
-def _rows(experiment: Experiment, data_version: int, part: Part, described: Moments) -> Rows:
+def _rows(experiment: Experiment, part: Part, described: Moments) -> Rows:
     known = dict(zip(part.floats.names, part.floats.table, strict=True))
     for name in ("episode", "step", "terminated", "truncated"):
         known[name] = pa.chunked_array([batch[name] for batch in part.others]).to_numpy()
@@ -126,7 +122,7 @@ def _rows(experiment: Experiment, data_version: int, part: Part, described: Mome
         for i, name in enumerate(part.floats.names)
         if np.isfinite(described.squares[i])
     }
-    return Rows(experiment, part.episodes, data_version, columns(experiment), known, ranges)
+    return Rows(experiment, part.episodes, columns(experiment), known, ranges)
 
 
 def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:

@@ -67,7 +67,6 @@ class Rows(NamedTuple):
 
     experiment: Experiment
     part: Shard
-    data_version: int  # of the dataset
     described: list[Column]
     columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
     ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
@@ -222,10 +221,7 @@ def _log_prob(rows: Rows, low: int, high: int) -> Array:
         for role in ("observation", "action")
     )
     first = rows.part.first + low
-    seen = rows.data_version >= rows.experiment.data_version
-    return log_densities(
-        rows.experiment, first, first + high - low, observations, actions, burn_in_seen=seen
-    ).ravel()
+    return log_densities(rows.experiment, first, first + high - low, observations, actions).ravel()
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

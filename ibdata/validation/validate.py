@@ -192,8 +192,8 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) 
     written: list[WrittenShard] = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         try:
-            file, version = manifest.locate(folder, one.path), listed.data_version
-            content, problems = check_shard(spec, shard, file, one.path, version, advance)
+            file = manifest.locate(folder, one.path)
+            content, problems = check_shard(spec, shard, file, one.path, advance)
         except Exception:  # whatever a damaged file leads to
             if not damaged(one.path):
                 raise

@@ -36,7 +36,6 @@ def finish(
     reproducible: bool,
     code: Sequence[Code] = (),
     clipped: int | None = None,
-    data_version: int | None = None,
 ) -> Manifest:
     """Write all files of a dataset other than its shards, with the manifest last.
 
@@ -47,7 +46,6 @@ def finish(
         reproducible: Whether the machine computes the same bits as all others.
         code: The code of the custom policies.
         clipped: The number of clipped actions; by default the sum over the shards.
-        data_version: The data version of the shards; by default that of new ones.
 
     Returns:
         The manifest.
@@ -64,7 +62,7 @@ def finish(
         Manifest(
             format=manifest.FORMAT,
             version=manifest.VERSION,
-            data_version=spec.data_version if data_version is None else data_version,
+            data_version=manifest.DATA_VERSION,
             content_root=root,
             **spec.plain(),
             rows=spec.rows,

@@ -118,7 +118,6 @@ def test_the_card_of_another_version_may_have_other_texts_but_no_other_root_and_
 MANIFEST = {
     "a setpoint less": lambda m: m["experiments"][0].update(setpoints=[20.0], splits={}),
     "steps": lambda m: m["experiments"][0].update(steps=20),
-    "data version": lambda m: m.update(data_version=99),
     "clipped actions": lambda m: m.update(clipped_actions=10**9),
     "code": lambda m: m["code"].append({"target": "a:b", "version": None, "sha256": None}),
     "another experiment": lambda m: m["shards"][1].update(experiment=1),
