@@ -141,11 +141,6 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
         return folder / manifest.NEXT
     if manifest.listed_content(folder, listed, manifest.EXPERIMENT) != as_yaml(experiment):
         raise TakenError(f"{folder}: holds the dataset of another experiment; --overwrite to replace it")
-    if listed.data_version != experiment.data_version:
-        raise TakenError(
-            f"{folder}: holds a dataset of data version {listed.data_version}, and this ibdata makes "
-            f"{experiment.data_version}; --overwrite to replace it"
-        )
     for problem in check_files(folder, listed):
         if problem.path in listed.entries():
             raise DatasetError(f"{folder / problem.path}: damaged or missing; run ibdata repair {folder}")

@@ -61,10 +61,9 @@ def find(remote: Remote, experiment: Experiment, work: Path, resume: bool, overw
         )
     recorded = found.listed.entries().get(manifest.EXPERIMENT)
     same = recorded is not None and recorded.sha256 == hashlib.sha256(as_yaml(experiment)).hexdigest()
-    if not same or found.listed.data_version != experiment.data_version:
+    if not same:
         what = "dataset" if found.finished else "interrupted upload"
-        other = "another data version" if same else "another experiment"
-        raise UsageError(f"{remote.name}: holds the {what} of {other}; choose another --out")
+        raise UsageError(f"{remote.name}: holds the {what} of another experiment; choose another --out")
     if found.finished:
         _refuse_incomplete(remote, found)
     return found

@@ -24,9 +24,9 @@ from ibdata.simulation import self_check
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
-from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
-from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+from ibdata.system.storage import refuse_url
+from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import check_files, strangers
 from ibdata.version import __version__
@@ -34,7 +34,7 @@ from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD, content_of, describe, simulated
 
-NEEDS_CONTENT = {EPISODES, "meta/stats.json"}
+NEEDS_CONTENT = {EPISODES, "meta/statistics.json"}
 
 
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
@@ -70,7 +70,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         replacement.finish_interrupted(path)
         try:
             listed = manifest.read(path)
-        except manifest.NewerError:
+        except manifest.OtherVersionError:
             raise
         except DatasetError:
             return _rebuild(path, workers, allow_code)
@@ -122,7 +122,6 @@ def _make_again(
     if lost and listed.versions["ibdata"] != __version__:
         lost = list(metadata_files(spec, [], ""))  # so that one version writes all of them
     if wrong:
-        refuse_other_data_version(folder, spec, listed)
         require_consent(spec, folder, allow_code)
         for experiment in spec.experiments:
             warm_up(experiment)
@@ -134,7 +133,7 @@ def _make_again(
             w = made.get(shard.number)
             content = w.content if w else UNREAD
             if w is None and NEEDS_CONTENT & set(lost):
-                content = stored_content(spec, shard, folder / one.path)
+                content = stored_content(spec, shard, folder, one.path)
             if content is not UNREAD and content_of(content.digests) != one.content:
                 found = "found other content when made again, expected the content that the manifest lists"
                 raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
@@ -156,7 +155,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
     """Stage the manifest if files in `meta` or hashes change, together with the files that stay the same."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
-    if staged_files or data != manifest.content(folder, manifest.PATH):
+    if staged_files or data != (folder / manifest.PATH).read_bytes():
         rest = [path for path in entries if path.startswith("meta/") and path not in staged_files]
         replacement.keep(folder, staged, rest)
         write(staged, manifest.PATH, data)

@@ -18,8 +18,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.system.object_store import refuse_url
-from ibdata.validation.consistency import refuse_other_data_version, refuse_other_plan
+from ibdata.system.storage import refuse_url
+from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.rules import Problem
 from ibdata.validation.validate import wrong_files
 from ibdata.writing.arrow import digest_runs
@@ -46,14 +46,13 @@ def reproduce(
         missing or changed.
 
     Raises:
-        DatasetError: There is no finished dataset, or it is of an older data version.
+        DatasetError: There is no finished dataset.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     refuse_url(folder)
     path = Path(folder)
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
-    refuse_other_data_version(path, spec, listed)
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))

@@ -21,8 +21,8 @@ from ibdata.simulation.variables import layout
 from ibdata.system import lock
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
-from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
+from ibdata.system.storage import refuse_url
 from ibdata.validation.consistency import refuse_other_plan
 from ibdata.validation.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.finish import finish
@@ -46,9 +46,8 @@ def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
 def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
     """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
-    Raises UsageError if the folder is not new, and DatasetError if the episodes are
-    not those that the source lists; nothing is left behind then. The files of a run that was killed are
-    removed by the next run.
+    Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
+    lists; nothing is left behind then. The files of a run that was killed are removed by the next run.
     """
     refuse_url(out)
     folder = output_folder.resolved(out)
@@ -128,7 +127,7 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Replace the splits of a dataset by those of a spec, which is one file. Raises BusyError if it is in use."""
+    """Replace the file of splits by that of a spec. Raises BusyError if the dataset is being written."""
     folder = dataset.path
     lock.refuse_busy(folder)
     with writing_to(folder):

@@ -102,8 +102,8 @@ def metadata_files(
 ) -> dict[str, Callable[[], bytes]]:
     """Functions that make the files other than shards and manifest, by path.
 
-    Those for episodes.parquet and statistics.json need the content of the shards, and so does that for the card
-    without the table of `episodes`.
+    Those for episodes.parquet and statistics.json need the content of the shards, and so does that for the
+    card without the table of `episodes`.
     """
 
     @cache

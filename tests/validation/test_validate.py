@@ -111,7 +111,7 @@ def test_a_missing_value_is_named(copied, shard, sign):
     changed = table.set_column(index, "obs_shift", pa.array(values, pa.float32()))
     pq.write_table(changed, copied / shard, **AS_WRITTEN)
     sign(copied, shard)
-    assert rules(copied) == {(shard, None, "footer"), (shard, 4, "nulls"), RESIZED}
+    assert rules(copied) == {(shard, 4, "nulls"), RESIZED}
 
 
 @pytest.mark.parametrize("change_schema", ["drop", "rename", "type", "order"])

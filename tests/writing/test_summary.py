@@ -11,13 +11,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from ibdata.dataset.statistics import moments
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import parts, rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.writing import arrow, shard_writer, summary
-from ibdata.dataset.statistics import moments
 from ibdata.writing.summary import describe
 
 STEPS, EPISODES = 20, 30
