@@ -58,12 +58,12 @@ INFO = {
 
 @pytest.mark.parametrize("change", INFO.values(), ids=INFO)
 def test_info_that_does_not_follow_from_the_experiment_is_named(copied, change):
-    path = copied / "meta/info.json"
+    path = copied / "meta/dataset.json"
     info = json.loads(path.read_bytes())
     change(info)
     path.write_bytes(as_json(info))
     seal(copied)
-    assert {problem.path for problem in validate(copied)} == {"meta/info.json"}
+    assert {problem.path for problem in validate(copied)} == {"meta/dataset.json"}
 
 
 STATS = {
@@ -77,12 +77,12 @@ STATS = {
 
 @pytest.mark.parametrize("change", STATS.values(), ids=STATS)
 def test_statistics_that_do_not_follow_from_the_rows_are_named(copied, change):
-    path = copied / "meta/stats.json"
+    path = copied / "meta/statistics.json"
     stats = json.loads(path.read_bytes())
     change(stats)
     path.write_bytes(as_json(stats))
     seal(copied)
-    assert {problem.path for problem in validate(copied)} == {"meta/stats.json"}
+    assert {problem.path for problem in validate(copied)} == {"meta/statistics.json"}
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied, change):
     columns = table.to_pydict()
     change(columns)
     pq.write_table(pa.table(columns, schema=table.schema), path)
-    info = json.loads((copied / "meta/info.json").read_bytes())
+    info = json.loads((copied / "meta/dataset.json").read_bytes())
     described = [(c["name"], c["dtype"]) for c in info["columns"]]
     addressed = zip(map(bytes.fromhex, columns["cell"]), columns["index"], columns["digest"], strict=True)
     root = content_root(described, addressed)
