@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 class Dataset(Contents):
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder take
-    a Dataset too.
+    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
+    take a Dataset too.
 
     Args:
         path: The folder, or a URL such as s3://bucket/name.

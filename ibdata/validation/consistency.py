@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +13,13 @@ from pydantic import ValidationError
 
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
-from ibdata.dataset.episodes import SCHEMA, read_episodes
-from ibdata.dataset.models import Info, Manifest, Statistic, Stats
+from ibdata.dataset.episodes import read_episodes
+from ibdata.dataset.models import Info, Manifest, Statistic, Statistics
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.system.object_store import is_remote, name_of
-from ibdata.validation.footer import foreign_metadata, wrong_footer
+from ibdata.system.storage import is_url, storage
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.card import card, machine_readable
@@ -29,7 +27,7 @@ from ibdata.writing.finish import experiment_files, metadata_files, planned_entr
 from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
 
-INFO, STATS = "meta/info.json", "meta/stats.json"
+INFO, STATS = "meta/dataset.json", "meta/statistics.json"
 
 
 def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
@@ -57,9 +55,6 @@ def check_plan(spec: DatasetSpec, listed: Manifest) -> Iterator[Problem]:
         ("files", files, planned),
         ("code", targets, spec.code_targets),
     )
-    if listed.data_version > spec.data_version:
-        message = f"data_version: found {listed.data_version}, expected at most {spec.data_version}"
-        yield Problem(manifest.PATH, None, "versions", message)
     if listed.clipped_actions > listed.rows:
         message = f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
         yield Problem(manifest.PATH, None, "counts", message)
@@ -74,16 +69,6 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
         raise DatasetError(f"{problem}; see ibdata validate")
 
 
-def refuse_other_data_version(folder: Path, spec: DatasetSpec, listed: Manifest) -> None:
-    """Raise DatasetError if this ibdata makes other bytes of the experiments than the dataset has."""
-    if listed.data_version < spec.data_version:
-        raise DatasetError(
-            f"{name_of(folder)}: found data version {listed.data_version}, in which policies did "
-            f"not see the burn-in; this ibdata makes version {spec.data_version} of it and cannot make it "
-            "again; use an ibdata before 0.9"
-        )
-
-
 def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]) -> str:
     """The content root of the rows if all shards keep every rule; otherwise the listed one."""
     if len(written) < len(spec.shards):
@@ -92,7 +77,7 @@ def proven_root(spec: DatasetSpec, listed: Manifest, written: list[WrittenShard]
 
 
 def checks(
-    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], root: str
+    folder: Any, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], root: str
 ) -> Iterator[tuple[str, Iterator[Problem]]]:
     """The checks of the metadata and the card.
 
@@ -110,9 +95,9 @@ def checks(
     table = metadata.episodes_table(spec, written) if len(written) == len(shards) else None
     yield EPISODES, _episodes(folder, listed, spec, written, table)
     if table is not None:
-        yield STATS, _statistics(folder, listed, metadata.stats(spec, written))
+        yield STATS, _statistics(folder, listed, metadata.statistics(spec, written))
         yield manifest.CARD, _card(folder, listed, card(spec, shards, root, table))
-    yield INFO, _info(folder, listed, metadata.info(spec, shards))
+    yield INFO, _info(folder, listed, metadata.info(spec))
     for path, experiment in experiment_files(spec).items():
         yield path, _experiment(folder, listed, path, experiment)
 
@@ -122,7 +107,7 @@ def _same_version(listed: Manifest, *of: str) -> bool:
     return all(listed.versions.get(name) == versions()[name] for name in of)
 
 
-def _info(folder: Path, listed: Manifest, expected: Info) -> Iterator[Problem]:
+def _info(folder: Any, listed: Manifest, expected: Info) -> Iterator[Problem]:
     found, right = manifest.read_json(folder, listed, INFO, Info).plain(), expected.plain()
     if not _same_version(listed, "ibdata"):
         for column in [*found["columns"], *right["columns"]]:
@@ -162,18 +147,18 @@ def _shown(value: Any) -> str:
     return json.dumps(value)[:60]
 
 
-def _card(folder: Path, listed: Manifest, expected: bytes) -> Iterator[Problem]:
+def _card(folder: Any, listed: Manifest, expected: bytes) -> Iterator[Problem]:
     """Compare the card; if an earlier or later ibdata wrote it, only the lines that programs read."""
     found = manifest.listed_content(folder, listed, manifest.CARD)
     same = found == expected
     if not _same_version(listed, "ibdata"):
         same = machine_readable(found) == machine_readable(expected)
     if not same:
-        todo = "" if is_remote(folder) else f"; ibdata card {folder} writes it again"
+        todo = "" if is_url(folder) else f"; ibdata card {storage(folder).name} writes it again"
         yield Problem(manifest.CARD, None, "card", f"found a card that does not fit the dataset{todo}")
 
 
-def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experiment) -> Iterator[Problem]:
+def _experiment(folder: Any, listed: Manifest, path: str, experiment: Experiment) -> Iterator[Problem]:
     data = manifest.listed_content(folder, listed, path)
     same = data == as_yaml(experiment)
     if not same and not _same_version(listed, "ibdata"):  # another version may format it differently
@@ -184,15 +169,9 @@ def _experiment(folder: Path, listed: Manifest, path: str, experiment: Experimen
 
 
 def _episodes(
-    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], expected: pa.Table | None
+    folder: Any, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard], expected: pa.Table | None
 ) -> Iterator[Problem]:
     found = read_episodes(folder, listed)
-    if more := foreign_metadata(found.schema):
-        yield Problem(EPISODES, None, "schema", more)
-    else:
-        data = manifest.listed_content(folder, listed, EPISODES)
-        if wrong := wrong_footer(folder / EPISODES, SCHEMA, data):
-            yield Problem(EPISODES, None, "footer", wrong)
     digests, returns = found["digest"].to_pylist(), found["return"].to_numpy()
     for w in written:
         own = slice(w.shard.first + w.shard.offset, w.shard.stop + w.shard.offset)
@@ -225,9 +204,9 @@ def _plain(column: pa.ChunkedArray) -> pa.Array:
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 
 
-def _statistics(folder: Path, listed: Manifest, expected: Stats) -> Iterator[Problem]:
+def _statistics(folder: Any, listed: Manifest, expected: Statistics) -> Iterator[Problem]:
     """Compare the statistics of all rows and of each split."""
-    found = manifest.read_json(folder, listed, STATS, Stats)
+    found = manifest.read_json(folder, listed, STATS, Statistics)
     if list(found.splits) != list(expected.splits):
         message = f"found splits {list(found.splits)}, expected {list(expected.splits)}"
         yield Problem(STATS, None, "splits", message)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Container, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError
 from ibdata.experiment.dataset_spec import spec_in
-from ibdata.system import object_store
-from ibdata.system.atomic_files import file_sha256
-from ibdata.system.lock import is_locked
 from ibdata.system.progress import Advance, bar, unseen
+from ibdata.system.storage import is_url, storage
 from ibdata.validation.consistency import check_plan, checks, proven_root
 from ibdata.validation.rows import check_shard
 from ibdata.validation.rules import Findings, Problem
@@ -25,10 +23,7 @@ from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
 THREADS = os.cpu_count() or 1
-TRIES = 5  # while the dataset is being replaced
-LATE = (manifest.CARD, manifest.REPORT)  # a replacement moves them to their places after the manifest
 Hashes = dict[str, "Future[str | None]"]  # the SHA-256 of files, by path
-PATIENCE = 10.0  # seconds to wait for a writer that is replacing the dataset
 
 
 def validate(
@@ -50,49 +45,20 @@ def validate(
         The problems, a list that is empty if there are none, and that notebooks show as a table.
 
     Raises:
-        BusyError: The dataset was being replaced each time it was read.
+        BusyError: The dataset was replaced while it was read.
     """
-    path = object_store.local_copy(folder)
-    for _ in range(TRIES):
-        _wait_for_moves(path)
-        try:
-            listed = manifest.read(path)
-        except DatasetError as error:
-            unread = Problem.of(error, manifest.PATH, path / manifest.PATH, "manifest")
-            return Findings([*_interrupted(path), unread])
-        try:
-            problems = Findings([*_interrupted(path), *_problems(path, listed, quick, progress)])
-            manifest.refuse_replaced(path, listed)
-        except manifest.ReplacedError:
-            continue
-        if not problems or not _moving(path):
-            return problems
-    raise BusyError(f"{object_store.name_of(path)}: being replaced; wait for the writer, then validate again")
+    files = storage(folder)
+    try:
+        listed = manifest.read(files)
+    except DatasetError as error:
+        return Findings([Problem.of(error, manifest.PATH, files.where(manifest.PATH), "manifest")])
+    problems = Findings(_problems(files, listed, quick, progress))
+    manifest.refuse_replaced(files, listed)
+    return problems
 
 
-def _moving(folder: Path) -> bool:
-    """Whether a running process is replacing the dataset right now."""
-    return _replacement_begun(folder) and is_locked(folder)
-
-
-def _wait_for_moves(folder: Path) -> None:
-    until = time.monotonic() + PATIENCE
-    while _moving(folder) and time.monotonic() < until:
-        time.sleep(0.02)
-
-
-def _replacement_begun(folder: Path) -> bool:
-    return os.path.lexists(folder / manifest.NEW / manifest.MARK)
-
-
-def _interrupted(folder: Path) -> Iterator[Problem]:
-    if _replacement_begun(folder) and not is_locked(folder):
-        message = f"found a replacement that was interrupted; ibdata repair {folder} finishes it"
-        yield Problem(manifest.NEW, None, "unsettled", message)
-
-
-def _problems(folder: Path, listed: Manifest, quick: bool, progress: bool | None) -> Iterator[Problem]:
-    if manifest.content(folder, manifest.PATH) != as_json(listed):
+def _problems(folder: Any, listed: Manifest, quick: bool, progress: bool | None) -> Iterator[Problem]:
+    if storage(folder).read(manifest.PATH) != as_json(listed):
         message = "found other bytes than ibdata writes for this content"
         yield Problem(manifest.PATH, None, "manifest", message)
         return
@@ -108,19 +74,18 @@ def _problems(folder: Path, listed: Manifest, quick: bool, progress: bool | None
 
 
 @contextmanager
-def _hashing(folder: Path, listed: Manifest, only: Container[str] | None = None) -> Iterator[Hashes]:
+def _hashing(folder: Any, listed: Manifest, only: Container[str] | None = None) -> Iterator[Hashes]:
     """The SHA-256 of the listed files, made in threads; hashing releases the interpreter's lock."""
-    late = LATE if _replacement_begun(folder) else ()
-    own = [path for path in listed.entries() if only is None or path in only]
-    paths = [path for path in own if path not in late]
+    paths = [path for path in listed.entries() if only is None or path in only]
+    files = storage(folder)
     with ThreadPoolExecutor(THREADS) as threads:
         try:
-            yield {path: threads.submit(file_sha256, manifest.locate(folder, path)) for path in paths}
+            yield {path: threads.submit(files.sha256, path) for path in paths}
         finally:
             threads.shutdown(cancel_futures=True)
 
 
-def wrong_files(folder: Path, listed: Manifest, paths: Container[str]) -> list[Problem]:
+def wrong_files(folder: Any, listed: Manifest, paths: Container[str]) -> list[Problem]:
     """Those of these listed files that are missing or changed. Raises ReplacedError as `listed_content`."""
     with _hashing(folder, listed, paths) as hashes:
         problems = list(_changed(folder, listed, hashes))
@@ -129,19 +94,19 @@ def wrong_files(folder: Path, listed: Manifest, paths: Container[str]) -> list[P
     return problems
 
 
-def check_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
+def check_files(folder: Any, listed: Manifest) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
     with _hashing(folder, listed) as hashes:
         yield from _wrong_files(folder, listed, hashes)
 
 
-def _changed(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen) -> Iterator[Problem]:
+def _changed(folder: Any, listed: Manifest, hashes: Hashes, advance: Advance = unseen) -> Iterator[Problem]:
     known = listed.entries()
     for path, future in hashes.items():
         found, expected = future.result(), known[path].sha256
         advance(1)
         if found is None:
-            todo = "" if object_store.is_remote(folder) else "; ibdata repair makes it"
+            todo = "" if is_url(folder) else "; ibdata repair makes it"
             yield Problem(path, None, "file", f"found no file that can be read{todo}")
         elif found != expected:
             message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"
@@ -149,31 +114,31 @@ def _changed(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = 
 
 
 def _wrong_files(
-    folder: Path, listed: Manifest, hashes: Hashes, advance: Advance = unseen
+    folder: Any, listed: Manifest, hashes: Hashes, advance: Advance = unseen
 ) -> Iterator[Problem]:
     yield from _changed(folder, listed, hashes, advance)
-    if _replacement_begun(folder):
-        return  # unlisted files in data/ may belong to the new dataset
-    for file in strangers(folder, listed.entries()):
-        what = "folder" if file.is_dir() else "file"
-        message = f"found a {what} that the manifest does not list; move it away"
-        yield Problem(str(file.relative_to(folder)), None, "file", message)
+    for name in storage(folder).names("data"):
+        if f"data/{name}" not in listed.entries() and is_stranger(Path(name), name.endswith("/")):
+            what = "folder" if name.endswith("/") else "file"
+            message = f"found a {what} that the manifest does not list; move it away"
+            yield Problem(f"data/{name}".rstrip("/"), None, "file", message)
 
 
 def strangers(folder: Path, known: Container[str]) -> Iterator[Path]:
     """The files and folders in `data` that are not among these paths and that a reader could take."""
-    for name in object_store.files_in_data(folder):
-        if name not in known and is_stranger(folder / name):
-            yield folder / name
+    for path in sorted((folder / "data").glob("*")):
+        if f"data/{path.name}" not in known and is_stranger(path):
+            yield path
 
 
-def is_stranger(path: Path) -> bool:
+def is_stranger(path: Path, folder: bool | None = None) -> bool:
     """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
     hidden = path.name.startswith(".")
-    return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
+    is_dir = path.is_dir() if folder is None else folder
+    return not hidden or path.name.lower().endswith(".parquet") or is_dir
 
 
-def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) -> Iterator[Problem]:
+def _contents(folder: Any, listed: Manifest, hashes: Hashes, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
     entries = listed.entries()
 
@@ -183,7 +148,7 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) 
     try:
         spec = spec_in(folder, listed)
     except DatasetError as error:
-        yield Problem.of(error, manifest.PATH, folder / manifest.PATH, "manifest")
+        yield Problem.of(error, manifest.PATH, storage(folder).where(manifest.PATH), "manifest")
         return
     plan = list(check_plan(spec, listed))
     yield from plan
@@ -192,8 +157,7 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) 
     written: list[WrittenShard] = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         try:
-            file, version = manifest.locate(folder, one.path), listed.data_version
-            content, problems = check_shard(spec, shard, file, one.path, version, advance)
+            content, problems = check_shard(spec, shard, folder, one.path, advance)
         except Exception:  # whatever a damaged file leads to
             if not damaged(one.path):
                 raise
@@ -214,11 +178,11 @@ def _contents(folder: Path, listed: Manifest, hashes: Hashes, advance: Advance) 
             yield from _read(folder, path, check)
 
 
-def _read(folder: Path, path: str, check: Iterator[Problem]) -> Iterator[Problem]:
+def _read(folder: Any, path: str, check: Iterator[Problem]) -> Iterator[Problem]:
     """Yield the problems that a check finds, or one problem if it cannot read its file."""
     try:
         yield from check
-    except manifest.ReplacedError:
+    except BusyError:
         raise
     except DatasetError as error:
-        yield Problem.of(error, path, folder / path, "metadata")
+        yield Problem.of(error, path, storage(folder).where(path), "metadata")

@@ -58,12 +58,12 @@ INFO = {
 
 @pytest.mark.parametrize("change", INFO.values(), ids=INFO)
 def test_info_that_does_not_follow_from_the_experiment_is_named(copied, change):
-    path = copied / "meta/info.json"
+    path = copied / "meta/dataset.json"
     info = json.loads(path.read_bytes())
     change(info)
     path.write_bytes(as_json(info))
     seal(copied)
-    assert {problem.path for problem in validate(copied)} == {"meta/info.json"}
+    assert {problem.path for problem in validate(copied)} == {"meta/dataset.json"}
 
 
 STATS = {
@@ -77,12 +77,12 @@ STATS = {
 
 @pytest.mark.parametrize("change", STATS.values(), ids=STATS)
 def test_statistics_that_do_not_follow_from_the_rows_are_named(copied, change):
-    path = copied / "meta/stats.json"
+    path = copied / "meta/statistics.json"
     stats = json.loads(path.read_bytes())
     change(stats)
     path.write_bytes(as_json(stats))
     seal(copied)
-    assert {problem.path for problem in validate(copied)} == {"meta/stats.json"}
+    assert {problem.path for problem in validate(copied)} == {"meta/statistics.json"}
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,6 @@ def test_the_card_of_another_version_may_have_other_texts_but_no_other_root_and_
 MANIFEST = {
     "a setpoint less": lambda m: m["experiments"][0].update(setpoints=[20.0], splits={}),
     "steps": lambda m: m["experiments"][0].update(steps=20),
-    "data version": lambda m: m.update(data_version=99),
     "clipped actions": lambda m: m.update(clipped_actions=10**9),
     "code": lambda m: m["code"].append({"target": "a:b", "version": None, "sha256": None}),
     "another experiment": lambda m: m["shards"][1].update(experiment=1),
@@ -157,7 +156,7 @@ def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied, change):
     columns = table.to_pydict()
     change(columns)
     pq.write_table(pa.table(columns, schema=table.schema), path)
-    info = json.loads((copied / "meta/info.json").read_bytes())
+    info = json.loads((copied / "meta/dataset.json").read_bytes())
     described = [(c["name"], c["dtype"]) for c in info["columns"]]
     addressed = zip(map(bytes.fromhex, columns["cell"]), columns["index"], columns["digest"], strict=True)
     root = content_root(described, addressed)
@@ -184,7 +183,7 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
         pq.write_table(pa.table(arrays, schema=table.schema), path, **AS_WRITTEN)
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
-        written.append(WrittenShard(shard, entry, stored_content(spec, shard, path)))
+        written.append(WrittenShard(shard, entry, stored_content(spec, shard, folder, entry.path)))
     finish(spec, written, folder, True, clipped=listed.clipped_actions)
 
 
@@ -205,47 +204,6 @@ def test_forged_rows_break_a_rule_and_are_not_reproduced(copied, change, rule):
     forge(copied, change)
     assert rule in {problem.rule for problem in validate(copied)}
     assert len(reproduce(copied)[1]) == 12
-
-
-NAMES = {"obs_velocity": "obs_gain", "obs_gain": "obs_velocity"}
-
-
-def described_to_pandas(schema: pa.Schema) -> pa.Schema:
-    """A schema that tells pandas to call two columns by each other's names."""
-    columns = [
-        {"name": NAMES.get(name, name), "field_name": name, "pandas_type": "", "numpy_type": ""}
-        for name in schema.names
-    ]
-    more = {"index_columns": [], "column_indexes": [], "columns": columns}
-    return schema.with_metadata({"pandas": json.dumps(more)})
-
-
-@pytest.mark.parametrize(
-    ("change", "where"),
-    [
-        (described_to_pandas, "b'pandas' of the file"),
-        (lambda schema: schema.with_metadata({"a": "b"}), "b'a' of the file"),
-        (
-            lambda schema: schema.set(3, schema.field(3).with_metadata({"unit": "x"})),
-            "b'unit' of column obs_velocity",
-        ),
-    ],
-)
-def test_metadata_of_a_schema_that_ibdata_did_not_write_are_named_and_not_read(copied, change, where):
-    true = ibdata.open(copied).to_pandas()
-    for path in [*(copied / "data").iterdir(), copied / "meta/episodes.parquet"]:
-        table = pq.read_table(path)
-        if path.parent.name == "data" or "column" not in where:
-            pq.write_table(table.cast(change(table.schema)), path)
-    info = json.loads((copied / "meta/info.json").read_bytes())
-    info["counts"]["data_bytes"] = sum(path.stat().st_size for path in (copied / "data").iterdir())
-    (copied / "meta/info.json").write_bytes(as_json(info))
-    seal(copied)
-    problems = validate(copied)
-    assert {problem.rule for problem in problems} == {"schema"}
-    assert all(f"found metadata {where}, expected no metadata" in problem.message for problem in problems)
-    assert len(problems) == len(list((copied / "data").iterdir())) + ("column" not in where)
-    assert ibdata.open(copied).to_pandas().equals(true)
 
 
 def test_rows_that_keep_every_rule_are_found_by_reproduce(copied):
