@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.strangers import strangers
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -19,7 +20,7 @@ from ibdata.generation.single_files import refuse_edits
 from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
-from ibdata.validation.validate import check_files, strangers
+from ibdata.validation.files import check_files
 from ibdata.writing.card import refuse_foreign
 from ibdata.writing.shard_writer import WrittenShard
 

@@ -24,10 +24,10 @@ from ibdata.system.atomic_files import FileEntry, write
 from ibdata.system.guard import writing_to
 from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
-from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
+from ibdata.writing.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.summary import describe
 
 
