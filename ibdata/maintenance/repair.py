@@ -19,11 +19,11 @@ from ibdata.generation.engine import refuse_workers
 from ibdata.generation.target import strangers
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.workers import run
-from ibdata.system.files import FileEntry, file_sha256, keep_access, remove, sync_folder, write
+from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import refuse_url, storage
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan
@@ -102,8 +102,7 @@ def _broken(folder: Path, listed: Manifest) -> list[str]:
 
 def _entry(folder: Path, path: str) -> FileEntry | None:
     check()
-    sha256 = file_sha256(folder / path)
-    return None if sha256 is None else FileEntry(path, (folder / path).stat().st_size, sha256)
+    return storage(folder).entry(path)
 
 
 def _spec(folder: Path, listed: Manifest) -> DatasetSpec:

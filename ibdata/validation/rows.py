@@ -21,7 +21,7 @@ from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.validation.stored import Part, stored_parts
+from ibdata.writing.stored import Part, stored_parts
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ibdata
 from ibdata.maintenance import reproduce
 from ibdata.simulation.rollout import Columns, rollout
-from ibdata.validation import rows, stored
+from ibdata.validation import rows
+from ibdata.writing import stored
 
 PART = 400  # rows
 
