@@ -24,12 +24,12 @@ from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url, storage
+from ibdata.validation.rows import check_shard
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.stored import stored_content
-from ibdata.writing.summary import UNREAD, ShardSummary, content_of
+from ibdata.writing.summary import UNREAD, content_of
 
 NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
 REPAIR = "repair"  # the folder of a part in which shards are made again
@@ -126,7 +126,7 @@ def _repaired(
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         content = UNREAD
         if one.path in broken or NEED_CONTENT & set(broken):
-            found = _content(spec, shard, folder, one.path)
+            found, _ = check_shard(spec, shard, folder, one.path)
             if found is None or content_of(found.digests) != one.content:
                 wrong.append(shard)
             else:
@@ -148,13 +148,6 @@ def _repaired(
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         print(f"ibdata: {folder}: splits that were made later are lost; make them again", file=sys.stderr)
     return entries
-
-
-def _content(spec: DatasetSpec, shard: Shard, folder: Path, path: str) -> ShardSummary | None:
-    try:
-        return stored_content(spec, shard, folder, path)
-    except (DatasetError, ValueError):
-        return None
 
 
 def _made_again(
