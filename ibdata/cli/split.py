@@ -113,13 +113,13 @@ def command(
 
     if as_list:
         _refuse_with_list({**options, "name": names})
-        _print(Dataset(folder), as_json)
+        _print(Dataset(folder), as_json, {})
         return
     from ibdata.maintenance.split import split
 
-    before = Dataset(folder)
-    after = split(before, names=dict(names), **options)
-    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after))
+    before = Dataset(folder).splits
+    after = split(folder, names=dict(names), **options)
+    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.splits))
 
 
 def _refuse_with_list(options: Mapping[str, Any]) -> None:
@@ -128,34 +128,30 @@ def _refuse_with_list(options: Mapping[str, Any]) -> None:
             raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
 
 
-def _taken_away(before: Dataset, after: Dataset) -> dict[str, list[str]]:
-    """The splits that were replaced or removed, and the files that were removed since they showed them."""
-    old, new = before.manifest_model, after.manifest_model
-    return {
-        "replaced": [
-            name for name in old.splits if old.splits[name] != new.splits.get(name, old.splits[name])
-        ],
-        "removed": [name for name in old.splits if name not in new.splits],
-        "files": [path for path in old.entries() if path not in new.entries()],
+def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, list[str]]:
+    """The names of the splits that were replaced or removed."""
+    found = {
+        "replaced": [name for name in before if name in after and before[name] != after[name]],
+        "removed": [name for name in before if name not in after],
     }
+    return {key: names for key, names in found.items() if names}
 
 
-def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]] | None = None) -> None:
-    splits = dataset.info["splits"]
-    taken = {key: names for key, names in (taken_away or {}).items() if names}
+def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]]) -> None:
+    splits = dataset.splits
     if as_json:
         root = dataset.content_root
-        print_json({"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken})
+        print_json(
+            {"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken_away}
+        )
         return
-    for name in taken.get("removed", []):
+    for name in taken_away.get("removed", []):
         say(f"removed the split {name}")
-    for name in taken.get("replaced", []):
+    for name in taken_away.get("replaced", []):
         say(f"replaced the split {name}; --prefix or --name keeps both")
-    for path in taken.get("files", []):
-        say(f"removed {path}, which showed the old splits; ibdata card {dataset.path} makes it again")
     width = max(map(len, splits), default=0)
     for name, made in splits.items():
-        kind = "labels" if made["files"] is None else "whole files"
+        kind = "whole files" if made["declared"] else "labels"
         say(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
     if not splits:
         say(f"{dataset.path}: no splits")

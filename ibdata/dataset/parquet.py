@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import accumulate
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -16,7 +13,6 @@ import pyarrow.parquet as pq
 from ibdata.errors import DatasetError
 from ibdata.system.storage import damaged, reason, storage
 
-TAIL = 8  # bytes at the end of a file: the length of the footer, and "PAR1"
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
@@ -48,15 +44,6 @@ def described(place: Any, path: str) -> tuple[pa.Schema, int]:
     """The schema and the number of rows of a file. Raises the errors of `read`."""
     with opened(place, path) as file:
         return file.schema_arrow, file.metadata.num_rows
-
-
-def footer(path: Path, data: bytes | None = None) -> bytes:
-    """The bytes of the footer of a file that is a Parquet file; its structure is that of Thrift."""
-    with io.BytesIO(data) if data is not None else path.open("rb") as file:
-        end = file.seek(-TAIL, os.SEEK_END)
-        length = int.from_bytes(file.read(4), "little")
-        file.seek(end - length)
-        return file.read(length)
 
 
 def batches(

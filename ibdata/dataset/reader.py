@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 class Dataset(Contents):
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder take
-    a Dataset too.
+    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
+    take a Dataset too.
 
     Args:
         path: The folder, or a URL such as s3://bucket/name.
@@ -130,9 +130,7 @@ class Dataset(Contents):
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            yield from parquet.batches(
-                self.storage, shard.path, columns, batch_rows, shard.rows, start, stop
-            )
+            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:

@@ -67,7 +67,11 @@ def _holds(entry: SplitEntry, listed: Manifest) -> bool:
     """Whether a later split has as many episodes as it says, in order, and all are in the dataset."""
     bounds = [bound for run in entry.runs for bound in run]
     count = sum(stop - first for first, stop in entry.runs)
-    return bounds == sorted(bounds) and 0 < entry.episodes == count and bounds[-1] <= listed.shards[-1].episodes[1]
+    return (
+        bounds == sorted(bounds)
+        and 0 < entry.episodes == count
+        and bounds[-1] <= listed.shards[-1].episodes[1]
+    )
 
 
 def runs_of(name: str, entry: SplitEntry, listed: Manifest) -> list[list[int]]:

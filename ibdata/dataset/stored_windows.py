@@ -106,9 +106,7 @@ def in_folder(
         ) from None
 
 
-def _write(
-    folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]
-) -> None:
+def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
     size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))

@@ -94,7 +94,7 @@ def windows_of(
     lengths = episodes["length"].to_numpy()
     kept = np.maximum(lengths - left_out(info, options), 0)
     frame = options.frame(info.drifting)
-    sizes = Sizes(episodes=np.count_nonzero(kept), rows=int(kept.sum()), frame=len(frame))
+    sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=int(kept.sum()), frame=len(frame))
     if folder is None:
         stored = in_memory(sizes, blocks)
     else:

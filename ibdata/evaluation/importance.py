@@ -20,7 +20,7 @@ from ibdata.experiment.code_comparison import refuse_changed
 from ibdata.experiment.code_record import provenance
 from ibdata.experiment.custom_code import consented_spec, customs_in
 from ibdata.numerics.confidence import estimate
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.writing.planned import refuse_other_plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +129,7 @@ def importance(
     wanted = policy_of(target, history, allow_code)
     refuse_unused(history, [wanted])
     ds = opened(ds)
-    spec = consented_spec(ds.path, ds.manifest_model, allow_code)
+    spec = consented_spec(ds, ds.manifest_model, allow_code)
     refuse_other_plan(spec, ds.manifest_model)
     chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]

@@ -72,7 +72,6 @@ def log_ratios(
     actions: Float32s,
     log_prob: Floats,
     target: Policy,
-    burn_in_seen: bool = True,
 ) -> Floats:
     """The logarithms of the ratios of the densities of the target and of the behaviour.
 
@@ -88,7 +87,6 @@ def log_ratios(
         actions: the recorded actions, float32 (episodes, steps, 3).
         log_prob: the recorded log densities (episodes, steps).
         target: the policy to be evaluated; its support is that of the behaviour, or a part of it.
-        burn_in_seen: as in `ibdata.simulation.replay.log_densities`.
 
     Returns:
         Float64 (episodes, steps), -inf where the ratio is 0.
@@ -98,10 +96,8 @@ def log_ratios(
         PolicyError: the target failed, or returned no valid density.
     """
     _refuse_unknown(experiment.cells[first // experiment.episodes].label, log_prob)
-    wanted, had = (
-        measured(experiment, first, stop, observations, actions, policy, burn_in_seen)
-        for policy in (target, None)
-    )
+    wanted = measured(experiment, first, stop, observations, actions, target)
+    had = measured(experiment, first, stop, observations, actions)
     _refuse_unknown(target.label, wanted.log_density)
     possible = (wanted.atoms == had.atoms).all(axis=2)
     possible &= ~((np.abs(actions) == 1.0) & _only_inside(target, actions.shape[1])).any(axis=2)

@@ -102,11 +102,6 @@ class DatasetSpec:
         return list(dict.fromkeys(name for e in self.experiments for name in e.splits))
 
     @property
-    def data_version(self) -> int:
-        """The data version of the dataset, if this ibdata makes it."""
-        return max(experiment.data_version for experiment in self.experiments)
-
-    @property
     def rows(self) -> int:
         """The number of transitions in the dataset."""
         return sum(experiment.rows for experiment in self.experiments)

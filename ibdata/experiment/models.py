@@ -14,7 +14,7 @@ from ibdata.dynamics import VARIANTS, Variant
 from ibdata.errors import ConfigError, Loc, Problems, suggestion
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import BurnIn, Output, Split, Start
+from ibdata.experiment.fields import Output, Split, Start
 from ibdata.experiment.messages import problems, shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
@@ -136,16 +136,6 @@ class Experiment(FrozenModel):
             for policy, label in zip(self.policies, self.labels, strict=True)
             for setpoint in setpoints
         )
-
-    @property
-    def data_version(self) -> int:
-        """The data version in which the bytes of this experiment's data changed last.
-
-        Since version 2, a policy that sees several observations sees those of the burn-in; before, it saw the
-        first one after the burn-in repeated.
-        """
-        burns_in = isinstance(self.start, BurnIn) and self.start.burn_in[1] > 0
-        return 2 if burns_in and any(policy.history_length > 1 for policy in self.policies) else 1
 
     @property
     def rows(self) -> int:

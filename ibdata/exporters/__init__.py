@@ -97,7 +97,7 @@ def export(
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
     from ibdata.system.memory import refuse_too_much
-    from ibdata.system.object_store import refuse_url
+    from ibdata.system.storage import refuse_url
     from ibdata.views.options import view_options
 
     refuse_url(out)

@@ -1,7 +1,7 @@
 """Datasets made by several hosts: each makes a range of the shards in one part, then one host finishes it.
 
-Ranges share the lock of the part, which keeps out a run that needs it alone. Ranges that have shards in common
-make these twice, without harm: each file has a name of its own, and the last receipt counts.
+Ranges share the lock of the part, which keeps out a run that needs it alone. Ranges that have shards in
+common make these twice, without harm: each file has a name of its own, and the last receipt counts.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from ibdata.generation.generate import (
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import refuse_immovable, refuse_taken
-from ibdata.system.storage import is_url, refuse_url
 from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
 
 MAX_PARTS = 100_000
+MOST = 8  # numbers of shards in a message
 
 
 class Range(NamedTuple):
@@ -63,7 +64,7 @@ class Range(NamedTuple):
 
 
 class Made(NamedTuple):
-    """A finished range: the dataset's folder, shards and rows, and how many shards the dataset still lacks."""
+    """A finished range: the dataset's folder, shards and rows, and how many shards are still missing."""
 
     folder: Path
     shards: int
@@ -86,8 +87,8 @@ def generate_shards(
 ) -> Made:
     """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
 
-    Any number of hosts may make parts at the same time, if their file system has locks between hosts. Finished
-    shards are not made again, so the same call continues a part that was stopped.
+    Any number of hosts may make parts at the same time, if their file system has locks between hosts.
+    Finished shards are not made again, so the same call continues a part that was stopped.
 
     Args:
         config: As in `generate`.
@@ -175,10 +176,11 @@ def _finish(part: Part, begun: Origin, place: Path) -> None:
     found = {shard.number: receipt.get(part.folder, shard) for shard in spec.shards}
     missing = [n for n, each in found.items() if each is None or not receipt.is_whole(part.folder, each)]
     if missing:
-        named = ", ".join(map(str, missing[:8])) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
+        more = f" and {len(missing) - MOST} more" if len(missing) > MOST else ""
         raise IbdataError(
-            f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: {named}; make them with the same "
-            "command, or with --resume in place of --shards"
+            f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: "
+            f"{', '.join(map(str, missing[:MOST]))}{more}; make them with the same command, or with "
+            "--resume in place of --shards"
         )
     finish(spec, finished(spec, part), part.folder / receipt.DATASET, begun.reproducible, begun.code)
     publish(part)

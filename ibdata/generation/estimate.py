@@ -117,7 +117,9 @@ def outlook(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> st
         if not overwrite and not (same and resume):
             raise unfinished(out, None if same else "of another experiment", resume)
         return f"generate would {'go on with' if same else 'discard'} the unfinished run in it"
-    return "exists; generate would replace the dataset in it" if target.is_dir() and any(target.iterdir()) else None
+    if target.is_dir() and any(target.iterdir()):
+        return "exists; generate would replace the dataset in it"
+    return None
 
 
 def _estimate(planned: Experiment, out: Path, workers: int | None) -> Estimate:

@@ -7,13 +7,11 @@ import sys
 import threading
 from pathlib import Path
 
-from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import Interrupted, UsageError, printable
 from ibdata.experiment import Config, Experiment, Overrides, load, refuse_unreadable
 from ibdata.experiment.code_comparison import listed as names_of
-from ibdata.experiment.custom_code import customs, require_consent
+from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
@@ -108,6 +106,7 @@ def make_dataset(
     """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
     spec = DatasetSpec.of(experiment)
     if already_there(experiment, target, place, resume, overwrite):
+        say_there(place)
         return
     with in_one_folder(spec), locked_part(target, place) as part:
         settle(part)
@@ -126,9 +125,7 @@ def make_dataset(
             raise
 
 
-def already_there(
-    experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool
-) -> bool:
+def already_there(experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool) -> bool:
     """Whether the dataset is finished. Raises UsageError if another one may not be replaced.
 
     Other code of its policies is an error, and with `resume` a warning, since nothing would run.
@@ -148,6 +145,11 @@ def already_there(
     return True
 
 
+def say_there(place: Path) -> None:
+    """Say on stderr that nothing is to be made."""
+    print(printable(f"ibdata: {place}: already there; nothing was written"), file=sys.stderr, flush=True)
+
+
 def prepare(
     part: Part, spec: DatasetSpec, here: Origin, place: Path, resume: bool, overwrite: bool = False
 ) -> None:
@@ -164,6 +166,7 @@ def prepare(
         told = f"ibdata: {place}: the unfinished run {other} that was begun here is discarded"
         print(printable(told), file=sys.stderr, flush=True)
     part.clear()
+    (part.folder / receipt.DATASET).mkdir()
     origin.begin(part.folder, spec, here)
 
 
@@ -174,7 +177,9 @@ def unfinished(place: Path, other: str | None, resume: bool) -> UsageError:
             f"{place}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
         )
     kind = UsageError if resume else TakenError
-    return kind(f"{place}: holds an unfinished run {other}; --overwrite to start again, or choose another --out")
+    return kind(
+        f"{place}: holds an unfinished run {other}; --overwrite to start again, or choose another --out"
+    )
 
 
 def make(spec: DatasetSpec, shards: list[Shard], part: Part, run: Run, progress: bool | None) -> None:

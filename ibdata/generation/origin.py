@@ -1,7 +1,7 @@
 """The origin of a run: hashes of its policies' code, and of the bits that its machine computes.
 
-It is noted in the part before the first shard. Whoever makes a shard must have the same origin: a process that
-resumes the run, a worker, a range of an array job.
+It is noted in the part before the first shard. Whoever makes a shard must have the same origin: a process
+that resumes the run, a worker, a range of an array job.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ OLD = "old"  # the folder of a part that holds the replaced dataset, where two f
 def publish(part: Part) -> None:
     """Give the finished dataset in a part its name, in place of what is there, and remove the part.
 
-    Once the note of the run has the checksum of the new manifest, whoever holds the part next can tell whether
-    this was done, and `settle` does it where it was not.
+    The note of the run first gets the checksum of the new manifest. So whoever holds the part next can tell
+    whether this was done, and `settle` does it where it was not.
     """
     made = part.folder / DATASET
     if part.target.is_dir():
@@ -79,10 +79,10 @@ def _note(part: Part) -> None:
 
 def _keep(old: Path, new: Path) -> None:
     """Keep the mode and the group of a folder that is replaced, and a card that somebody has edited."""
-    for path in ("", "data", "meta"):
-        keep_access(old / path, new / path)
-    for path in (new / "data", new / "meta"):
-        for file in path.iterdir():
+    keep_access(old, new)
+    for folder in ("data", "meta"):
+        keep_access(old / folder, new / folder)
+        for file in (new / folder).iterdir():
             keep_access(old / manifest.PATH, file)
     card, kept = old / manifest.CARD, f"{manifest.CARD}.old"
     if is_edited(card):

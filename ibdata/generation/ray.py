@@ -93,7 +93,9 @@ def _work(job: tuple[dict[str, Any], dict[str, bytes], Path, Path | None], shard
     """Make a shard in a worker."""
     plain, weights, root, folder = job
     if not os.path.isdir(root):
-        raise IbdataError(f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share")
+        raise IbdataError(
+            f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
+        )
     look_in(Path.cwd(), folder)
     spec = DatasetSpec.from_plain(plain, weights)
     agree(root, spec)

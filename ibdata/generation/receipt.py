@@ -8,14 +8,16 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
 from ibdata.system.files import FileEntry, file_sha256, new_file
 from ibdata.system.part import RECEIPTS
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummary
 
 DATASET = "dataset"  # the folder of a part that holds the dataset
@@ -30,7 +32,7 @@ def put(root: Path, written: WrittenShard) -> None:
     """Write the receipt of a shard whose file is on the disk."""
     summary = written.content
     known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
-    arrays = [
+    arrays: list[npt.NDArray[Any]] = [
         np.frombuffer(json.dumps(known).encode(), np.uint8),
         np.frombuffer(b"".join(summary.digests), np.uint8).reshape(-1, 32),
         summary.returns,
@@ -53,7 +55,7 @@ def get(root: Path, shard: Shard) -> WrittenShard | None:
             header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
         known = json.loads(header.tobytes())
         moments = Moments(known["rows"], mean, squares, low, high)
-        summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"], {})
+        summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
         return WrittenShard(shard, FileEntry(*known["file"]), summary)
     except (OSError, ValueError, EOFError, KeyError, TypeError):
         return None

@@ -16,8 +16,8 @@ from ibdata.experiment.shipped import is_suite
 from ibdata.generation.engine import select_engine
 from ibdata.generation.estimate import preview
 from ibdata.generation.generate import already_there, generate
-from ibdata.system.storage import is_url
 from ibdata.system.part import resolved
+from ibdata.system.storage import is_url
 
 
 def generate_all(

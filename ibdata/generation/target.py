@@ -57,7 +57,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{place}: holds files, but no finished dataset; choose another --out ({error})") from None
+        raise UsageError(f"{place}: not a dataset of ibdata, left as it is ({error})") from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None
@@ -71,7 +71,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
 
 
 def _refuse_irreplaceable(target: Path, listed: Manifest) -> None:
-    """Raise UsageError for a dataset that a new one cannot replace, or with which it would take other files."""
+    """Raise UsageError for a folder that may not be replaced, or that holds more than a dataset."""
     for path in strangers(target, listed):
         what = "folder" if path.is_dir() else "file"
         raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
@@ -95,7 +95,7 @@ def refuse_immovable(part: Part, place: Path) -> None:
 
 
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
-    """The files and folders in a dataset's folder that are neither the dataset's nor such as a user may edit."""
+    """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
     for path in sorted(target.iterdir()):
         if path.name in ("data", "meta") and path.is_dir():

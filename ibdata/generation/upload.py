@@ -1,6 +1,7 @@
 """Writing datasets to URLs: they are made in a folder on this machine, then uploaded, the manifest last.
 
-An object store cannot rename. So the place must hold no other files, and an upload that failed is repeated in full.
+An object store cannot rename. So the place must hold no other files, and an upload that failed is repeated in
+full.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
         return True
     if found and not (resume and found <= _files(work)):
         raise UsageError(
-            f"{remote.name}: holds files, but no finished dataset, such as {min(found)}; --resume goes on with an "
+            f"{remote.name}: holds files, but no finished dataset, such as {min(found)}; --resume repeats an "
             "upload that failed on this machine; otherwise remove them, or choose another --out"
         )
     return False
@@ -67,5 +68,7 @@ def upload(remote: Remote, work: Path) -> None:
                     remote.put(work / path, path)
                 check()
     except OSError as error:
-        raise IbdataError(f"{remote.name}: cannot be written: {reason(error)}; --resume tries again") from None
+        raise IbdataError(
+            f"{remote.name}: cannot be written: {reason(error)}; --resume tries again"
+        ) from None
     shutil.rmtree(work.parent, ignore_errors=True)

@@ -19,9 +19,14 @@ from typing import Any, NamedTuple
 from ibdata.errors import IbdataError
 from ibdata.system.signals import held
 
-# The path of modules comes from the parent. Before it is set, nothing is imported: `python -c` would look in the
-# current folder before all others.
-BEGIN = "import sys; sys.path[:] = sys.argv[2:]; from ibdata.generation.worker import main; main(int(sys.argv[1]))"
+# The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks
+# in the current folder before all others.
+BEGIN = """\
+import sys
+sys.path[:] = sys.argv[2:]
+from ibdata.generation.worker import main
+main(int(sys.argv[1]))
+"""
 
 
 class Job(NamedTuple):

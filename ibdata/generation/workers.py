@@ -56,9 +56,7 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
     return Division(processes, threads)
 
 
-def run(
-    spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None, tell: Tell
-) -> Iterator[int]:
+def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None, tell: Tell) -> Iterator[int]:
     """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
 
     Args:

@@ -19,16 +19,16 @@ from ibdata.generation.engine import refuse_workers
 from ibdata.generation.target import strangers
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.workers import run
-from ibdata.system.files import FileEntry, file_sha256, keep_access, sync_folder, write
+from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import refuse_url, storage
+from ibdata.validation.rows import check_shard
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.stored import stored_content
 from ibdata.writing.summary import UNREAD, content_of
 
 NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
@@ -38,8 +38,8 @@ REPAIR = "repair"  # the folder of a part in which shards are made again
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the broken and missing files of a dataset again, and only them.
 
-    A shard is replaced only by one with the content that the manifest lists. If pyarrow writes other bytes than
-    the version that made the dataset, the manifest gets the new hashes.
+    A shard is replaced only by one with the content that the manifest lists. If pyarrow writes other bytes
+    than the version that made the dataset, the manifest gets the new hashes.
 
     Args:
         folder: The folder of the dataset.
@@ -51,8 +51,8 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         The paths of the files that were made again, or whose entries in the manifest were mended.
 
     Raises:
-        DatasetError: There is no manifest, weights are lost, or a shard that was made again has another content.
-        UsageError: The folder holds files that are not the dataset's, or custom policies that are not allowed.
+        DatasetError: There is no manifest, weights are lost, or a shard that was made again differs.
+        UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
     refuse_url(folder)
     refuse_workers(workers)
@@ -102,8 +102,7 @@ def _broken(folder: Path, listed: Manifest) -> list[str]:
 
 def _entry(folder: Path, path: str) -> FileEntry | None:
     check()
-    sha256 = file_sha256(folder / path)
-    return None if sha256 is None else FileEntry(path, (folder / path).stat().st_size, sha256)
+    return storage(folder).entry(path)
 
 
 def _spec(folder: Path, listed: Manifest) -> DatasetSpec:
@@ -111,8 +110,8 @@ def _spec(folder: Path, listed: Manifest) -> DatasetSpec:
     for path in entries:
         if manifest.WEIGHTS.fullmatch(path) and _entry(folder, path) != entries[path]:
             raise DatasetError(
-                f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with the "
-                f"SHA-256 {entries[path].sha256} there, then repair"
+                f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with "
+                f"the SHA-256 {entries[path].sha256} there, then repair"
             )
     return declared_spec(folder, listed)
 
@@ -127,7 +126,7 @@ def _repaired(
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         content = UNREAD
         if one.path in broken or NEED_CONTENT & set(broken):
-            found = _content(spec, shard, folder, one.path)
+            found, _ = check_shard(spec, shard, folder, one.path)
             if found is None or content_of(found.digests) != one.content:
                 wrong.append(shard)
             else:
@@ -149,13 +148,6 @@ def _repaired(
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         print(f"ibdata: {folder}: splits that were made later are lost; make them again", file=sys.stderr)
     return entries
-
-
-def _content(spec: DatasetSpec, shard: Shard, folder: Path, path: str):
-    try:
-        return stored_content(spec, shard, folder, path)
-    except (DatasetError, ValueError):
-        return None
 
 
 def _made_again(
@@ -183,8 +175,8 @@ def _made_again(
         one = listed.shards[each.shard.number]
         if content_of(each.content.digests) != one.content:
             raise DatasetError(
-                f"{folder / one.path}: found other content when made again, expected the content that the manifest "
-                "lists; no shard was changed"
+                f"{folder / one.path}: found other content when made again, expected the content that the "
+                "manifest lists; no shard was changed"
             )
     return found
 
@@ -198,6 +190,4 @@ def _move(made: Path, path: Path) -> None:
 
 
 def _clean(part: Part) -> None:
-    from ibdata.system.files import remove
-
     remove(part.folder / REPAIR)

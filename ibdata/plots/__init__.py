@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import IbdataError, UsageError
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Place
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.reader import Dataset, Place
     from ibdata.plots.summary import Summary
 
 FOLDER = "figures"

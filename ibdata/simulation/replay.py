@@ -13,7 +13,7 @@ from ibdata.experiment import Experiment
 from ibdata.numerics.random import Purpose
 from ibdata.policies import Policy
 from ibdata.policies.given import Given
-from ibdata.simulation.episodes import Float32s, Floats, Past, draw_uniforms
+from ibdata.simulation.episodes import Float32s, Floats, draw_uniforms
 from ibdata.simulation.rollout import CHUNK, Block, blocks
 
 
@@ -23,7 +23,6 @@ def log_densities(
     stop: int,
     observations: Float32s,
     actions: Float32s,
-    burn_in_seen: bool = True,
 ) -> Floats:
     """Compute the log densities of the actions of episodes first … stop - 1, all of one policy.
 
@@ -36,7 +35,6 @@ def log_densities(
         stop: the episode after the last.
         observations: the recorded observations, float32 (episodes, steps, 6).
         actions: the recorded actions, float32 (episodes, steps, 3).
-        burn_in_seen: whether the policy saw the observations of the burn-in; in data version 1 it did not.
 
     Returns:
         Log densities (episodes, steps).
@@ -45,7 +43,7 @@ def log_densities(
     for start, end in blocks(experiment, first, stop):  # so that memory is bounded
         own = slice(start - first, end - first)
         replay = _Replay(experiment, start, end)
-        out[own] = replay.ask(replay.policy.log_density, observations[own], actions[own], burn_in_seen)
+        out[own] = replay.ask(replay.policy.log_density, observations[own], actions[own])
     return out
 
 
@@ -63,7 +61,6 @@ def measured(
     observations: Float32s,
     actions: Float32s,
     policy: Policy | None = None,
-    burn_in_seen: bool = True,
 ) -> Measured:
     """Compute the log densities of recorded actions with their measure; see `log_densities`.
 
@@ -74,7 +71,6 @@ def measured(
         observations: as in `log_densities`.
         actions: as in `log_densities`.
         policy: a policy in place of that of the episodes; it gets the same random numbers.
-        burn_in_seen: as in `log_densities`.
 
     Raises:
         PolicyError: the policy returned no valid density.
@@ -86,7 +82,7 @@ def measured(
             [replay.checked.log_density(given, action), replay.policy.atoms(given, action)]
         )
 
-    found = replay.ask(question, observations, actions, burn_in_seen)
+    found = replay.ask(question, observations, actions)
     return Measured(found[..., 0], found[..., 1:] > 0.0)
 
 
@@ -98,10 +94,9 @@ class _Replay(Block):
         question: Callable[[Given, Float32s], Floats],
         observations: Float32s,
         actions: Float32s,
-        burn_in_seen: bool,
     ) -> npt.NDArray[Any]:
         """The answers (n, steps, …) to a question about what is given and the actions."""
-        seen, done = self._windows(observations, actions, burn_in_seen)
+        seen, done = self._windows(observations, actions)
         if self.policy.memory_size == 0:
             return self._at_once(question, seen, done, actions)
         answers = []
@@ -129,17 +124,14 @@ class _Replay(Block):
         found = question(given, actions.reshape(n * steps, 3))
         return found.reshape(n, steps, *found.shape[1:])
 
-    def _windows(
-        self, observations: Float32s, actions: Float32s, burn_in_seen: bool
-    ) -> tuple[Float32s, Float32s]:
+    def _windows(self, observations: Float32s, actions: Float32s) -> tuple[Float32s, Float32s]:
         """The observations (n, steps, length, 6) and actions (n, steps, length, 3) seen at each step."""
         length = self.policy.history_length
         if length == 0:
             return observations[:, :, None][:, :, :0], actions[:, :, None][:, :, :0]
-        past = self.past if burn_in_seen else Past.of(self.state, length)
         return (
-            _windows(past.observations[:, 1:], observations, length),
-            _windows(past.actions, actions[:, :-1], length),
+            _windows(self.past.observations[:, 1:], observations, length),
+            _windows(self.past.actions, actions[:, :-1], length),
         )
 
     def _uniforms(self, steps: int) -> Iterator[tuple[int, Floats]]:

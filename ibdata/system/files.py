@@ -1,4 +1,4 @@
-"""Writing files that are on the disk when they are said to be, and reading files of which nothing is known."""
+"""Writing files that are on the disk when a call returns, and reading files of which nothing is known."""
 
 from __future__ import annotations
 
@@ -87,7 +87,10 @@ def write_new(folder: Path, path: str, data: bytes) -> FileEntry:
 
 
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
-    """Write folder/path in place of an older file, whose mode and group it gets; readers see one or the other."""
+    """Write folder/path in place of an older file, whose mode and group it gets.
+
+    Readers find the old file or the new one, never a part of it.
+    """
     target = folder / path
     temporary = target.with_name(f".tmp-{secrets.token_hex(6)}-{target.name}")
     entry = write_new(temporary.parent, temporary.name, data)

@@ -1,7 +1,7 @@
 """Locks for one writer, or for several that write different files.
 
-A lock is a regular file under flock. It belongs to an open file, so it also works between threads, and it ends
-with its process, however that ends. It works on NFS if the mount has locks.
+A lock is a regular file under flock. It belongs to an open file, so it also works between threads, and it
+ends with its process, however that ends. It works on NFS if the mount has locks.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The part of an output: the hidden folder `.NAME.part` beside its place, in which it is made.
 
-A part belongs to the process that holds the lock in it. What was made in it appears at its place by one rename.
-It stays after a process that failed only if it has receipts, with which the next one can go on.
+A part belongs to the process that holds the lock in it. What was made in it appears at its place by one
+rename. It stays after a process that failed only if it has receipts, with which the next one can go on.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
 LOCK, RECEIPTS = "lock", "receipts"
-PATIENCE = 10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+PATIENCE = (
+    10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+)
 
 
 class Part:
@@ -77,7 +79,7 @@ def locked_part(
     Args:
         target: The place of the output, without links.
         place: Its name in messages; by default its path.
-        shared: Whether other hosts may hold the part too. The first one holds it alone until it calls `share`.
+        shared: Whether other hosts may hold the part too. The first one is alone until it calls `share`.
 
     Raises:
         BusyError: Another process holds the part.

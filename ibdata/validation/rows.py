@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import zip_longest
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import parquet
+from ibdata.dataset.statistics import Moments
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
-from ibdata.validation.footer import foreign_metadata, wrong_footer
+from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.validation.stored import Part, stored_parts
-from ibdata.writing.arrow import arrow_schema
-from ibdata.dataset.statistics import Moments
+from ibdata.writing.stored import Part, stored_parts
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
@@ -31,9 +30,8 @@ PART_ROWS = 100_000  # as a row group has, which then is a part where it holds w
 def check_shard(
     spec: DatasetSpec,
     shard: Shard,
-    path: Path,
+    place: Any,
     listed: str,
-    data_version: int | None = None,
     advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
@@ -41,40 +39,35 @@ def check_shard(
     Args:
         spec: The experiments and splits of the dataset.
         shard: The shard.
-        path: Its file.
-        listed: The path under which the manifest lists it.
-        data_version: The data version of the dataset; by default that of a new one.
+        place: The dataset's folder or storage.
+        listed: The path of the file in it.
         advance: Called with the number of rows of each part.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
     experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
-    version = spec.data_version if data_version is None else data_version
-    problems: list[Problem] = []
     try:
-        schema, rows = parquet.described(path)
+        schema, rows = parquet.described(place, listed)
         expected = (shard.stop - shard.first) * experiment.steps
         if wrong := _schema(schema, columns(experiment)):
             return None, [Problem(listed, None, "schema", wrong)]
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(listed, None, "rows", message)]
-        if wrong := wrong_footer(path, arrow_schema(columns(experiment))):
-            problems.append(Problem(listed, None, "footer", wrong))
-        batches = parquet.batches(path, None, PART_ROWS, threads=False)
+        batches = parquet.batches(place, listed, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
             for part in stored_parts(spec, shard, batches, PART_ROWS):
                 if before:
                     before.result()
-                before = checking.submit(_check, experiment, version, shard, part, account, found)
+                before = checking.submit(_check, experiment, shard, part, account, found)
                 advance((part.episodes.stop - part.episodes.first) * experiment.steps)
             if before:
                 before.result()
     except DatasetError as error:
-        return None, [Problem.of(error, listed, path, "parquet")]
-    problems += found.problems()
+        return None, [Problem.of(error, listed, storage(place).where(listed), "parquet")]
+    problems = found.problems()
     return (None if problems else account.content()), problems
 
 
@@ -102,7 +95,6 @@ class _Found:
 
 def _check(
     experiment: Experiment,
-    data_version: int,
     shard: Shard,
     part: Part,
     account: ShardSummarizer,
@@ -116,12 +108,12 @@ def _check(
         found.add("nulls", row, missing)
         whole, row = whole and not missing, row + batch.num_rows
     if whole:
-        own = _rows(experiment, data_version, part, account.add(part.episodes, part.floats))
+        own = _rows(experiment, part, account.add(part.episodes, part.floats))
         for name, rule in RULES.items():
             found.add(name, first, rule(own))
 
 
-def _rows(experiment: Experiment, data_version: int, part: Part, described: Moments) -> Rows:
+def _rows(experiment: Experiment, part: Part, described: Moments) -> Rows:
     known = dict(zip(part.floats.names, part.floats.table, strict=True))
     for name in ("episode", "step", "terminated", "truncated"):
         known[name] = pa.chunked_array([batch[name] for batch in part.others]).to_numpy()
@@ -131,7 +123,7 @@ def _rows(experiment: Experiment, data_version: int, part: Part, described: Mome
         for i, name in enumerate(part.floats.names)
         if np.isfinite(described.squares[i])
     }
-    return Rows(experiment, part.episodes, data_version, columns(experiment), known, ranges)
+    return Rows(experiment, part.episodes, columns(experiment), known, ranges)
 
 
 def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
@@ -146,16 +138,16 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """Describe the first column that differs from the expected one, or metadata of the schema; else None."""
+    """Describe the first column that differs from the expected one; None if none does."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
-    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else foreign_metadata(found)
+    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
 
 
 def _plain_type(kind: pa.DataType) -> str:
-    """The type of a column as info.json spells it."""
+    """The type of a column as dataset.json spells it."""
     if pa.types.is_dictionary(kind):
         return "string"
     return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))

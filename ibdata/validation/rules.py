@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ class Problem(NamedTuple):
     message: str
 
     @classmethod
-    def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
+    def of(cls, error: DatasetError, path: str, file: str, rule: str) -> Problem:
         """The problem that an error describes, without the name of the file in its message."""
         message = re.sub("[,;] see ibdata validate", "", str(error).removeprefix(f"{file}: "))
         return cls(path, None, rule, message)
@@ -67,7 +66,6 @@ class Rows(NamedTuple):
 
     experiment: Experiment
     part: Shard
-    data_version: int  # of the dataset
     described: list[Column]
     columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
     ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
@@ -222,10 +220,7 @@ def _log_prob(rows: Rows, low: int, high: int) -> Array:
         for role in ("observation", "action")
     )
     first = rows.part.first + low
-    seen = rows.data_version >= rows.experiment.data_version
-    return log_densities(
-        rows.experiment, first, first + high - low, observations, actions, burn_in_seen=seen
-    ).ravel()
+    return log_densities(rows.experiment, first, first + high - low, observations, actions).ravel()
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

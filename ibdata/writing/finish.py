@@ -97,7 +97,7 @@ def metadata_files(
 ) -> dict[str, Callable[[], bytes]]:
     """Functions that make the files in `meta` that the manifest lists, by path.
 
-    That for statistics.json needs the content of the shards, and that for episodes.parquet the table of `episodes`.
+    That for statistics.json needs the content of the shards, that for episodes.parquet the table `episodes`.
     """
     return {
         "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),

@@ -164,9 +164,7 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
 def statistics(spec: DatasetSpec, written: list[WrittenShard]) -> Statistics:
     """Make statistics.json: statistics of every float column, over all rows and over each declared split."""
     names = layout(spec.experiments[0]).names
-    of_splits = {
-        name: [w.content for w in written if name in w.shard.splits] for name in spec.declared
-    }
+    of_splits = {name: [w.content for w in written if name in w.shard.splits] for name in spec.declared}
     return Statistics(
         format="ibdata-statistics",
         version=1,

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ibdata.dataset.digest import episode_digests
+from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -16,7 +17,6 @@ from ibdata.simulation.rollout import Columns, parts, rollout
 from ibdata.simulation.self_check import keeps_denormals
 from ibdata.simulation.variables import Table, layout
 from ibdata.writing.arrow import digest_runs
-from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 
 
 class ShardSummary(NamedTuple):

@@ -19,7 +19,7 @@ from ibdata.environment.lane import Lane
 from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
 from ibdata.numerics.random import Purpose, integers
 from ibdata.policies import OBSERVATION
@@ -305,11 +305,3 @@ def test_settings_of_other_episodes_are_refused_with_the_ones_to_give(dataset, m
     own = refusal(uniform).partition("; make the environment with dynamics=")[2]
     assert own == "{'base': 'paper', 'eta_squash': [1.5, 0.5]}"
     Replay.asked_for({"dataset": uniform, "episode": 0}, settings(dynamics=eval(own)), 1)
-
-
-def test_data_of_another_version_are_refused(describe, tmp_path):
-    changes = {"policies": [{"kind": "optimized"}], "start": {"burn_in": [3, 9]}}
-    ds = ibdata.generate(describe(**changes), tmp_path / "data", workers=1)
-    ds.manifest_model = ds.manifest_model.model_copy(update={"data_version": 1})
-    with pytest.raises(DatasetError, match="found data version 1, in which policies did not see the burn-in"):
-        Replay.asked_for({"dataset": ds, "episode": 0}, settings(), 1)

@@ -162,16 +162,3 @@ def test_rows_that_the_simulation_does_not_give_are_one_line(copied, column, val
     assert str(caught.value).startswith(f"{copied}: {message}")
     assert str(caught.value).endswith("see ibdata validate")
     equal(state_at(ds, 1, 9), state_at(ds, [1], [9]))  # rows after the given one do not matter
-
-
-@pytest.mark.parametrize(
-    ("version", "message"),
-    [(1, ": found data version 1, in which policies did not see the burn-in"), (3, "expected at most 2")],
-)
-def test_data_of_another_version_are_refused(describe, tmp_path, version, message):
-    changes = {"policies": [{"kind": "optimized"}], "start": {"burn_in": [3, 9]}}
-    ds = ibdata.generate(describe(**changes), tmp_path / "data", workers=1)
-    assert state_at(ds, 0, 7).gain.shape == (1,)
-    ds.manifest_model = ds.manifest_model.model_copy(update={"data_version": version})
-    with pytest.raises(DatasetError, match=message):
-        state_at(ds, 0, 0)

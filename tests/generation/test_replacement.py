@@ -18,7 +18,6 @@ from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.generation import replacement, staging
 from ibdata.report import card
-from ibdata.writing.metadata import as_json
 
 PLAIN = {
     "name": "tiny",
@@ -202,14 +201,13 @@ def test_labels_made_later_are_not_mixed_with_those_before(here):
     assert len(before.table()) == 20  # the rows are the same
     with pytest.raises(IbdataError, match="replaced while it was read"):
         before.statistics()
-    assert set(ibdata.open(here).info["splits"]) == {"random", "safe"}
+    assert set(ibdata.open(here).splits) == {"random", "safe"}
 
 
 def test_a_folder_that_does_not_count_is_not_believed_and_goes(here, made):
     shutil.copytree(made[1].path / "data", here / ".new/data")
     staging.make(here / ".new")
     assert ibdata.open(here).table() == made[0].table()
-    assert rules(here) == {"unsettled"}
     assert ibdata.repair(here) == []
     assert ibdata.validate(here) == []
     assert not (here / ".new").exists()
@@ -301,15 +299,6 @@ def test_an_edited_card_is_not_replaced_by_a_split(here):
     with pytest.raises(UsageError, match=r"README\.md: was edited, and the new splits would replace it"):
         ibdata.split(here, by="policy")
     assert {name: (here / name).read_bytes() for name in names(here)} == before
-
-
-def test_a_dataset_of_another_data_version_is_not_taken_for_finished(here):
-    listed = json.loads((here / manifest.PATH).read_bytes())
-    listed["data_version"] = 0
-    listed["checksum"] = manifest.checksum(listed)
-    (here / manifest.PATH).write_bytes(as_json(listed))
-    with pytest.raises(UsageError, match="holds a dataset of data version 0, and this ibdata makes 1"):
-        ibdata.generate(described(), here, workers=1, resume=True)
 
 
 def test_a_finished_dataset_with_a_flipped_bit_is_not_taken_for_whole(here):

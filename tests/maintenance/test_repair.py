@@ -8,7 +8,6 @@ import re
 import shutil
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers.tiny import PLAIN
@@ -17,18 +16,16 @@ import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.maintenance.repair import repair
-from ibdata.validation.rows import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.metadata import as_json
 
 FILES = [
     "shard 0",
     "shard 3",
-    "meta/info.json",
+    "meta/dataset.json",
     "meta/episodes.parquet",
-    "meta/stats.json",
+    "meta/statistics.json",
     "meta/experiment.yaml",
     "README.md",
 ]
@@ -213,7 +210,7 @@ def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copie
     before = contents(copied)
     for module in ("ibdata.simulation.rollout", "ibdata.writing.summary", "ibdata.generation.warm_up"):
         monkeypatch.setattr(f"{module}.rollout", simulate)
-    for path in ("meta/episodes.parquet", "meta/stats.json"):
+    for path in ("meta/episodes.parquet", "meta/statistics.json"):
         damage(copied / path, "cut")
         assert repair(copied, workers=1) == [path]
         assert contents(copied) == before
@@ -238,29 +235,6 @@ def test_metadata_are_not_made_again_from_rows_that_are_not_those_listed(copied,
     ):
         repair(copied, workers=1)
     assert contents(copied) == before
-
-
-def flipped_extreme(data: bytes) -> bytes:
-    """A Parquet file with one bit of its footer flipped, so that it lists 17 as the last `step`, not 19."""
-    start = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
-    for found in re.finditer(re.escape((19).to_bytes(4, "little")), data[start:]):
-        place = start + found.start()
-        changed = data[:place] + b"\x11" + data[place + 1 :]
-        if pq.ParquetFile(pa.BufferReader(changed)).metadata.row_group(0).column(1).statistics.max == 17:
-            return changed
-    raise AssertionError("no such place")
-
-
-def test_a_shard_whose_footer_is_damaged_is_made_again_where_the_manifest_is_lost(copied, shard_file):
-    path = copied / shard_file(copied, 0)
-    path.write_bytes(flipped_extreme(path.read_bytes()))
-    spec = DatasetSpec.of(Experiment.model_validate(PLAIN))
-    _, (problem,) = check_shard(spec, spec.shards[0], path, "x")
-    assert problem.rule == "footer"
-    assert problem.message == "step: the footer lists other extremes of row group 0 than its rows have"
-    (copied / manifest.PATH).unlink()
-    with pytest.raises(DatasetError, match="has other content; nothing was changed"):
-        ibdata.repair(copied)
 
 
 def test_a_dataset_without_manifest_and_experiment_is_lost(copied):

@@ -69,9 +69,9 @@ def stored_parts(
         yield Part(shard._replace(first=first, stop=stop), Columns(names, table, 0), others)
 
 
-def stored_content(spec: DatasetSpec, shard: Shard, path: Path) -> ShardSummary:
+def stored_content(spec: DatasetSpec, shard: Shard, folder: Path, path: str) -> ShardSummary:
     """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
-    batches = parquet.batches(path, layout(experiment).names, BATCH_ROWS, rows)
+    batches = parquet.batches(folder, path, layout(experiment).names, BATCH_ROWS, rows)
     return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))
