@@ -68,10 +68,8 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
         codes = USAGE
     elif place.unfinished and not overwrite:
         codes = DONE if flags and place.unfinished.experiment == experiment else USAGE
-    if {MANIFEST, "meta/experiment.yaml"} & place.damaged and codes != USAGE:
-        codes = ANY
-    elif MANIFEST in place.damaged:
-        codes = NO
+    if {MANIFEST, "meta/experiment.yaml"} & place.damaged:  # whose dataset this is cannot be told
+        codes = NO if codes == USAGE else ANY
     return Expected(codes, after)
 
 

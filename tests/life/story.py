@@ -218,7 +218,7 @@ class Life(RuleBasedStateMachine):
         if after is place and answer.code in expected.codes and answer.code != FAULTS.get(mode):
             assert signature(self.home / out) == before, f"changed: {story}"
         self.read(readers, {name for name in (place.holds, after.holds) if name}, place, False)
-        self.places[out] = replace(after, part=self.part(out, place, after, answer, experiment, story))
+        self.places[out] = replace(after, part=self.part(out, place, after, answer, experiment, mode, story))
         self.check_all()
 
     def outcome(
@@ -250,7 +250,14 @@ class Life(RuleBasedStateMachine):
             return False
 
     def part(
-        self, out: str, place: Place, after: Place, answer: Answer, experiment: str | None, story: str
+        self,
+        out: str,
+        place: Place,
+        after: Place,
+        answer: Answer,
+        experiment: str | None,
+        mode: str,
+        story: str,
     ) -> Part | None:
         """The unfinished run that is beside the place now."""
         if not (self.home / f".{out}.part").exists():
@@ -259,10 +266,9 @@ class Life(RuleBasedStateMachine):
         listed = self.known.forks.run("ls", self.home, "--json")
         assert listed.code == 0, listed
         part = self.unfinished(json.loads(listed.output), out)
-        killed, before = answer.code == -9, place.part or USELESS
+        before = place.part or USELESS
         if part == USELESS:
-            assert killed or before == USELESS, f"a useless part is left: {story}"
-            assert killed or place.part, f"a useless part is left: {story}"
+            assert mode != "none" or place.part == USELESS, f"a useless part is left: {story}"
         elif part != place.part:
             assert part.experiment == experiment, f"whose part? {story}"
             assert part.shards >= before.shards or before.experiment != experiment, f"shards lost: {story}"
