@@ -96,7 +96,10 @@ def checks(
     yield EPISODES, _episodes(folder, listed, spec, written, table)
     if table is not None:
         yield STATS, _statistics(folder, listed, metadata.statistics(spec, written))
-        yield manifest.CARD, _card(folder, listed, card(spec, shards, root, table))
+        yield (
+            manifest.CARD,
+            _card(folder, listed, card(DatasetSpec(spec.name, spec.experiments), shards, root, table)),
+        )
     yield INFO, _info(folder, listed, metadata.info(spec))
     for path, experiment in experiment_files(spec).items():
         yield path, _experiment(folder, listed, path, experiment)
