@@ -58,7 +58,11 @@ def is_one_dataset(url):
     dataset = ibdata.open(url)
     listed = [file["path"] for file in dataset.manifest["files"]]
     rows = sum(pq.read_metadata(path).num_rows for path in Path("there/data").iterdir())
-    return names() == sorted([*listed, manifest.SPLITS, manifest.PATH]) and rows == len(dataset) and ibdata.validate(url) == []
+    return (
+        names() == sorted([*listed, manifest.SPLITS, manifest.PATH])
+        and rows == len(dataset)
+        and ibdata.validate(url) == []
+    )
 
 
 @pytest.mark.slow
