@@ -52,7 +52,7 @@ def _column_names(ctx: click.Context) -> Iterable[str]:
 
 
 def _split_names(ctx: click.Context) -> Iterable[str]:
-    return _dataset(ctx).info_model.splits
+    return _dataset(ctx).split_entries
 
 
 def _dataset(ctx: click.Context) -> Dataset:

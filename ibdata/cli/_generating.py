@@ -92,7 +92,7 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
         [
             ("dataset", folder),
             ("rows", f"{counts.rows:,} in {contents}"),
-            ("files", f"{counts.shards:,} Parquet, {size(counts.data_bytes)}"),
+            ("files", f"{counts.shards:,} Parquet, {size(dataset.manifest_model.data_bytes)}"),
             ("content root", dataset.content_root),
             ("time", f"{seconds:.1f} s"),
         ]
@@ -142,8 +142,8 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
     made = generate_all(config, out, **options)
     seconds = time.perf_counter() - start
     folder = next(iter(made.values())).path.parent
-    counts = [dataset.info_model.counts for dataset in made.values()]
-    rows, data_bytes = sum(c.rows for c in counts), sum(c.data_bytes for c in counts)
+    rows = sum(len(dataset) for dataset in made.values())
+    data_bytes = sum(dataset.manifest_model.data_bytes for dataset in made.values())
     if as_json:
         datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]
         print_json({"out": str(folder), "datasets": datasets, "rows": rows, "seconds": seconds})

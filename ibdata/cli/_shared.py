@@ -33,7 +33,7 @@ class Place(click.Path):
     """A path; a URL is kept as a string."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from ibdata.system.object_store import is_url
+        from ibdata.system.storage import is_url
 
         return value if is_url(value) else super().convert(value, param, ctx)
 
@@ -45,7 +45,7 @@ class LocalPath(click.Path):
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from ibdata.system.object_store import refuse_url
+        from ibdata.system.storage import refuse_url
 
         refuse_url(value)
         return super().convert(value, param, ctx)

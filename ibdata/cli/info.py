@@ -43,20 +43,25 @@ def command(folder: Path | str, as_json: bool) -> None:
     counts = info.counts
     if as_json:
         root = dataset.content_root
-        described = {"path": str(folder), "content_root": root, "info": dataset.info, "returns": returns}
-        print_json({**described, "quality": measures._asdict()})
+        described = {
+            "path": str(folder),
+            "content_root": root,
+            "info": dataset.info,
+            "splits": dataset.splits,
+        }
+        print_json({**described, "returns": returns, "quality": measures._asdict()})
         return
     pairs = [
         ("name", info.name),
         ("dynamics", "several" if info.dynamics is None else info.dynamics),
         ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {_steps(dataset)}"),
-        ("files", f"{counts.shards:,} Parquet, {size(counts.data_bytes)}"),
+        ("files", f"{counts.shards:,} Parquet, {size(dataset.manifest_model.data_bytes)}"),
         ("content root", dataset.content_root),
     ]
-    for name, split in info.splits.items():
-        pairs.append((f"split {name}", within(split.rows, split.episodes)))
-    for role, names in info.groups.items():
-        pairs.append((role, ", ".join(names)))
+    for name, split in dataset.splits.items():
+        pairs.append((f"split {name}", within(split["rows"], split["episodes"])))
+    for role in dict.fromkeys(column.role for column in info.columns):
+        pairs.append((role, ", ".join(info.names(role))))
     print_pairs(pairs)
     say()
     _print_returns(returns)

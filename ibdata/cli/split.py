@@ -129,19 +129,16 @@ def _refuse_with_list(options: Mapping[str, Any]) -> None:
 
 
 def _taken_away(before: Dataset, after: Dataset) -> dict[str, list[str]]:
-    """The splits that were replaced or removed, and the files that were removed since they showed them."""
-    old, new = before.manifest_model, after.manifest_model
+    """The splits that were replaced or removed."""
+    old, new = before.split_entries, after.split_entries
     return {
-        "replaced": [
-            name for name in old.splits if old.splits[name] != new.splits.get(name, old.splits[name])
-        ],
-        "removed": [name for name in old.splits if name not in new.splits],
-        "files": [path for path in old.entries() if path not in new.entries()],
+        "replaced": [name for name in old if name in new and old[name] != new[name]],
+        "removed": [name for name in old if name not in new],
     }
 
 
 def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]] | None = None) -> None:
-    splits = dataset.info["splits"]
+    splits = dataset.splits
     taken = {key: names for key, names in (taken_away or {}).items() if names}
     if as_json:
         root = dataset.content_root
@@ -151,11 +148,9 @@ def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]] 
         say(f"removed the split {name}")
     for name in taken.get("replaced", []):
         say(f"replaced the split {name}; --prefix or --name keeps both")
-    for path in taken.get("files", []):
-        say(f"removed {path}, which showed the old splits; ibdata card {dataset.path} makes it again")
     width = max(map(len, splits), default=0)
     for name, made in splits.items():
-        kind = "labels" if made["files"] is None else "whole files"
+        kind = "whole files" if made["declared"] else "labels"
         say(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
     if not splits:
         say(f"{dataset.path}: no splits")

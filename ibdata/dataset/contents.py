@@ -1,4 +1,4 @@
-"""The description of a finished dataset: manifest, columns, splits, statistics, episodes and returns."""
+"""The description of a finished dataset: manifest, columns, splits, episodes and returns."""
 
 from __future__ import annotations
 
@@ -10,60 +10,57 @@ import pyarrow as pa
 
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.models import Info, Manifest, Stats
-from ibdata.dataset.overview import Splits, overview
+from ibdata.dataset.models import Info, SplitEntry
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.dataset.selection import known_of
-from ibdata.errors import DatasetError, UsageError, printable
+from ibdata.dataset.selection import Mask, Policy, Setpoint, known_of, selected
+from ibdata.dataset.splits import Splits, read_splits, runs_of, with_later
+from ibdata.dataset.tabular import Table, as_html
+from ibdata.errors import UsageError, printable
 from ibdata.numerics.naming import counted
-from ibdata.system import object_store
+from ibdata.system.storage import storage
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from pathlib import Path
 
-TRIES = 5
+    import pandas as pd
 
 
 class Contents:
     """What the files in `meta/` say of a dataset; `Dataset` adds the rows."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = object_store.local_copy(path)
-        self.place = object_store.name_of(self.path)
-        self.manifest_model: Manifest
-        for _ in range(TRIES):  # until manifest and info are of one dataset
-            self.manifest_model = manifest.read(self.path)
-            try:
-                self.info_model  # noqa: B018  # kept
-            except manifest.ReplacedError:
-                continue
-            except DatasetError:
-                pass  # `info` raises it again
-            break
+        self.storage = storage(path)
+        self.place = self.storage.name
+        self.manifest_model = manifest.read(self.storage)
 
     def __repr__(self) -> str:
         n = self.info_model.counts
         size = f"{counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}"
-        size = f"{counted(n.rows, 'row')}, {counted(n.episodes, 'episode')}"
         return f"<ibdata.Dataset {printable(self.place)}: {size}>"
 
     def _repr_html_(self) -> str:
-        return overview(self)
+        info, episodes = self.info_model, self.episode_table
+        row = {
+            "dataset": info.name,
+            "rows": info.counts.rows,
+            "episodes": info.counts.episodes,
+            "policies": episodes["policy"].unique().to_pylist(),
+            "setpoints": episodes["setpoint"].unique().to_pylist(),
+            "content root": f"{self.content_root[:12]}…",
+            "in": self.place,
+        }
+        return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
 
     def __fspath__(self) -> str:
         return str(self.path)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "url": object_store.url_of(self.path)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        url = state.pop("url")
-        self.__dict__.update(state)
-        if url is not None:
-            self.path = object_store.own_copy(self.path, url)
-
     def __len__(self) -> int:
         return self.manifest_model.rows
+
+    @property
+    def path(self) -> Path:
+        """The folder. Raises UsageError for a dataset at a URL."""
+        return self.storage.path
 
     @property
     def content_root(self) -> str:
@@ -77,35 +74,24 @@ class Contents:
 
     @cached_property
     def info(self) -> dict[str, Any]:
-        """meta/info.json: columns with roles, units and bounds; counts; splits."""
+        """meta/dataset.json: columns with roles, units and bounds; counts."""
         return self.info_model.plain()
 
     @cached_property
     def info_model(self) -> Info:
         """`info` as a model."""
-        return manifest.read_json(self.path, self.manifest_model, "meta/info.json", Info)
+        return manifest.read_json(self.storage, self.manifest_model, "meta/dataset.json", Info)
 
     @property
     def splits(self) -> Splits:
-        """For each split its numbers of episodes and rows, and its files; None for files if it has none."""
-        return Splits({name: split.plain() for name, split in self.info_model.splits.items()})
+        """For each split its numbers of episodes and rows, and whether it is declared: of whole files."""
+        keys = {"episodes", "rows", "declared"}
+        return Splits({name: entry.model_dump(include=keys) for name, entry in self.split_entries.items()})
 
-    def statistics(self, split: str | None = None) -> dict[str, Any]:
-        """Statistics of the float columns.
-
-        Args:
-            split: Only the rows of this split; by default all rows.
-
-        Returns:
-            For each column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
-
-        Raises:
-            UsageError: The dataset has no such split.
-            DatasetError: meta/stats.json is missing or damaged.
-        """
-        stats = manifest.read_json(self.path, self.manifest_model, "meta/stats.json", Stats)
-        columns = stats.all if split is None else stats.splits[self._known(split)]
-        return {name: column.plain() for name, column in columns.items()}
+    @cached_property
+    def split_entries(self) -> dict[str, SplitEntry]:
+        """meta/splits.json as models."""
+        return read_splits(self.storage, self.manifest_model)
 
     @property
     def episodes(self) -> pd.DataFrame:
@@ -114,8 +100,14 @@ class Contents:
 
     @cached_property
     def _episode_frame(self) -> pd.DataFrame:
-        frame: pd.DataFrame = self.episode_table.to_pandas(ignore_metadata=True)
+        table = with_later(self.episode_table, self.split_entries)
+        frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         return frame
+
+    @cached_property
+    def episode_table(self) -> pa.Table:
+        """meta/episodes.parquet: `episodes`, but without later splits."""
+        return read_episodes(self.storage, self.manifest_model)
 
     @property
     def digests(self) -> list[bytes]:
@@ -134,15 +126,19 @@ class Contents:
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
-    @cached_property
-    def episode_table(self) -> pa.Table:
-        """`episodes` as an Arrow table."""
-        return read_episodes(self.path, self.manifest_model)
+    def selected(self, split: str | None = None, setpoint: Setpoint = None, policy: Policy = None) -> Mask:
+        """Whether each episode is in a split, at these setpoints and of these policies.
 
-    def _known(self, split: str) -> str:
-        """Return the split. Raises UsageError if the dataset does not have it."""
+        Raises UsageError if the dataset has no such split, setpoint or policy.
+        """
+        runs = None if split is None else runs_of(split, self.split_entry(split), self.manifest_model)
+        return selected(self.episode_table, runs, setpoint, policy)
+
+    def split_entry(self, split: str) -> SplitEntry:
+        """The description of a split. Raises UsageError if the dataset does not have it."""
         if not isinstance(split, str):
             raise UsageError(f"split: found {split!r}, expected the name of one split")
-        if not self.splits:
+        if not self.split_entries:
             raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
-        return str(known_of("split", split, list(self.splits))[0])
+        [name] = known_of("split", split, list(self.split_entries))
+        return self.split_entries[name]

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ibdata.dataset.opened import Place, opened
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.reader import Dataset, Place, opened
 
 
 def difference(a: Place, b: Place) -> list[str]:

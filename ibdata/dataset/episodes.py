@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.models import Manifest
-from ibdata.system.object_store import damaged
+from ibdata.system.storage import damaged
 
 PATH = "meta/episodes.parquet"
 SCHEMA = pa.schema(
@@ -30,24 +30,24 @@ SCHEMA = pa.schema(
 )
 
 
-def read_episodes(folder: Path, listed: Manifest) -> pa.Table:
+def read_episodes(place: Any, listed: Manifest) -> pa.Table:
     """Read the table of episodes. Raises DatasetError if it is damaged or does not match the manifest."""
-    path = folder / PATH
-    data = manifest.listed_content(folder, listed, PATH)
+    data = manifest.listed_content(place, listed, PATH)
     rows = max(shard.episodes[1] for shard in listed.shards)
-    table = parquet.read(path, rows=rows, data=data)
+    table = parquet.read(place, PATH, rows=rows, data=data)
     for name in SCHEMA.names:
         found = table.schema.field(name).type if name in table.column_names else "none"
         if found != SCHEMA.field(name).type:
-            raise damaged(path, f"{name}: found {found}, expected {SCHEMA.field(name).type}")
+            raise damaged(place, PATH, f"{name}: found {found}, expected {SCHEMA.field(name).type}")
         if table[name].null_count:
-            raise damaged(path, f"{name}: found no value in some rows, expected one in each")
-    _check_places(path, table, len(listed.shards))
+            raise damaged(place, PATH, f"{name}: found no value in some rows, expected one in each")
+    if problem := _wrong_place(table, len(listed.shards)):
+        raise damaged(place, PATH, problem)
     return table.select(SCHEMA.names)
 
 
-def _check_places(path: Path, table: pa.Table, shards: int) -> None:
-    """Check that the episodes of each shard cover its rows without gaps."""
+def _wrong_place(table: pa.Table, shards: int) -> str | None:
+    """Describe the first episode that leaves a gap in the rows of its shard; None if there is none."""
     shard, length = table["shard"].to_numpy(), table["length"].to_numpy()
     total = np.cumsum(length) - length
     firsts = np.r_[True, shard[1:] != shard[:-1]]
@@ -62,5 +62,5 @@ def _check_places(path: Path, table: pa.Table, shards: int) -> None:
     for name, holds in rules.items():
         if not holds.all():
             row = int(np.argmin(holds))
-            found = table[name][row].as_py()
-            raise damaged(path, f"row {row}: {name}: found {found}, expected episodes without gaps")
+            return f"row {row}: {name}: found {table[name][row].as_py()}, expected episodes without gaps"
+    return None

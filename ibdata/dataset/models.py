@@ -8,8 +8,8 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    RootModel,
     ValidationError,
-    ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     field_validator,
@@ -90,7 +90,6 @@ class Manifest(JsonObject):
     content_root: Sha256
     name: Name
     experiments: Annotated[list[Unchecked], Field(min_length=1)]
-    splits: dict[Name, Unchecked]
     rows: Count
     clipped_actions: Count
     shards: Annotated[list[ShardEntry], Field(min_length=1)]
@@ -104,6 +103,12 @@ class Manifest(JsonObject):
         """The listed files by their paths."""
         return {file.path: FileEntry(file.path, file.bytes, file.sha256) for file in self.files}
 
+    @property
+    def data_bytes(self) -> int:
+        """The bytes of all shards."""
+        entries = self.entries()
+        return sum(entries[shard.path].bytes for shard in self.shards)
+
 
 class Counts(JsonObject):
     """The sizes of a dataset; `steps` is null if its episodes differ in length."""
@@ -113,15 +118,25 @@ class Counts(JsonObject):
     steps: Count | None
     cells: Count
     shards: Count
-    data_bytes: Count
 
 
-class SplitCounts(JsonObject):
-    """The sizes of a split; `files` is null if it does not consist of whole files."""
+class SplitEntry(JsonObject):
+    """A split in meta/splits.json. A declared one consists of whole files, see `ShardEntry.splits`.
+
+    A later one has its definition, and its episodes as runs [first, stop].
+    """
 
     episodes: Count
     rows: Count
-    files: list[Path] | None
+    declared: bool
+    split: Unchecked = {}
+    runs: list[Annotated[list[Count], Field(min_length=2, max_length=2)]] = []
+
+
+class Splits(RootModel[dict[Name, SplitEntry]]):
+    """meta/splits.json: the splits by name."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
 
 
 class Column(JsonObject):
@@ -137,7 +152,7 @@ class Column(JsonObject):
 
 
 class Info(JsonObject):
-    """meta/info.json."""
+    """meta/dataset.json."""
 
     format: Literal["ibdata-dataset"]
     version: Literal[1]
@@ -146,9 +161,7 @@ class Info(JsonObject):
     drifting: bool
     start: str | Unchecked | None
     counts: Counts
-    splits: dict[Name, SplitCounts]
     columns: Annotated[list[Column], Field(min_length=1)]
-    groups: dict[str, list[str]]
 
     @field_validator("columns")
     @classmethod
@@ -160,20 +173,9 @@ class Info(JsonObject):
                 raise PydanticCustomError("columns", "float columns, except for indices, flags and labels")
         return columns
 
-    @field_validator("groups")
-    @classmethod
-    def _of_columns(cls, groups: dict[str, list[str]], known: ValidationInfo) -> dict[str, list[str]]:
-        expected: dict[str, list[str]] = {}
-        for column in known.data.get("columns", ()):
-            expected.setdefault(column.role, []).append(column.name)
-        if groups != expected and "columns" in known.data:
-            raise PydanticCustomError("groups", "the columns of each role")
-        return groups
-
-    def plain(self) -> dict[str, Any]:
-        """As `JsonObject.plain`, with the columns last. (The model needs them before the groups.)"""
-        data = super().plain()
-        return data | {"columns": data.pop("columns")}
+    def names(self, role: str) -> list[str]:
+        """The names of the columns of a role."""
+        return [column.name for column in self.columns if column.role == role]
 
 
 class Statistic(JsonObject):
@@ -187,16 +189,16 @@ class Statistic(JsonObject):
     quantiles: Annotated[dict[Quantile, float | None], Field(min_length=7)]
 
 
-class Stats(JsonObject):
-    """meta/stats.json."""
+class Statistics(JsonObject):
+    """meta/statistics.json. `splits` are the declared ones."""
 
-    format: Literal["ibdata-stats"]
+    format: Literal["ibdata-statistics"]
     version: Literal[1]
     all: dict[ColumnName, Statistic]
     splits: dict[Name, dict[ColumnName, Statistic]]
 
 
-Parsed = TypeVar("Parsed", bound=JsonObject)
+Parsed = TypeVar("Parsed", bound=BaseModel)
 
 
 def parse(form: type[Parsed], data: Any) -> Parsed:

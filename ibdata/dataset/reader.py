@@ -8,17 +8,19 @@ from contextlib import contextmanager
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
-from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, selected_runs
-from ibdata.dataset.transitions import needed
-from ibdata.dataset.viewed import arrays_of, batches_of, checked_history, windows_of
+from ibdata.dataset.models import Statistics
+from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, rows_of
+from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
+from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, batches_of, checked_history, windows_of
 from ibdata.dataset.windows import Windows
 from ibdata.errors import DatasetError, UsageError
-from ibdata.views.options import ViewKeywords, view_options
+from ibdata.views.options import ViewKeywords, ViewOptions, view_options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,14 +30,14 @@ if TYPE_CHECKING:
 class Dataset(Contents):
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
-    If the dataset is replaced after it was opened, reading raises ReplacedError. Files at a URL are copied to
-    a temporary folder of this process when first needed. Functions that take a folder take a Dataset too.
+    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
+    take a Dataset too.
 
     Args:
         path: The folder, or a URL such as s3://bucket/name.
 
     Attributes:
-        path: The folder, or the temporary folder of a URL.
+        path: The folder; UsageError at a URL.
         place: The folder, or the URL without credentials, as a text.
 
     Raises:
@@ -109,7 +111,9 @@ class Dataset(Contents):
                 raise UsageError(
                     "columns: found columns beside a view, which has its own; leave one of them out"
                 )
-            return batches_of(self, view_options(**view), split, setpoint, policy, batch_rows)
+            options = view_options(**view)
+            blocks = self._blocks(options, split, setpoint, policy, batch_rows)
+            return batches_of(blocks, options.frame(self.info_model.drifting), batch_rows)
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
@@ -118,24 +122,23 @@ class Dataset(Contents):
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            return parquet.read(manifest.locate(self.path, shard.path), columns, shard.rows)
+            return parquet.read(self.storage, shard.path, columns, shard.rows)
 
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
-        place = manifest.locate(self.path, shard.path)
         with self._unreplaced():
-            yield from parquet.batches(place, columns, batch_rows, shard.rows, start, stop)
+            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:
-        """Raise ReplacedError if a file cannot be read because the dataset has been replaced."""
+        """Raise BusyError if a file cannot be read because the dataset has been replaced."""
         try:
             yield
         except DatasetError:
-            manifest.refuse_replaced(self.path, self.manifest_model)
+            manifest.refuse_replaced(self.storage, self.manifest_model)
             raise
 
     def arrays(
@@ -208,8 +211,58 @@ class Dataset(Contents):
             UsageError: As in `arrays`, or the folder holds something else.
             DatasetError: A file is missing or damaged.
         """
-        drop = checked_history(history, pad)
-        return windows_of(self, view_options(**view), history, drop, folder, split, setpoint, policy)
+        drop, options = checked_history(history, pad), view_options(**view)
+        blocks = self._blocks(options, split, setpoint, policy)
+        episodes = self.episode_table.filter(self.selected(split, setpoint, policy))
+        root = self.content_root
+        return windows_of(blocks, episodes, self.info_model, options, root, folder, history, drop)
+
+    def statistics(self, split: str | None = None) -> dict[str, Any]:
+        """Statistics of the float columns. Those of a later split are computed from its rows.
+
+        Args:
+            split: Only the rows of this split; by default all rows.
+
+        Returns:
+            For each column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
+
+        Raises:
+            UsageError: The dataset has no such split.
+            DatasetError: A file is missing or damaged.
+        """
+        if split is not None and not self.split_entry(split).declared:
+            return self._computed_statistics(split)
+        path = "meta/statistics.json"
+        stored = manifest.read_json(self.storage, self.manifest_model, path, Statistics)
+        columns = stored.all if split is None else stored.splits[split]
+        return {name: column.plain() for name, column in columns.items()}
+
+    def _computed_statistics(self, split: str) -> dict[str, Any]:
+        from ibdata.dataset.statistics import RowStatistics, described  # compiles, which few readers need
+
+        rows = self.split_entry(split).rows
+        names = [column.name for column in self.info_model.columns if column.dtype.startswith("float")]
+        found = RowStatistics(rows, rows)
+        for batch in self.iter_batches(names, split):
+            found.add(np.stack([column.to_numpy() for column in batch.columns]))
+        columns = described(names, found.moments, [found.sample], [rows])
+        return {name: column.plain() for name, column in columns.items()}
+
+    def _blocks(
+        self,
+        options: ViewOptions,
+        split: str | None,
+        setpoint: Setpoint,
+        policy: Policy,
+        rows: int = BLOCK_ROWS,
+    ) -> Iterator[Transitions]:
+        """The transitions in order, those of whole episodes with about `rows` rows at a time.
+
+        Raises UsageError at once if a selection or the view does not fit the dataset.
+        """
+        info = self.info_model
+        batches = self.iter_batches(needed(info, options), split, rows, setpoint=setpoint, policy=policy)
+        return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
 
     def _columns(self, columns: Sequence[str] | None) -> list[str]:
         known = [column.name for column in self.info_model.columns]
@@ -221,11 +274,18 @@ class Dataset(Contents):
 
     def _shards(self, split: str | None, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
         """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
-        files = [shard.path for shard in self.manifest_model.shards]
-        if split is not None:
-            files = self.info_model.splits[self._known(split)].files or []
-        if setpoint is None and policy is None and files:
-            known = set(files)
-            shards = enumerate(self.manifest_model.shards)
-            return [(number, None) for number, shard in shards if shard.path in known]
-        return sorted(selected_runs(self.episode_table, split, setpoint, policy).items())
+        if setpoint is None and policy is None:
+            shards = list(enumerate(self.manifest_model.shards))
+            if split is None:
+                return [(number, None) for number, _ in shards]
+            if self.split_entry(split).declared:
+                return [(number, None) for number, shard in shards if split in shard.splits]
+        return sorted(rows_of(self.episode_table, self.selected(split, setpoint, policy)).items())
+
+
+Place = Dataset | str | os.PathLike[str]
+
+
+def opened(place: Place) -> Dataset:
+    """Return a dataset as it is, or open the one in a folder or at a URL."""
+    return place if isinstance(place, Dataset) else Dataset(place)

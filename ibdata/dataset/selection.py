@@ -14,19 +14,20 @@ from ibdata.errors import UsageError, suggestion
 from ibdata.numerics.naming import exact
 
 Runs = list[tuple[int, int]]
+Mask = npt.NDArray[np.bool_]
 Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
 Policy = str | Sequence[str] | None
 MOST_NAMES = 40  # in a message
 
 
 def selected(
-    episodes: pa.Table, split: str | None, setpoint: Setpoint, policy: Policy
-) -> npt.NDArray[np.bool_]:
+    episodes: pa.Table, split: Iterable[Sequence[int]] | None, setpoint: Setpoint, policy: Policy
+) -> Mask:
     """Whether each episode is selected.
 
     Args:
         episodes: The table of episodes.
-        split: The name of a split of the dataset; None for all episodes.
+        split: The episodes of a split, as runs [first, stop]; None for all.
         setpoint: One or several setpoints; None for all.
         policy: One or several labels; None for all.
 
@@ -35,7 +36,9 @@ def selected(
     """
     inside = np.ones(len(episodes), dtype=bool)
     if split is not None:
-        inside &= _in_split(episodes["splits"].combine_chunks(), split)
+        inside[:] = False
+        for first, stop in split:
+            inside[first:stop] = True
     if setpoint is not None:
         values = episodes["setpoint"].to_numpy()
         inside &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
@@ -47,11 +50,8 @@ def selected(
     return inside
 
 
-def selected_runs(
-    episodes: pa.Table, split: str | None, setpoint: Setpoint, policy: Policy
-) -> dict[int, Runs]:
-    """The rows of the selected episodes in each shard, as runs start … stop - 1; see `selected`."""
-    inside = selected(episodes, split, setpoint, policy)
+def rows_of(episodes: pa.Table, inside: Mask) -> dict[int, Runs]:
+    """The rows of the selected episodes in each shard, as runs start … stop - 1."""
     found: dict[int, Runs] = {}
     columns = (episodes[name].to_numpy()[inside].tolist() for name in ("shard", "row_start", "row_stop"))
     for shard, start, stop in zip(*columns, strict=True):
@@ -72,16 +72,6 @@ def rows_in(batches: Iterable[pa.RecordBatch], runs: Runs | None) -> Iterator[pa
             if low < high:
                 yield batch.slice(low - first, high - low)
         first = stop
-
-
-def _in_split(splits: pa.ListArray, split: str) -> npt.NDArray[np.bool_]:
-    """Whether each episode is in the split."""
-    import pyarrow.compute as pc  # takes 0.04 s, and generating does not need it
-
-    offsets = splits.offsets.to_numpy()
-    hits = np.concatenate([[0], np.cumsum(pc.equal(pc.list_flatten(splits), split).to_numpy(False))])
-    inside: npt.NDArray[np.bool_] = hits[offsets[1:]] > hits[offsets[:-1]]
-    return inside
 
 
 def known_of(what: str, given: Any, known: Sequence[Any]) -> list[Any]:

@@ -24,6 +24,14 @@ Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
 
 
+class Sizes(NamedTuple):
+    """The numbers of episodes, of transitions, and of values in a frame."""
+
+    episodes: int
+    rows: int
+    frame: int
+
+
 class Stored(NamedTuple):
     """One copy of the values that windows are gathered from.
 
@@ -54,21 +62,21 @@ class Stored(NamedTuple):
                 row, episode = row + length, episode + 1
 
 
-def in_memory(sizes: tuple[int, int, int], blocks: Iterable[Transitions]) -> Stored:
-    """Store transitions in memory; the sizes are those of episodes, transitions and frames."""
+def in_memory(sizes: Sizes, blocks: Iterable[Transitions]) -> Stored:
+    """Store transitions in memory."""
     stored = Stored(*(np.empty(shape, dtype) for shape, dtype in _forms(sizes)))
     stored.fill(blocks)
     return stored
 
 
 def in_folder(
-    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
+    folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]
 ) -> Stored:
     """Map the values from files in a folder, which are written first if they are not there.
 
     Raises UsageError if the folder holds anything else, or other values than were written.
     """
-    if not sizes[1]:  # nothing to keep in files
+    if not sizes.rows:  # nothing to keep in files
         return in_memory(sizes, blocks)
     if not os.path.exists(folder):  # a name may be too long to be looked for
         refuse_inside(folder)
@@ -98,9 +106,7 @@ def in_folder(
         ) from None
 
 
-def _write(
-    folder: Path, description: dict[str, Any], sizes: tuple[int, int, int], blocks: Iterable[Transitions]
-) -> None:
+def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
     size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))
@@ -123,11 +129,11 @@ def _sums(stored: Stored) -> dict[str, int]:
     return {name: zlib.crc32(array.data) for name, array in stored._asdict().items()}
 
 
-def _forms(sizes: tuple[int, int, int]) -> list[tuple[Any, Any]]:
+def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
     """The shape and the type of each array of `Stored`."""
-    episodes, rows, k = sizes
+    episodes, rows, frame = sizes
     return [
-        ((rows + episodes, k), np.float32),
+        ((rows + episodes, frame), np.float32),
         ((rows, 3), np.float32),
         ((rows,), np.float32),
         ((rows,), np.bool_),

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from pathlib import Path
+from typing import Any
 
-from ibdata.system import object_store
-
-
-def strangers(folder: Path, known: Container[str]) -> Iterator[Path]:
-    """The files and folders in `data` that are not among these paths and that a reader could take."""
-    for name in object_store.files_in_data(folder):
-        if name not in known and is_stranger(folder / name):
-            yield folder / name
+from ibdata.system.storage import storage
 
 
-def is_stranger(path: Path) -> bool:
-    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
-    hidden = path.name.startswith(".")
-    return not hidden or path.name.lower().endswith(".parquet") or path.is_dir()
+def strangers(place: Any, known: Container[str]) -> Iterator[str]:
+    """The paths in `data` that are not known and that a reader could take; those of folders end in /."""
+    for name in storage(place).names("data"):
+        if f"data/{name}".rstrip("/") not in known and is_stranger(name):
+            yield f"data/{name}"
+
+
+def is_stranger(name: str) -> bool:
+    """Whether a reader may take a file of this name, or a folder; polars and duckdb take hidden ones too."""
+    return not name.startswith(".") or name.lower().endswith((".parquet", "/"))

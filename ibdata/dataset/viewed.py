@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,23 +15,12 @@ import pyarrow as pa
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info
-from ibdata.dataset.selection import Policy, Setpoint, selected
-from ibdata.dataset.stored_windows import in_folder, in_memory
-from ibdata.dataset.transitions import (
-    Transitions,
-    as_batch,
-    left_out,
-    needed,
-    transitions,
-    whole_episodes,
-)
+from ibdata.dataset.stored_windows import Sizes, in_folder, in_memory
+from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
 from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 from ibdata.views.options import ViewOptions
-
-if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
 
 Array = npt.NDArray[Any]
 BLOCK_ROWS = 65_536
@@ -81,72 +70,45 @@ def arrays_of(
     return {name: array[whole] for name, array in arrays.items()}
 
 
-def transitions_of(
-    dataset: Dataset,
-    options: ViewOptions,
-    split: str | None = None,
-    setpoint: Setpoint = None,
-    policy: Policy = None,
-    rows: int = BLOCK_ROWS,
-) -> Iterator[Transitions]:
-    """Yield the transitions of a dataset in order, those of whole episodes with about `rows` rows at a time.
-
-    Raises UsageError at once if a selection or the view does not fit the dataset.
-    """
-    info = dataset.info_model
-    names = needed(info, options)
-    batches = dataset.iter_batches(names, split, rows, setpoint=setpoint, policy=policy)
-    return (transitions(table, info, options) for table in whole_episodes(batches, dataset.place))
-
-
 def batches_of(
-    dataset: Dataset, options: ViewOptions, split: str | None, setpoint: Setpoint, policy: Policy, rows: int
+    blocks: Iterable[Transitions], frame: Sequence[str], batch_rows: int
 ) -> Iterator[pa.RecordBatch]:
-    """The transitions of a dataset as batches of columns with at most `rows` rows."""
-    names = options.frame(dataset.info_model.drifting)
-    made = transitions_of(dataset, options, split, setpoint, policy, rows)
-    batches = (as_batch(each, names) for each in made)
-    return (batch.slice(at, rows) for batch in batches for at in range(0, batch.num_rows, rows))
+    """Transitions as batches of at most so many rows; `frame` has the names of the numbers of a frame."""
+    for block in blocks:
+        batch = as_batch(block, frame)
+        for start in range(0, batch.num_rows, batch_rows):
+            yield batch.slice(start, batch_rows)
 
 
 def windows_of(
-    dataset: Dataset,
+    blocks: Iterable[Transitions],
+    episodes: pa.Table,
+    info: Info,
     options: ViewOptions,
+    content_root: str,
+    folder: str | os.PathLike[str] | None,
     history: int,
     drop: bool,
-    folder: str | os.PathLike[str] | None,
-    split: str | None,
-    setpoint: Setpoint,
-    policy: Policy,
 ) -> Windows:
-    """The windows that `Dataset.windows` describes."""
-    info = dataset.info_model
-    blocks = transitions_of(dataset, options, split, setpoint, policy)
-    chosen = selected(dataset.episode_table, split, setpoint, policy)
-    lengths = dataset.episode_table["length"].to_numpy()[chosen]
+    """The windows that `Dataset.windows` describes, of the transitions of these episodes."""
+    lengths = episodes["length"].to_numpy()
     kept = np.maximum(lengths - left_out(info, options), 0)
     frame = options.frame(info.drifting)
-    sizes = (int(np.count_nonzero(kept)), int(kept.sum()), len(frame))
+    sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=int(kept.sum()), frame=len(frame))
     if folder is None:
         stored = in_memory(sizes, blocks)
     else:
+        refuse_url(folder)
         description = {
-            "content_root": dataset.content_root,
-            "episodes": identity(dataset, chosen),
+            "content_root": content_root,
+            "episodes": identity(episodes),
             "view": options.plain(info.drifting),
         }
-        refuse_url(folder)
         stored = in_folder(Path(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
 
 
-def identity(dataset: Dataset, chosen: npt.NDArray[np.bool_]) -> str:
-    """A hash of the contents and the numbers of episodes, whose order a content root does not tell.
-
-    Args:
-        dataset: The dataset.
-        chosen: Which of its episodes count, (n,).
-    """
-    table = dataset.episode_table.select(["episode", "digest"]).filter(pa.array(chosen))
-    listed = zip(*(table[name].to_pylist() for name in table.column_names), strict=True)
-    return hashlib.sha256(repr(list(listed)).encode()).hexdigest()
+def identity(episodes: pa.Table) -> str:
+    """A hash of the contents and the numbers of episodes, whose order a content root does not tell."""
+    listed = list(zip(episodes["episode"].to_pylist(), episodes["digest"].to_pylist(), strict=True))
+    return hashlib.sha256(repr(listed).encode()).hexdigest()

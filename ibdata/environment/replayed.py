@@ -113,8 +113,7 @@ def _draw(indices: Indices, keys: Raw) -> Draw:
 
 def _addresses(place: Any) -> Addresses:
     """The addresses of a dataset, which are kept as long as an opened one is."""
-    from ibdata.dataset.opened import opened
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.reader import Dataset, opened
     from ibdata.evaluation.addresses import Addresses
 
     if not isinstance(place, Dataset | str | os.PathLike):

@@ -21,7 +21,7 @@ class Addresses:
     """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
 
     def __init__(self, ds: Dataset) -> None:
-        self._spec = spec_in(ds.path, ds.manifest_model)
+        self._spec = spec_in(ds, ds.manifest_model)
         refuse_other_plan(self._spec, ds.manifest_model)
         names = ("length", "shard", "row_start")
         self.lengths, self.shards, self.starts = (ds.episode_table[name].to_numpy() for name in names)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.opened import Place, opened
+from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.discount import checked_discount
@@ -129,7 +129,7 @@ def importance(
     wanted = policy_of(target, history, allow_code)
     refuse_unused(history, [wanted])
     ds = opened(ds)
-    spec = consented_spec(ds.path, ds.manifest_model, allow_code)
+    spec = consented_spec(ds, ds.manifest_model, allow_code)
     refuse_other_plan(spec, ds.manifest_model)
     chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)
     episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.opened import Place, opened
+from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step

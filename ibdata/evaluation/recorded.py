@@ -49,8 +49,7 @@ def parts_of(spec: DatasetSpec, episodes: npt.NDArray[np.int64]) -> Iterator[Par
 def read(ds: Dataset, spec: DatasetSpec, part: Part, target: Policy) -> tuple[Floats, Floats]:
     """The logarithms of the ratios and the rewards of the selected episodes, both (episodes, steps)."""
     experiment, n = spec.of_shard(spec.shards[part.shard]), part.stop - part.first
-    groups = ds.info_model.groups
-    observed, acted = groups["observation"], groups["action"]
+    observed, acted = ds.info_model.names("observation"), ds.info_model.names("action")
     names = [*observed, *acted, "reward", "action_log_prob"]
     stop = part.row + n * part.steps
     table = pa.Table.from_batches(ds.shard_batches(part.shard, names, PART_ROWS, part.row, stop))

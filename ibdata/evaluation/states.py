@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.opened import Place, opened
+from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.evaluation.addresses import Addresses, whole, within

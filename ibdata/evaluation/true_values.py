@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.opened import Place
+from ibdata.dataset.reader import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.branching import Points, keys, returns

@@ -5,12 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
 from ibdata.policies.custom import Custom
+from ibdata.system.storage import storage
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
@@ -44,8 +46,8 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool) -> N
         print(f"ibdata: running the code of {printable(target)}", file=sys.stderr, flush=True)
 
 
-def consented_spec(folder: Path, listed: Manifest, allow_code: bool) -> DatasetSpec:
+def consented_spec(place: Any, listed: Manifest, allow_code: bool) -> DatasetSpec:
     """Return the specification of a dataset, after `require_consent`, to make its episodes again."""
-    spec = spec_in(folder, listed)
-    require_consent(spec, folder, allow_code)
+    spec = spec_in(place, listed)
+    require_consent(spec, storage(place).name, allow_code)
     return spec

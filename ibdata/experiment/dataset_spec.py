@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import itemgetter
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
@@ -21,6 +19,15 @@ from ibdata.experiment.plan import Shard, episodes_per_shard, plan, segments
 from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
+from ibdata.system.storage import damaged
+
+
+class Run(NamedTuple):
+    """Episodes first … stop - 1 of a dataset, each of so many steps."""
+
+    first: int
+    stop: int
+    steps: int
 
 
 def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | None:
@@ -66,17 +73,13 @@ class DatasetSpec:
         return cls(
             data["name"],
             tuple(Experiment.model_validate(experiment) for experiment in data["experiments"]),
-            {name: Split.model_validate(split) for name, split in data["splits"].items()},
         )
 
     def plain(self) -> dict[str, Any]:
-        """Name, experiments and later splits as plain data for JSON."""
+        """Name and experiments as plain data for JSON; without the later splits, which no shard needs."""
         return {
             "name": self.name,
             "experiments": [experiment.plain() for experiment in self.experiments],
-            "splits": {
-                name: split.model_dump(mode="json", exclude_none=True) for name, split in self.later.items()
-            },
         }
 
     @cached_property
@@ -142,19 +145,20 @@ class DatasetSpec:
         """The experiment that a shard belongs to."""
         return self.experiments[shard.experiment]
 
-    def runs(self, shard: Shard) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-        """Runs (first, stop, splits) of a shard's episodes that are in the same splits.
-
-        Episodes are numbered as in the shard's experiment.
-        """
-        if not self.later:
-            yield shard.first, shard.stop, shard.splits
-            return
-        runs = self._later_segments[shard.experiment]
-        low = bisect_right(runs, shard.first, key=itemgetter(1))
-        high = bisect_left(runs, shard.stop, key=itemgetter(0))
-        for first, stop, names in runs[low:high]:
-            yield max(first, shard.first), min(stop, shard.stop), (*shard.splits, *names)
+    def later_runs(self) -> dict[str, list[Run]]:
+        """The episodes of each later split."""
+        found: dict[str, list[Run]] = {name: [] for name in self.later}
+        offset = 0
+        for experiment in self.experiments:
+            for first, stop, names in segments(experiment, self.later):
+                for name in names:
+                    runs = found[name]
+                    run = Run(offset + first, offset + stop, experiment.steps)
+                    if runs and (runs[-1].stop, runs[-1].steps) == (run.first, run.steps):
+                        run = Run(runs.pop().first, run.stop, run.steps)
+                    runs.append(run)
+            offset += len(experiment.cells) * experiment.episodes
+        return found
 
     def all_declared(self) -> DatasetSpec:
         """A copy in which the later splits are declared, so that their episodes get files of their own."""
@@ -167,23 +171,32 @@ class DatasetSpec:
             experiments.append(Experiment.model_validate(plain))
         return DatasetSpec(self.name, tuple(experiments))
 
-    @cached_property
-    def _later_segments(self) -> list[list[tuple[int, int, tuple[str, ...]]]]:
-        return [segments(experiment, self.later) for experiment in self.experiments]
 
-
-def spec_in(folder: Path, listed: Manifest) -> DatasetSpec:
+def declared_spec(place: Any, listed: Manifest) -> DatasetSpec:
     """Read the specification in a dataset's manifest, and the weights that the dataset carries.
 
     Raises DatasetError if it is not valid or weights are missing.
     """
     files = [path for path in listed.entries() if manifest.WEIGHTS.fullmatch(path)]
-    weights = {path: manifest.listed_content(folder, listed, path) for path in files}
+    weights = {path: manifest.listed_content(place, listed, path) for path in files}
     try:
-        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments", "splits"}), weights)
+        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments"}), weights)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise DatasetError(
-            f"{folder / 'meta/manifest.json'}: experiments: {printable(where)}: {printable(first['msg'])}"
-        ) from None
+        raise damaged(place, manifest.PATH, f"experiments: {_first_line(error)}") from None
+
+
+def spec_in(place: Any, listed: Manifest) -> DatasetSpec:
+    """As `declared_spec`, with the later splits. Raises DatasetError also if those are not valid."""
+    spec, entries = declared_spec(place, listed), read_splits(place, listed)
+    try:
+        later = {
+            name: Split.model_validate(entry.split) for name, entry in entries.items() if not entry.declared
+        }
+    except ValidationError as error:
+        raise manifest.wrong(place, listed, manifest.SPLITS, _first_line(error)) from None
+    return replace(spec, later=later)
+
+
+def _first_line(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    return printable(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")

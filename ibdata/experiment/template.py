@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.scalars import FileName
 from ibdata.numerics.naming import yaml_name
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 
 TEXT = """\
 # An experiment of ibdata, which determines the contents of a dataset.

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from ibdata.dataset.opened import Place
+    from ibdata.dataset.reader import Place
     from ibdata.exporters._view import Block as Block
     from ibdata.exporters._view import View as View
 
@@ -91,13 +91,13 @@ def export(
         DatasetError: The dataset is damaged.
         IbdataError: The system refuses to write, or `verify` reads other values than were written.
     """
-    from ibdata.dataset.opened import opened
+    from ibdata.dataset.reader import opened
     from ibdata.dataset.viewed import checked_length
     from ibdata.errors import UsageError
     from ibdata.exporters._target import stoppable, whole
     from ibdata.exporters._view import View
     from ibdata.system.memory import refuse_too_much
-    from ibdata.system.object_store import refuse_url
+    from ibdata.system.storage import refuse_url
     from ibdata.views.options import view_options
 
     refuse_url(out)

@@ -13,7 +13,6 @@ import pyarrow as pa
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.selection import selected
 from ibdata.dataset.transitions import Transitions, left_out, needed, transitions, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, identity
 from ibdata.system.progress import Advance, bar
@@ -117,14 +116,18 @@ class View:
 
     def group(self, role: str) -> list[str]:
         """The names of the columns of a role."""
-        return self.dataset.info_model.groups.get(role, [])
+        return self.dataset.info_model.names(role)
 
     def plain(self) -> dict[str, Any]:
         """What the export shows, as JSON data for its own metadata.
 
         Imperfections depend on the numbers of the episodes, so with them `episodes` is a hash of their order.
         """
-        order = {"episodes": identity(self.dataset, self._exported)} if self.options.imperfections else {}
+        order = (
+            {"episodes": identity(self.dataset.episode_table.filter(self._exported))}
+            if self.options.imperfections
+            else {}
+        )
         return {
             "content_root": self.dataset.content_root,
             "split": self.split,
@@ -135,7 +138,7 @@ class View:
 
     @property
     def _exported(self) -> Array:
-        return selected(self.dataset.episode_table, self.split, None, None)
+        return self.dataset.selected(self.split)
 
     def described(self) -> pd.DataFrame:
         """The rows of `Dataset.episodes` that are exported."""
@@ -147,7 +150,7 @@ class View:
         names = list(dict.fromkeys([*columns, *needed(self.dataset.info_model, self.options)]))
         with bar(self.progress, self._all_rows, "rows", what) as advance:
             batches = self.dataset.iter_batches(names, self.split, rows)
-            yield from whole_episodes(_counted(batches, advance), self.dataset.path)
+            yield from whole_episodes(_counted(batches, advance), self.dataset.place)
 
     def blocks(self, what: str) -> Iterator[Block]:
         """Yield the transitions in order; `what` is the label of the progress bar."""

@@ -156,7 +156,7 @@ def _environment(view: View, episodes: pd.DataFrame, common: Common) -> Any:
 
 def _common(view: View, episodes: pd.DataFrame) -> Common:
     """A function that returns an option of the episodes' experiments, or None if they differ in it."""
-    experiments = spec_in(view.dataset.path, view.dataset.manifest_model).experiments
+    experiments = spec_in(view.dataset, view.dataset.manifest_model).experiments
     stops = np.cumsum([len(experiment.cells) * experiment.episodes for experiment in experiments])
     numbers = np.unique(np.searchsorted(stops, episodes.index, side="right"))
     chosen = [experiments[i].plain() for i in numbers]

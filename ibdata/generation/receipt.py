@@ -54,7 +54,7 @@ def get(folder: Path, identity: str, spec: DatasetSpec, shard: Shard) -> Written
         named = re.fullmatch(re.escape(file_of(shard)).replace(re.escape(TOKEN), "[0-9a-f]{8}"), entry.path)
         if not (same and named and file_sha256(folder / entry.path) == entry.sha256):
             return None
-        content = stored_content(spec, shard, folder / entry.path)._replace(clipped=header["clipped"])
+        content = stored_content(spec, shard, folder, entry.path)._replace(clipped=header["clipped"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, IbdataError):
         return None
     whole = content_of(content.digests) == header["content"]

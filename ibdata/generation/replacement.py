@@ -263,7 +263,7 @@ def _give_back(new: Path, folder: Path) -> None:
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
                 if is_ours(path) or is_busy(path):
                     continue
-                read = part == "data" and is_stranger(path)
+                read = part == "data" and is_stranger(path.name + "/" * path.is_dir())
                 if not read and not os.path.lexists(folder / part / path.name):
                     path.rename(folder / part / path.name)
                     continue

@@ -92,7 +92,11 @@ def _found(remote: Remote, work: Path) -> Found:
         listed = manifest.read(work)  # this upload was interrupted in its first file
     elif begun is not None:
         listed = _parsed(remote, PENDING, begun)
-        known |= {*listed.entries(), *([manifest.PATH] if begun.startswith(ended or b"") else [])}
+        known |= {
+            manifest.SPLITS,
+            *listed.entries(),
+            *([manifest.PATH] if begun.startswith(ended or b"") else []),
+        }
     for path in sorted(sizes.keys() - known):
         raise UsageError(
             f"{remote.name}: holds files, but no finished dataset; {path} is no part of an upload: "
@@ -152,6 +156,7 @@ def _put_all(remote: Remote, found: Found, work: Path) -> None:
             remote.put(work / file.path, file.path)
         check()
     _refuse_taken_over(remote, content)
+    remote.put(work / manifest.SPLITS, manifest.SPLITS)
     remote.put(own, manifest.PATH)
 
 

@@ -17,7 +17,7 @@ from ibdata.plots.report_page import page
 from ibdata.system import lock
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign

@@ -22,7 +22,7 @@ def file_with(spec: DatasetSpec, shard: Shard, content: ShardSummary, folder: Pa
     """The file that holds a shard's rows, and nothing else; None where none does."""
     for path in sorted((folder / "data").glob(f"{Path(shard.stem).name}-*.parquet")):
         try:
-            found, _ = check_shard(spec, shard, path, f"data/{path.name}")
+            found, _ = check_shard(spec, shard, folder, f"data/{path.name}")
         except (ValueError, IndexError):  # numbers of labels that do not exist
             continue
         if found is not None and found.digests == content.digests:
@@ -66,7 +66,7 @@ def refuse_unproven(
 
 def _can_be_read(path: Path) -> bool:
     try:
-        for _ in parquet.batches(path, None, BATCH_ROWS):
+        for _ in parquet.batches(path.parent, path.name, None, BATCH_ROWS):
             check()
     except DatasetError:
         return False
@@ -76,7 +76,7 @@ def _can_be_read(path: Path) -> bool:
 def _same_digests(folder: Path, digests: list[tuple[Shard, list[bytes]]]) -> bool | None:
     """Whether the table of episodes lists these digests; None where it cannot be read."""
     try:
-        found = parquet.read(folder / EPISODES, ["digest"])["digest"].to_pylist()
+        found = parquet.read(folder, EPISODES, ["digest"])["digest"].to_pylist()
     except DatasetError:
         return None
     return bool(found == [digest for _, own in digests for digest in own])

@@ -13,7 +13,7 @@ from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation import output_folder
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 
 
 class Listed(NamedTuple):

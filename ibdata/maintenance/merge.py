@@ -35,7 +35,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     if len(folders) < 2:
         raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
-    recipes = [spec_in(d.path, d.manifest_model).all_declared() for d in datasets]
+    recipes = [spec_in(d, d.manifest_model).all_declared() for d in datasets]
     sources = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources_of(d, spec)]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
     for b, y in zip(experiments[1:], sources[1:], strict=True):

@@ -25,8 +25,8 @@ from ibdata.simulation import self_check
 from ibdata.system.atomic_files import FileEntry, file_sha256, sync_folder, write
 from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
-from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
+from ibdata.system.storage import refuse_url
 from ibdata.validation.files import check_files
 from ibdata.version import __version__
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
@@ -35,7 +35,7 @@ from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.stored import stored_content
 from ibdata.writing.summary import UNREAD, content_of, describe, simulated
 
-NEEDS_CONTENT = {EPISODES, "meta/stats.json"}
+NEEDS_CONTENT = {EPISODES, "meta/statistics.json"}
 
 
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
@@ -134,7 +134,7 @@ def _make_again(
             w = made.get(shard.number)
             content = w.content if w else UNREAD
             if w is None and NEEDS_CONTENT & set(lost):
-                content = stored_content(spec, shard, folder / one.path)
+                content = stored_content(spec, shard, folder, one.path)
             if content is not UNREAD and content_of(content.digests) != one.content:
                 found = "found other content when made again, expected the content that the manifest lists"
                 raise DatasetError(f"{folder / one.path}: {found}; nothing was changed")
@@ -156,7 +156,7 @@ def _stage_manifest(folder: Path, staged: Path, listed: Manifest, entries: dict[
     """Stage the manifest if files in `meta` or hashes change, together with the files that stay the same."""
     data = rewritten_manifest(listed, entries)
     staged_files = [path for path in entries if not path.startswith("data/") and (staged / path).exists()]
-    if staged_files or data != manifest.content(folder, manifest.PATH):
+    if staged_files or data != (folder / manifest.PATH).read_bytes():
         rest = [path for path in entries if path.startswith("meta/") and path not in staged_files]
         replacement.keep(folder, staged, rest)
         write(staged, manifest.PATH, data)
@@ -197,7 +197,7 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
         else:
             wrong.append(shard)
         check()
-    damaged = list(strangers(folder, {w.entry.path for w in whole}))
+    damaged = [folder / path for path in strangers(folder, {w.entry.path for w in whole})]
     refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}

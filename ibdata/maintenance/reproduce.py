@@ -18,7 +18,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs

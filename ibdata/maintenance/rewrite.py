@@ -16,19 +16,18 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import output_folder, replacement
-from ibdata.generation.single_files import refuse_edits
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
 from ibdata.system import lock
-from ibdata.system.atomic_files import FileEntry, write
+from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
-from ibdata.system.object_store import refuse_url
 from ibdata.system.signals import check
-from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.system.storage import refuse_url
+from ibdata.writing.finish import finish
+from ibdata.writing.metadata import splits_file
 from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.stored import BATCH_ROWS, stored_parts
-from ibdata.writing.summary import describe
 
 
 class Source(NamedTuple):
@@ -128,40 +127,11 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Write the label splits of a spec into the metadata of a dataset. Its rows are read, but do not change.
-
-    A report is removed, because it shows the old splits.
-
-    Raises DatasetError if the rows are not those that the dataset lists, BusyError if it is being written.
-    """
-    refuse_url(dataset.place)
+    """Replace the file of splits by that of a spec. Raises BusyError if the dataset is being written."""
     folder = dataset.path
     lock.refuse_busy(folder)
-    output_folder.refuse_links(folder)
     with writing_to(folder):
-        replacement.finish_interrupted(folder)
-        listed = dataset.manifest_model
-        manifest.refuse_replaced(folder, listed)
-        refuse_other_plan(spec, listed)
-        refuse_edits(folder, listed, "the new splits")
-        entries = listed.entries()
-        sources = sources_of(dataset, spec)
-        paths = [shard.path for shard in listed.shards]
-        written = [
-            _read(spec, shard, sources[shard.experiment], entries[path])
-            for shard, path in zip(spec.shards, paths, strict=True)
-        ]
-        with replacement.staged(folder) as staged:
-            for path, make in metadata_files(spec, written, listed.content_root).items():
-                entries[path] = write(staged, path, make())
-            entries.pop(manifest.REPORT, None)
-            write(staged, manifest.PATH, rewritten_manifest(listed, entries, splits=spec.plain()["splits"]))
+        manifest.refuse_replaced(folder, dataset.manifest_model)
+        refuse_other_plan(spec, dataset.manifest_model)
+        write(folder, manifest.SPLITS, splits_file(spec))
     return Dataset(folder)
-
-
-def _read(spec: DatasetSpec, shard: Shard, source: Source, entry: FileEntry) -> WrittenShard:
-    """Read a shard of the dataset and summarize its content."""
-    w = WrittenShard(shard, entry, describe(spec, shard, _parts(spec, shard, source)))
-    _refuse_changed(w, source)
-    check()
-    return w

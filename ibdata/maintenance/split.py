@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from ibdata.dataset.opened import Place, opened
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.reader import Dataset, Place, opened
 from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -74,7 +73,7 @@ def split(
         DatasetError: The dataset is damaged.
     """
     dataset = opened(folder)
-    spec = spec_in(dataset.path, dataset.manifest_model)
+    spec = spec_in(dataset, dataset.manifest_model)
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}
     options: dict[str, Any] = {"scheme": scheme, **points, "shots": shots}

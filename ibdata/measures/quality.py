@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ibdata.dataset.opened import Place, opened
-from ibdata.dataset.selection import selected
+from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
 from ibdata.errors import UsageError
@@ -91,7 +90,7 @@ def quality(
     ds = opened(ds)
     names = ["obs_setpoint", *STEERINGS, *ACTIONS, DENSITY, "step", "terminated", "truncated"]
     batches = ds.iter_batches(names, split, BATCH_ROWS, setpoint=setpoint, policy=policy)
-    episodes = ds.episode_table.filter(selected(ds.episode_table, split, setpoint, policy))
+    episodes = ds.episode_table.filter(ds.selected(split, setpoint, policy))
     if not len(episodes):
         raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
     coverage, stochasticity, entropies = Coverage(), Stochasticity(), []

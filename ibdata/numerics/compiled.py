@@ -30,7 +30,7 @@ F = TypeVar("F", bound=Callable[..., object])
 PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
     *("numerics/*.py", "dynamics/*.py", "policies/*.py", "simulation/*.py"),
-    *("system/cache_folders.py", "system/private_files.py", "variables.py", "writing/statistics.py"),
+    *("system/cache_folders.py", "system/private_files.py", "variables.py", "dataset/statistics.py"),
 )
 
 

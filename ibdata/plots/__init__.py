@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import IbdataError, UsageError
-from ibdata.system.object_store import refuse_url
+from ibdata.system.storage import refuse_url
 
 if TYPE_CHECKING:
-    from ibdata.dataset.opened import Place
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.reader import Dataset, Place
     from ibdata.plots.summary import Summary
 
 FOLDER = "figures"
@@ -122,7 +121,7 @@ def drawn(dataset: Dataset) -> dict[str, bytes]:
 
 
 def _summary(dataset: Place, progress: bool | None = False) -> Summary:
-    from ibdata.dataset.opened import opened
+    from ibdata.dataset.reader import opened
     from ibdata.plots.summary import Summary
 
     return Summary(opened(dataset), progress)

@@ -115,13 +115,13 @@ def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] 
 
 
 def _edges(dataset: Dataset, name: str, needed: Floats | None = None) -> Floats:
-    """Edges of equal bins around the quantiles of 5 and 95 % in meta/stats.json, and around some values."""
+    """Edges of equal bins around the quantiles of 5 and 95 % of all rows, and around some values."""
     stat = dataset.statistics().get(name, {})
     low, high = stat.get("min"), stat.get("max")
     if low is None or high is None or low > high:
         raise DatasetError(
-            f"{dataset.place}: meta/stats.json: {name}: found min {low} and max {high}, expected numbers "
-            f"with min <= max; see ibdata validate {dataset.place}"
+            f"{dataset.place}: meta/statistics.json: {name}: found min {low} and max {high}, expected "
+            f"numbers with min <= max; see ibdata validate {dataset.place}"
         )
     tails = [stat["quantiles"][tail] for tail in TAILS]
     if None not in tails:

@@ -12,7 +12,6 @@ from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import quality
-from ibdata.numerics.naming import counted
 from ibdata.plots import module_of
 from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
@@ -142,16 +141,9 @@ def _quality(dataset: Dataset) -> Iterable[str]:
 
 
 def _splits(dataset: Dataset) -> Iterable[str]:
-    splits = dataset.info_model.splits
-    if splits:
-        rows = [(name, s.episodes, s.rows, _files(s.files)) for name, s in splits.items()]
-        yield _table(("split", "episodes", "rows", "files"), rows)
-
-
-def _files(files: list[str] | None) -> str:
-    if files is None:
-        return "labels in meta/episodes.parquet"
-    return counted(len(files), "whole file")
+    if dataset.splits:
+        table, *_ = dataset.splits.tables()
+        yield _table(table.names, table.rows)
 
 
 def _statistics(dataset: Dataset) -> Iterable[str]:

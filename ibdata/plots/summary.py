@@ -61,7 +61,7 @@ class Summary:
         return dict(zip(names, np.concatenate(parts, axis=1), strict=True))
 
     def label(self, column: str) -> str:
-        """The label of a column on an axis: its meaning and its unit, from meta/info.json."""
+        """The label of a column on an axis: its meaning and its unit, from meta/dataset.json."""
         described = self.columns[column]
         unit = "" if described.unit == "1" else f" ({described.unit})"
         return f"{described.description}{unit}"

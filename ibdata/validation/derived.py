@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,23 +13,24 @@ from pydantic import ValidationError
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Stats
+from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Statistics
+from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.system.storage import storage
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.finish import experiment_files
 from ibdata.writing.json_difference import first_difference
-from ibdata.writing.metadata import unread_shards
 from ibdata.writing.shard_writer import WrittenShard
 
-INFO, STATS = "meta/info.json", "meta/stats.json"
+INFO, STATISTICS = "meta/dataset.json", "meta/statistics.json"
 
 
 def metadata_problems(
-    folder: Path,
+    place: Any,
     listed: Manifest,
     spec: DatasetSpec,
     written: list[WrittenShard],
@@ -39,50 +39,61 @@ def metadata_problems(
     """Check the metadata.
 
     Args:
-        folder: The folder of the dataset.
+        place: The dataset's folder or storage.
         listed: Its manifest.
         spec: The experiments and splits of the dataset.
         written: The shards whose rows keep every rule.
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
     checks: dict[str, Callable[[], Iterator[Problem]]] = {
-        INFO: partial(_info, folder, listed, spec),
+        INFO: partial(_info, place, listed, spec),
         **{
-            path: partial(_experiment, folder, listed, path, experiment)
+            path: partial(_experiment, place, listed, path, experiment)
             for path, experiment in experiment_files(spec).items()
         },
-        EPISODES: partial(_episodes, folder, listed, spec, written),
+        EPISODES: partial(_episodes, place, listed, spec, written),
     }
     if len(written) == len(spec.shards):
-        checks[STATS] = partial(_statistics, folder, listed, metadata.stats(spec, written))
+        checks[STATISTICS] = partial(_statistics, place, listed, metadata.statistics(spec, written))
     for path, check in checks.items():
         try:
             if is_whole(path):
                 yield from check()
         except DatasetError as error:
-            yield Problem.of(error, path, folder / path, "metadata")
+            yield Problem.of(error, path, storage(place).where(path), "metadata")
 
 
-def _info(folder: Path, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
-    found = _facts(manifest.read_json(folder, listed, INFO, Info))
-    expected = _facts(metadata.info(spec, unread_shards(spec, listed)))
+def splits_problems(place: Any, listed: Manifest) -> Iterator[Problem]:
+    """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
+    try:
+        found, expected = read_splits(place, listed), metadata.splits(spec_in(place, listed))
+    except DatasetError as error:
+        yield Problem.of(error, manifest.SPLITS, storage(place).where(manifest.SPLITS), "splits")
+        return
+    given, right = ({name: entry.plain() for name, entry in of.items()} for of in (found, expected))
+    if message := first_difference(given, right):
+        yield Problem(manifest.SPLITS, None, "splits", message)
+
+
+def _info(place: Any, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
+    found = _facts(manifest.read_json(place, listed, INFO, Info))
+    expected = _facts(metadata.info(spec))
     for rule in expected:
         if message := first_difference(found[rule], expected[rule]):
             yield Problem(INFO, None, rule, message)
 
 
 def _facts(info: JsonObject) -> dict[str, Any]:
-    """What programs read. The meaning of a column may be said in other words, and files in other sizes."""
+    """What programs read; another version may say the meaning of a column in other words."""
     facts = info.plain()
     for column in facts["columns"]:
         del column["description"]
-    facts["counts"].pop("data_bytes", None)
     return facts
 
 
-def _experiment(folder: Path, listed: Manifest, path: str, expected: Experiment) -> Iterator[Problem]:
+def _experiment(place: Any, listed: Manifest, path: str, expected: Experiment) -> Iterator[Problem]:
     try:
-        document = Document(manifest.listed_content(folder, listed, path))
+        document = Document(manifest.listed_content(place, listed, path))
         same = Experiment.model_validate(document.data) == expected
     except (StrictYamlError, ValidationError):
         same = False
@@ -91,10 +102,10 @@ def _experiment(folder: Path, listed: Manifest, path: str, expected: Experiment)
 
 
 def _episodes(
-    folder: Path, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
+    place: Any, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     """Compare the rows of the episodes of these shards, column by column."""
-    table = read_episodes(folder, listed)
+    table = read_episodes(place, listed)
     if not written:
         return
     expected = metadata.episodes_table(spec, written)
@@ -132,20 +143,20 @@ def _shown(value: pa.Scalar) -> str:
     return f"{plain.hex()[:12]}…" if isinstance(plain, bytes) else f"{plain}"
 
 
-def _statistics(folder: Path, listed: Manifest, expected: Stats) -> Iterator[Problem]:
-    found = manifest.read_json(folder, listed, STATS, Stats)
+def _statistics(place: Any, listed: Manifest, expected: Statistics) -> Iterator[Problem]:
+    found = manifest.read_json(place, listed, STATISTICS, Statistics)
     if message := first_difference(_names(found), _names(expected)):
-        yield Problem(STATS, None, "statistics", message)
+        yield Problem(STATISTICS, None, "statistics", message)
         return
     pairs = [("", found.all, expected.all)]
     pairs += [(f"split {name}: ", found.splits[name], own) for name, own in expected.splits.items()]
     for where, given, right in pairs:
         for name in right:
             for message in _numbers(given[name], right[name]):
-                yield Problem(STATS, None, "statistics", f"{where}{name}: {message}")
+                yield Problem(STATISTICS, None, "statistics", f"{where}{name}: {message}")
 
 
-def _names(statistics: Stats) -> dict[str, Any]:
+def _names(statistics: Statistics) -> dict[str, Any]:
     """The names of the columns, of all rows and of each split."""
     of_splits = {split: sorted(columns) for split, columns in statistics.splits.items()}
     return {"all": sorted(statistics.all), "splits": of_splits}

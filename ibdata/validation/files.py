@@ -5,55 +5,52 @@ from __future__ import annotations
 import os
 from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.strangers import strangers
-from ibdata.system.atomic_files import file_sha256
-from ibdata.system.object_store import is_remote
 from ibdata.system.progress import Advance, unseen
+from ibdata.system.storage import storage
 from ibdata.validation.rules import Problem
 
 THREADS = os.cpu_count() or 1
 
 
-def check_files(folder: Path, listed: Manifest, advance: Advance = unseen) -> Iterator[Problem]:
+def check_files(place: Any, listed: Manifest, advance: Advance = unseen) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
-    with Hashing(folder, listed) as files:
+    with Hashing(place, listed) as files:
         yield from files.problems(advance)
-    yield from unlisted_files(folder, listed)
+    yield from unlisted_files(place, listed)
 
 
-def changed_files(folder: Path, listed: Manifest, paths: Container[str]) -> list[Problem]:
-    """Those of these listed files that are missing or changed. Raises ReplacedError if a writer did it."""
-    with Hashing(folder, listed, paths) as files:
+def changed_files(place: Any, listed: Manifest, paths: Container[str]) -> list[Problem]:
+    """Those of these listed files that are missing or changed. Raises BusyError if it was replaced."""
+    with Hashing(place, listed, paths) as files:
         problems = list(files.problems())
     if problems:
-        manifest.refuse_replaced(folder, listed)
+        manifest.refuse_replaced(place, listed)
     return problems
 
 
-def unlisted_files(folder: Path, listed: Manifest) -> Iterator[Problem]:
+def unlisted_files(place: Any, listed: Manifest) -> Iterator[Problem]:
     """The files and folders in `data` that a reader would take, but that the manifest does not list."""
-    for file in strangers(folder, listed.entries()):
-        what = "folder" if file.is_dir() else "file"
+    for path in strangers(place, listed.entries()):
+        what = "folder" if path.endswith("/") else "file"
         message = f"found a {what} that the manifest does not list; move it away"
-        yield Problem(str(file.relative_to(folder)), None, "file", message)
+        yield Problem(path.rstrip("/"), None, "file", message)
 
 
 class Hashing:
     """A context in which threads compute the SHA-256 of listed files, by default of all."""
 
-    def __init__(self, folder: Path, listed: Manifest, paths: Container[str] | None = None) -> None:
+    def __init__(self, place: Any, listed: Manifest, paths: Container[str] | None = None) -> None:
         self._expected = {
             file.path: file.sha256 for file in listed.files if paths is None or file.path in paths
         }
-        self._remote = is_remote(folder)
+        self._files = storage(place)
         self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
-        self._found = {
-            path: self._threads.submit(file_sha256, manifest.locate(folder, path)) for path in self._expected
-        }
+        self._found = {path: self._threads.submit(self._files.sha256, path) for path in self._expected}
 
     def __enter__(self) -> Hashing:
         return self
@@ -71,7 +68,7 @@ class Hashing:
             found = self._found[path].result()
             advance(1)
             if found is None:
-                todo = "" if self._remote else "; ibdata repair makes it"
+                todo = "; ibdata repair makes it" if self._files.url is None else ""
                 yield Problem(path, None, "file", f"found no file that can be read{todo}")
             elif found != expected:
                 message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"

@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import zip_longest
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import parquet
+from ibdata.dataset.statistics import Moments
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
+from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.writing.statistics import Moments
 from ibdata.writing.stored import Part, stored_parts
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
@@ -29,8 +30,8 @@ PART_ROWS = 100_000  # as a row group has, which then is a part where it holds w
 def check_shard(
     spec: DatasetSpec,
     shard: Shard,
-    path: Path,
-    listed: str,
+    place: Any,
+    path: str,
     advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
@@ -38,23 +39,23 @@ def check_shard(
     Args:
         spec: The experiments and splits of the dataset.
         shard: The shard.
-        path: Its file.
-        listed: The path under which the manifest lists it.
+        place: The dataset's folder or storage.
+        path: The path of the shard's file in it.
         advance: Called with the number of rows of each part.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
-    experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
+    experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(path)
     try:
-        schema, rows = parquet.described(path)
+        schema, rows = parquet.described(place, path)
         expected = (shard.stop - shard.first) * experiment.steps
         if wrong := _schema(schema, columns(experiment)):
-            return None, [Problem(listed, None, "schema", wrong)]
+            return None, [Problem(path, None, "schema", wrong)]
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
-            return None, [Problem(listed, None, "rows", message)]
-        batches = parquet.batches(path, None, PART_ROWS, threads=False)
+            return None, [Problem(path, None, "rows", message)]
+        batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
             for part in stored_parts(spec, shard, batches, PART_ROWS):
@@ -65,7 +66,7 @@ def check_shard(
             if before:
                 before.result()
     except DatasetError as error:
-        return None, [Problem.of(error, listed, path, "parquet")]
+        return None, [Problem.of(error, path, storage(place).where(path), "parquet")]
     problems = found.problems()
     return (None if problems else account.content()), problems
 
@@ -146,7 +147,7 @@ def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
 
 
 def _plain_type(kind: pa.DataType) -> str:
-    """The type of a column as info.json spells it."""
+    """The type of a column as dataset.json spells it."""
     if pa.types.is_dictionary(kind):
         return "string"
     return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))

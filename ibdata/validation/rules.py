@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ class Problem(NamedTuple):
     message: str
 
     @classmethod
-    def of(cls, error: DatasetError, path: str, file: Path, rule: str) -> Problem:
+    def of(cls, error: DatasetError, path: str, file: str, rule: str) -> Problem:
         """The problem that an error describes, without the name of the file in its message."""
         message = re.sub("[,;] see ibdata validate", "", str(error).removeprefix(f"{file}: "))
         return cls(path, None, rule, message)

@@ -94,8 +94,8 @@ def card(
     """
     parts = (
         _front_matter(spec, written),
-        _text(spec, written, root),
-        *_behaviour(episodes, info(spec, written)),
+        _text(spec, root),
+        *_behaviour(episodes, info(spec)),
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
     return "\n".join(parts).encode()
@@ -131,15 +131,13 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "    default: true",
         "    data_files: data/*.parquet",
     ]
-    for name, split in splits(spec, written).items():
-        if split.files is None:
-            continue  # Hugging Face knows splits that are whole files
+    for name in spec.declared:  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += [f"      - {file}" for file in split.files]
+        lines += [f"      - {w.entry.path}" for w in written if name in w.shard.splits]
     return "\n".join([*lines, "---", ""])
 
 
-def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
+def _text(spec: DatasetSpec, root: str) -> str:
     made = [
         f"# {spec.name}",
         "",
@@ -150,9 +148,9 @@ def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
         *(f"| {name} | {value} |" for name, value in facts(spec)),
         f"| content root | `{root}` |",
         "",
-        "A row is (o, a, o′, r) with the latent state; `meta/info.json` describes every column. Rewards are",
-        "-consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of an",
-        "episode, a time limit; `terminated` is always false.",
+        "A row is (o, a, o′, r) with the latent state; `meta/dataset.json` describes every column. Rewards",
+        "are -consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of",
+        "an episode, a time limit; `terminated` is always false.",
         "",
         "```python",
         "import pandas as pd",
@@ -162,7 +160,7 @@ def _text(spec: DatasetSpec, written: list[WrittenShard], root: str) -> str:
         *_again(spec),
         "",
     ]
-    per_split = splits(spec, written)
+    per_split = splits(spec)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
         made += [f"| {name} | {s.episodes} | {s.rows} |" for name, s in per_split.items()] + [""]

@@ -82,6 +82,7 @@ def finish(
             checksum=UNSEALED,
         )
     )
+    write(folder, manifest.SPLITS, metadata.splits_file(spec))
     write(folder, manifest.PATH, metadata.as_json(listed))
     return listed
 
@@ -101,8 +102,8 @@ def metadata_files(
 ) -> dict[str, Callable[[], bytes]]:
     """Functions that make the files other than shards and manifest, by path.
 
-    Those for episodes.parquet and stats.json need the content of the shards, and so does that for the card
-    without the table of `episodes`.
+    Those for episodes.parquet and statistics.json need the content of the shards, and so does that for the
+    card without the table of `episodes`.
     """
 
     @cache
@@ -110,9 +111,9 @@ def metadata_files(
         return metadata.episodes_table(spec, written) if episodes is None else episodes
 
     return {
-        "meta/info.json": lambda: metadata.as_json(metadata.info(spec, written)),
+        "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
         "meta/episodes.parquet": lambda: metadata.episodes_parquet(table()),
-        "meta/stats.json": lambda: metadata.as_json(metadata.stats(spec, written)),
+        "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
         **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
         manifest.CARD: lambda: card(spec, written, root, table()),

@@ -1,11 +1,10 @@
-"""The content of meta/info.json, meta/stats.json and meta/episodes.parquet."""
+"""The content of the files in `meta/` but for experiments, weights and manifest."""
 
 from __future__ import annotations
 
 import io
 import json
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -15,14 +14,23 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset.episodes import SCHEMA as EPISODES
-from ibdata.dataset.models import Column, Counts, Info, JsonObject, Manifest, SplitCounts, Statistic, Stats
+from ibdata.dataset.models import (
+    Column,
+    Counts,
+    Info,
+    JsonObject,
+    Manifest,
+    SplitEntry,
+    Statistic,
+    Statistics,
+)
+from ibdata.dataset.statistics import described, merged
 from ibdata.experiment.cells import Cell
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.simulation.variables import Table, columns, layout
+from ibdata.experiment.dataset_spec import DatasetSpec, Run
+from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.statistics import Moments, described, merged
-from ibdata.writing.summary import UNREAD
+from ibdata.writing.summary import UNREAD, ShardSummary
 
 
 def as_json(data: Any) -> bytes:
@@ -31,12 +39,8 @@ def as_json(data: Any) -> bytes:
     return (json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
-    """Make info.json: columns with their meaning, groups of columns, counts, splits."""
-    described_columns = [Column(**c.form()) for c in columns(spec.experiments[0])]
-    groups: dict[str, list[str]] = {}
-    for column in described_columns:
-        groups.setdefault(column.role, []).append(column.name)
+def info(spec: DatasetSpec) -> Info:
+    """Make dataset.json: columns with their meaning, and counts."""
     return Info(
         format="ibdata-dataset",
         version=1,
@@ -49,12 +53,9 @@ def info(spec: DatasetSpec, written: list[WrittenShard]) -> Info:
             episodes=spec.episodes,
             steps=_common([e.steps for e in spec.experiments]),
             cells=len({cell.digest for e in spec.experiments for cell in e.cells}),
-            shards=len(written),
-            data_bytes=sum(w.entry.bytes for w in written),
+            shards=len(spec.shards),
         ),
-        splits=splits(spec, written),
-        columns=described_columns,
-        groups=groups,
+        columns=[Column(**c.form()) for c in columns(spec.experiments[0])],
     )
 
 
@@ -63,26 +64,39 @@ def _common(values: list[Any]) -> Any:
     return values[0] if all(value == values[0] for value in values) else None
 
 
-def splits(spec: DatasetSpec, written: Iterable[WrittenShard]) -> dict[str, SplitCounts]:
-    """Episodes, rows and files of each split; `files` is None if its episodes are only labelled."""
-    files: dict[str, list[str]] = {name: [] for name in spec.declared}
-    episodes, rows = Counter[str](), Counter[str]()
-    for w in written:
-        steps = spec.of_shard(w.shard).steps
-        for name in w.shard.splits:
-            files[name].append(w.entry.path)
-        for first, stop, names in spec.runs(w.shard):
-            for name in names:
-                episodes[name] += stop - first
-                rows[name] += (stop - first) * steps
-    return {
-        name: SplitCounts(episodes=episodes[name], rows=rows[name], files=files.get(name))
-        for name in (*spec.declared, *spec.later)
-    }
+def splits(spec: DatasetSpec) -> dict[str, SplitEntry]:
+    """The splits of a dataset, declared and later."""
+    declared = {name: _declared(spec, name) for name in spec.declared}
+    later = {name: _later(spec, name, runs) for name, runs in spec.later_runs().items()}
+    return {**declared, **later}
+
+
+def _declared(spec: DatasetSpec, name: str) -> SplitEntry:
+    shards = [shard for shard in spec.shards if name in shard.splits]
+    return SplitEntry(
+        episodes=sum(shard.stop - shard.first for shard in shards),
+        rows=sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards),
+        declared=True,
+    )
+
+
+def _later(spec: DatasetSpec, name: str, runs: Sequence[Run]) -> SplitEntry:
+    return SplitEntry(
+        episodes=sum(run.stop - run.first for run in runs),
+        rows=sum((run.stop - run.first) * run.steps for run in runs),
+        declared=False,
+        split=spec.later[name].model_dump(mode="json", exclude_none=True),
+        runs=[[run.first, run.stop] for run in runs],
+    )
+
+
+def splits_file(spec: DatasetSpec) -> bytes:
+    """The bytes of splits.json, which the manifest does not list: it is all that later splits replace."""
+    return as_json({name: entry.plain() for name, entry in splits(spec).items()})
 
 
 def unread_shards(spec: DatasetSpec, listed: Manifest) -> list[WrittenShard]:
-    """The shards of a finished dataset without their content, as its card and info.json need them."""
+    """The shards of a finished dataset without their content, as its card needs them."""
     entries = listed.entries()
     pairs = zip(spec.shards, listed.shards, strict=True)
     return [WrittenShard(shard, entries[listed_shard.path], UNREAD) for shard, listed_shard in pairs]
@@ -116,7 +130,6 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
 
     length = np.repeat([e.steps for e in experiments], counts)
     row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
-    runs = [run for shard in shards for run in spec.runs(shard)]
     digests = [digest for w in written for digest in w.content.digests]
     arrays: list[pa.Array] = [
         arrow_array(np.concatenate([n + s.offset for s, n in zip(shards, numbers, strict=True)])),
@@ -124,7 +137,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(np.concatenate([index for _, index in address])),
         arrow_array(of_cells(lambda cell: cell.setpoint)),
         arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
-        _lists([names for *_, names in runs], [stop - first for first, stop, _ in runs]),
+        _lists([shard.splits for shard in shards], counts),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
         arrow_array(np.repeat(np.array([shard.number for shard in shards], dtype=np.int32), counts)),
@@ -148,26 +161,18 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
     return pa.ListArray.from_arrays(arrow_array(offsets), texts)
 
 
-def stats(spec: DatasetSpec, written: list[WrittenShard]) -> Stats:
-    """Make stats.json: statistics of every float column, over all rows and over each split."""
+def statistics(spec: DatasetSpec, written: list[WrittenShard]) -> Statistics:
+    """Make statistics.json: statistics of every float column, over all rows and over each declared split."""
     names = layout(spec.experiments[0]).names
-    parts = [(w.content.moments, [w.content.sample]) for w in written]
-    declared = {
-        name: [part for part, w in zip(parts, written, strict=True) if name in w.shard.splits]
-        for name in spec.declared
-    }
-    later = {
-        name: [w.content.labelled[name] for w in written if name in w.content.labelled] for name in spec.later
-    }
-    return Stats(
-        format="ibdata-stats",
+    of_splits = {name: [w.content for w in written if name in w.shard.splits] for name in spec.declared}
+    return Statistics(
+        format="ibdata-statistics",
         version=1,
-        all=_described(names, parts),
-        splits={name: _described(names, own) for name, own in {**declared, **later}.items()},
+        all=_described(names, [w.content for w in written]),
+        splits={name: _described(names, own) for name, own in of_splits.items()},
     )
 
 
-def _described(names: tuple[str, ...], parts: list[tuple[Moments, list[Table]]]) -> dict[str, Statistic]:
-    total = reduce(merged, (part for part, _ in parts))
-    samples = [np.concatenate(own, axis=1) for _, own in parts]
-    return described(names, total, samples, [part.rows for part, _ in parts])
+def _described(names: Sequence[str], parts: Sequence[ShardSummary]) -> dict[str, Statistic]:
+    total = reduce(merged, (part.moments for part in parts))
+    return described(names, total, [part.sample for part in parts], [part.moments.rows for part in parts])

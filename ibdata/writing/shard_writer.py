@@ -12,6 +12,7 @@ from typing import NamedTuple, ParamSpec, TypeVar
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ibdata.dataset.statistics import Moments
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -20,7 +21,6 @@ from ibdata.simulation.variables import columns
 from ibdata.system.atomic_files import TOKEN, FileEntry, HashingFile, atomic_write
 from ibdata.system.signals import held
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
-from ibdata.writing.statistics import Moments
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
 
 WAITING = 2  # parts that may be in progress

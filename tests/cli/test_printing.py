@@ -99,7 +99,7 @@ def crafted(made):
     """A dataset with texts for the terminal wherever it holds any, and every hash right."""
     shutil.copytree(made, "d")
     shutil.copytree(made, "whole")
-    changed("d/meta/info.json", dynamics={"base": EVIL, EVIL: 1}, start=EVIL)
+    changed("d/meta/dataset.json", dynamics={"base": EVIL, EVIL: 1}, start=EVIL)
     relabelled("d/meta/episodes.parquet")
     for path in Path("d/data").iterdir():
         relabelled(path)

@@ -21,12 +21,12 @@ from ibdata.system.signals import STOPPING
 
 pytestmark = pytest.mark.corpus
 
-FILES = (manifest.PATH, "meta/info.json", "meta/stats.json")
+FILES = (manifest.PATH, "meta/dataset.json", "meta/statistics.json")
 PARTS, OF_A_PART = 6, 50
 HUGE = "a number that JSON has and no float holds"
 VALUES: list[Any] = [
     *(None, True, False, 0, -1, 1, 7, 2**31, 2**63 - 1, 2**63, 2**64, 10**400, -0.0, 1.5, 1e308, HUGE, 50.0),
-    *("", "x", "random", "low", "policy", "reward", "string", "float64", "0.5", "../x", "meta/info.json"),
+    *("", "x", "random", "low", "policy", "reward", "string", "float64", "0.5", "../x", "meta/dataset.json"),
     *(
         "\ud800",
         "\x1b[31mred",
@@ -175,17 +175,22 @@ def test_a_mutation_that_fits_its_hashes_is_answered_or_refused(part, whole, run
     [
         (manifest.PATH, "experiments 0 seed", HUGE, "found no valid JSON (1e999 is too large a number)"),
         (manifest.PATH, "versions python", "\ud800", "found no valid JSON ("),
-        ("meta/info.json", "dynamics", "\ud800", "found no valid JSON ("),
-        ("meta/stats.json", "all reward mean", HUGE, "found no valid JSON (1e999 is too large a number)"),
+        ("meta/dataset.json", "dynamics", "\ud800", "found no valid JSON ("),
         (
-            "meta/stats.json",
+            "meta/statistics.json",
+            "all reward mean",
+            HUGE,
+            "found no valid JSON (1e999 is too large a number)",
+        ),
+        (
+            "meta/statistics.json",
             "all reward quantiles",
             {"0.5": 1.0},
             "all.reward.quantiles: found {'0.5': 1.0}, ",
         ),
-        ("meta/stats.json", "all", {"\x1b[2J": {}}, r"all.\x1b[2J"),
-        ("meta/info.json", "groups action", ["reward"], "groups: found {"),
-        ("meta/info.json", "columns 18 dtype", "string", "columns: found ["),
+        ("meta/statistics.json", "all", {"\x1b[2J": {}}, r"all.\x1b[2J"),
+        ("meta/dataset.json", "groups action", ["reward"], "groups: found {"),
+        ("meta/dataset.json", "columns 18 dtype", "string", "columns: found ["),
     ],
 )
 def test_what_no_dataset_holds_is_said_of_its_file(whole, run, path, place, value, said):

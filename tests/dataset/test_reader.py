@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +38,7 @@ def test_a_dataset_says_what_it_is(dataset, monkeypatch):
     assert "\x1b" not in repr(dataset)
     assert dataset.manifest == json.loads((dataset.path / "meta/manifest.json").read_text())
     assert dataset.content_root == dataset.manifest["content_root"]
-    assert dataset.info == json.loads((dataset.path / "meta/info.json").read_text())
+    assert dataset.info == json.loads((dataset.path / "meta/dataset.json").read_text())
     assert isinstance(dataset.episodes, pd.DataFrame)
     assert len(dataset.episodes) == 12
     frame = dataset.episodes
@@ -55,7 +54,8 @@ def test_a_dataset_opens_from_a_path_in_any_form(dataset, form):
 @splits
 def test_a_table_holds_the_rows_of_the_files_in_order(dataset, split):
     table = dataset.table(split=split)
-    paths = dataset.info["splits"][split]["files"] if split else sorted(os.listdir(dataset.path / "data"))
+    shards = dataset.manifest["shards"]
+    paths = [shard["path"] for shard in shards if split is None or split in shard["splits"]]
     parts = [pq.read_table(dataset.path / "data" / Path(path).name) for path in paths]
     assert table.num_rows == SPLITS[split]
     assert table.to_pylist() == pa.concat_tables(parts).to_pylist()

@@ -12,6 +12,8 @@ import pytest
 import ibdata
 from ibdata.errors import DatasetError
 
+AGAIN = "make the dataset again with this ibdata"
+
 
 def sealed(folder, change):
     """Change the manifest as someone would who can compute its checksum."""
@@ -34,10 +36,18 @@ def sealed(folder, change):
         (b"null", "found another format, expected ibdata-manifest"),
         (b"{}", "found another format, expected ibdata-manifest"),
         (b'{"format": "ibdata-dataset", "version": 1}', "found another format, expected ibdata-manifest"),
-        (b'{"format": "ibdata-manifest", "version": 2}', "found version 2, expected 1; use a newer ibdata"),
-        (b'{"format": "ibdata-manifest", "version": 1}', "does not fit its checksum"),
+        (b'{"format": "ibdata-manifest", "version": 2}', f"found version 2, expected 1; {AGAIN}"),
+        (b'{"format": "ibdata-manifest", "version": 1}', f"found data version None, expected 2; {AGAIN}"),
+        (
+            b'{"format": "ibdata-manifest", "version": 1, "data_version": 1}',
+            f"found data version 1, expected 2; {AGAIN}",
+        ),
+        (b'{"format": "ibdata-manifest", "version": 1, "data_version": 2}', "does not fit its checksum"),
     ],
-    ids=["empty", "cut", "no text", "deep", "list", "null", "bare", "other format", "future", "no checksum"],
+    ids=[
+        *("empty", "cut", "no text", "deep", "list", "null", "bare", "other format"),
+        *("other version", "no data version", "other data version", "no checksum"),
+    ],
 )
 def test_a_manifest_that_is_none_is_an_error_of_one_line(copied, content, line):
     (copied / "meta/manifest.json").write_bytes(content)
@@ -116,7 +126,7 @@ def test_a_flipped_bit_is_an_error_that_names_the_shard_and_never_other_data(cop
             read(ibdata.open(copied))
 
 
-@pytest.mark.parametrize("name", ["info.json", "stats.json", "episodes.parquet"])
+@pytest.mark.parametrize("name", ["dataset.json", "statistics.json", "episodes.parquet"])
 @pytest.mark.parametrize("damage", ["missing", "empty"])
 def test_damaged_metadata_are_an_error_that_names_the_file(copied, name, damage):
     path = copied / "meta" / name
@@ -125,8 +135,8 @@ def test_damaged_metadata_are_an_error_that_names_the_file(copied, name, damage)
         path.write_bytes(b"")
     dataset = ibdata.open(copied)
     calls = {
-        "info.json": repr,
-        "stats.json": lambda d: d.statistics(),
+        "dataset.json": repr,
+        "statistics.json": lambda d: d.statistics(),
         "episodes.parquet": lambda d: d.episodes,
     }
     found = {"missing": "missing", "empty": "found other content than the manifest lists"}[damage]

@@ -44,7 +44,10 @@ def test_a_dataset_shows_what_it_holds_and_its_splits(dataset, moving):
 
 
 def test_splits_are_a_dict_and_a_table(dataset, moving):
-    assert dataset.splits == dataset.info["splits"]
+    assert dataset.splits == {
+        "source": {"episodes": 6, "rows": 240, "declared": True},
+        "target": {"episodes": 4, "rows": 160, "declared": True},
+    }
     assert repr(dataset.splits).split("\n")[0].split() == ["split", "episodes", "rows", "kind"]
     assert dataset.splits.to_pandas()["rows"].tolist() == [240, 160]
     assert repr(moving.splits) == "no splits"

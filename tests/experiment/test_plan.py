@@ -183,16 +183,14 @@ def test_a_split_is_read_some_times_however_many_cells_there_are(monkeypatch):
 
 @examples
 @given(experiments())
-def test_the_later_splits_of_a_shard_are_those_of_each_of_its_episodes(made):
-    """Whatever later segments and shards there are, each shard gets those that are in it."""
+def test_the_runs_of_later_splits_are_those_of_each_episode(made):
+    """Of two experiments, as a merged dataset has them."""
     declared = Experiment.model_validate({**made.plain(), "splits": {}})
-    spec = DatasetSpec("x", (declared,), made.splits)
-    for shard in spec.shards:
-        runs = list(spec.runs(shard))
-        assert [runs[0][0], runs[-1][1]] == [shard.first, shard.stop]
-        assert all(a[1] == b[0] for a, b in pairwise(runs))
-        for first, stop, names in runs:
-            assert {splits_of(made, episode) for episode in range(first, stop)} == {names}
+    count = len(declared.cells) * declared.episodes
+    for name, runs in DatasetSpec("x", (declared, declared), made.splits).later_runs().items():
+        inside = [episode for first, stop, _ in runs for episode in range(first, stop)]
+        assert inside == [e for e in range(2 * count) if name in splits_of(made, e % count)]
+        assert all(a.stop < b.first for a, b in pairwise(runs))
 
 
 @pytest.mark.parametrize(("number", "file"), [(0, "part-00000"), (12, "part-00012"), (99_999, "part-99999")])

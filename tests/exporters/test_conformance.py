@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.dataset.models import SplitCounts
+from ibdata.dataset.models import SplitEntry
 from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError
 from ibdata.exporters import FORMATS
 from ibdata.exporters._view import View
@@ -258,7 +258,7 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
 
 
 def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
-    splits = {**dataset.info_model.splits, "none": SplitCounts(episodes=0, rows=0, files=[])}
+    splits = {**dataset.split_entries, "none": SplitEntry(episodes=0, rows=0, declared=False)}
     info = dataset.info_model.model_copy(update={"splits": splits})
     monkeypatch.setattr(dataset, "info_model", info)
     with pytest.raises(UsageError, match="split: 'none' has no rows"):

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.faults
 NOBODY = 65534
 PLANTED = ("data", "meta", ".run", ".next", ".new", ".lock")
 INNER = (".new/data", ".new/meta", ".next/data", ".next/meta", ".next/.run")
-OURS = ("part-00000-01234567.parquet", "x.receipt", "info.json", "README.md")
+OURS = ("part-00000-01234567.parquet", "x.receipt", "dataset.json", "README.md")
 
 
 def generate(config: Path, out: Path, *more: object) -> list[object]:
@@ -41,7 +41,7 @@ def outside(tools: Any, forks: Any) -> Path:
             ".tmp-123-precious",
             "part-00000-01234567.parquet",
             "x.receipt",
-            "info.json",
+            "dataset.json",
             "README.md",
         ):
             if not (part / name).exists():
@@ -149,7 +149,7 @@ def test_a_planted_link_to_a_folder_is_never_followed_to_write_or_delete(
 
 
 @pytest.mark.parametrize(
-    "name", ["data/part-00001-01234567.parquet", "meta/stats.json", "README.md", ".run/x.receipt"]
+    "name", ["data/part-00001-01234567.parquet", "meta/statistics.json", "README.md", ".run/x.receipt"]
 )
 def test_a_planted_link_to_a_file_is_replaced_and_not_written_through(
     forks: Any, tools: Any, name: str

@@ -70,7 +70,7 @@ def test_it_is_made_and_checked_again_without_anything_else(made, elsewhere):
     assert ibdata.difference(made, again) == []
 
 
-@pytest.mark.parametrize("lost", ["data/*-*.parquet", "meta/stats.json", "meta/manifest.json"])
+@pytest.mark.parametrize("lost", ["data/*-*.parquet", "meta/statistics.json", "meta/manifest.json"])
 def test_lost_files_are_made_again(made, elsewhere, lost):
     before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
     next(made.path.glob(lost)).unlink()

@@ -201,7 +201,7 @@ def test_labels_made_later_are_not_mixed_with_those_before(here):
     assert len(before.table()) == 20  # the rows are the same
     with pytest.raises(IbdataError, match="replaced while it was read"):
         before.statistics()
-    assert set(ibdata.open(here).info["splits"]) == {"random", "safe"}
+    assert set(ibdata.open(here).splits) == {"random", "safe"}
 
 
 def test_a_folder_that_does_not_count_is_not_believed_and_goes(here, made):

@@ -55,13 +55,13 @@ def test_the_batch_of_depeweg_makes_a_valid_dataset():
 def test_the_siemens_sets_have_files_to_train_and_to_validate_on_and_the_rows_of_a_set_without_splits():
     small = {"steps": 5}
     dataset = ibdata.generate("siemens-offline/bad-20", workers=1, overrides=small)
-    assert {name: split["episodes"] for name, split in dataset.info["splits"].items()} == {
+    assert {name: split["episodes"] for name, split in dataset.splits.items()} == {
         "train": 90,
         "validation": 10,
     }
     assert set(dataset.to_pandas(["episode"], split="validation")["episode"]) == set(range(90, 100))
     plain = ibdata.generate("siemens-offline/bad-20", "plain", workers=1, overrides={**small, "splits": {}})
-    assert plain.info["splits"] == {}
+    assert plain.splits == {}
     assert plain.content_root == dataset.content_root
 
 

@@ -85,7 +85,7 @@ def is_old(here: Path, made) -> bool:
         ("shard", [], True),
         ("shard", ["data"], True),
         ("shard", ["data"], False),
-        ("meta/stats.json", [], True),
+        ("meta/statistics.json", [], True),
         ("meta/manifest.json", ["data"], True),
         ("README.md", [], False),
     ],
@@ -113,7 +113,7 @@ def test_a_split_does_not_finish_a_damaged_replacement(here, made, monkeypatch):
 def test_nothing_is_changed_where_both_datasets_are_damaged(here, monkeypatch):
     move(monkeypatch, here, ["data"], True)
     new_file(here, "shard").write_bytes(b"x")
-    (here / "meta/info.json").write_bytes(b"x")
+    (here / "meta/dataset.json").write_bytes(b"x")
     before = contents(here)
     with pytest.raises(DatasetError, match=r"part-00001-\w+\.parquet: found other content .* here/meta/info"):
         ibdata.repair(here, workers=1)
@@ -126,9 +126,9 @@ def test_a_file_of_both_datasets_that_is_damaged_in_both_is_made_again(here, mad
         patched.setattr(replacement, "_swap", killed)
         with pytest.raises(KeyboardInterrupt):
             card(here)
-    (here / "meta/stats.json").write_bytes(b"x")  # a link to the same file in .new
-    assert (here / ".new/meta/stats.json").read_bytes() == b"x"
-    assert ibdata.repair(here, workers=1) == ["meta/stats.json"]
+    (here / "meta/statistics.json").write_bytes(b"x")  # a link to the same file in .new
+    assert (here / ".new/meta/statistics.json").read_bytes() == b"x"
+    assert ibdata.repair(here, workers=1) == ["meta/statistics.json"]
     assert ibdata.validate(here) == []
 
 

@@ -206,10 +206,10 @@ def test_what_it_says_of_loading_is_true(carded):
 
 
 def test_texts_of_a_dataset_cannot_become_elements(copied, sign):
-    info = json.loads((copied / "meta/info.json").read_text())
+    info = json.loads((copied / "meta/dataset.json").read_text())
     info["columns"][0]["description"] = "<script>alert('\"')</script> & more"
-    (copied / "meta/info.json").write_text(json.dumps(info))
-    sign(copied, "meta/info.json")
+    (copied / "meta/dataset.json").write_text(json.dumps(info))
+    sign(copied, "meta/dataset.json")
     page = Page((card(copied).path / manifest.REPORT).read_text())
     assert info["columns"][0]["description"] in "".join(page.texts["td"])
     assert "script" not in page.texts
@@ -238,7 +238,7 @@ def test_a_damaged_report_is_taken_away_by_repair_and_can_be_made_again(ibdata, 
 
 
 def test_other_files_are_repaired_and_the_report_stays(carded, copied, shard_file):
-    for path in ("README.md", "meta/stats.json", shard_file(copied, 1)):
+    for path in ("README.md", "meta/statistics.json", shard_file(copied, 1)):
         (copied / path).unlink()
     ibdata.repair(copied, workers=1)
     assert contents(copied) == contents(carded.path)
@@ -259,7 +259,7 @@ def test_new_splits_take_the_report_away(copied):
     assert not (copied / manifest.REPORT).exists()
     assert ibdata.validate(copied) == []
     assert "still" in Page((card(copied).path / manifest.REPORT).read_text()).texts["td"]
-    assert list(split.info["splits"]) == ["source", "random", "still"]
+    assert list(split.splits) == ["source", "random", "still"]
 
 
 def test_copies_have_no_report(copied, plain, tmp_path):

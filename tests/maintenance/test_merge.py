@@ -59,8 +59,8 @@ def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, tmp_path)
     assert merged.info["counts"] | {"data_bytes": 0} == {
         "rows": 84, "episodes": 18, "steps": None, "cells": 4, "shards": 7 + 12 - 6, "data_bytes": 0,
     } | {"shards": len(merged.manifest["shards"])}  # fmt: skip
-    assert merged.info["splits"]["low"]["episodes"] == 3
-    assert merged.info["splits"]["high"]["episodes"] == 6
+    assert merged.splits["low"]["episodes"] == 3
+    assert merged.splits["high"]["episodes"] == 6
     assert ibdata.validate(merged.path) == []
     assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
 
@@ -79,7 +79,11 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
 def test_a_merged_dataset_is_repaired(pair, tmp_path, damage):
     merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
     shards = merged.manifest["shards"]
-    names = {"first shard": shards[0]["path"], "last shard": shards[-1]["path"], "stats": "meta/stats.json"}
+    names = {
+        "first shard": shards[0]["path"],
+        "last shard": shards[-1]["path"],
+        "stats": "meta/statistics.json",
+    }
     path = merged.path / names.get(damage, damage)
     whole = path.read_bytes()
     path.unlink()
@@ -104,7 +108,7 @@ def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     a, b = make("a"), make("b", seed=1)
     ibdata.split(a.path, by="episode", fractions=(2 / 3, 1 / 3))
     merged = ibdata.merge([a.path, b.path], tmp_path / "both")
-    splits = merged.info["splits"]
+    splits = merged.splits
     assert {name: split["episodes"] for name, split in splits.items()} == {"low": 6, "train": 4, "test": 2}
     assert all(split["files"] for split in splits.values())
     assert ibdata.validate(merged.path) == []
@@ -113,7 +117,7 @@ def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
 def test_a_merged_dataset_can_be_split_by_setpoint(pair, tmp_path):
     merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
     split = ibdata.split(merged.path, source=[20], target=[70], shots=1)
-    assert split.info["splits"]["target"]["episodes"] == 3
+    assert split.splits["target"]["episodes"] == 3
     assert ibdata.validate(merged.path) == []
 
 
@@ -213,4 +217,4 @@ def test_the_difference_of_a_merged_dataset_counts_what_only_one_has(pair, tmp_p
     assert lines == difference(merged.path, pair[0].path)
     assert "experiments: 2 and 1" in lines
     assert any("only the first has: " in line for line in lines)
-    assert json.loads((merged.path / "meta/info.json").read_text())["counts"]["steps"] is None
+    assert json.loads((merged.path / "meta/dataset.json").read_text())["counts"]["steps"] is None

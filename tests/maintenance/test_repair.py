@@ -23,9 +23,9 @@ from ibdata.writing.metadata import as_json
 FILES = [
     "shard 0",
     "shard 3",
-    "meta/info.json",
+    "meta/dataset.json",
     "meta/episodes.parquet",
-    "meta/stats.json",
+    "meta/statistics.json",
     "meta/experiment.yaml",
     "README.md",
 ]
@@ -210,7 +210,7 @@ def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copie
     before = contents(copied)
     for module in ("ibdata.simulation.rollout", "ibdata.writing.summary", "ibdata.generation.warm_up"):
         monkeypatch.setattr(f"{module}.rollout", simulate)
-    for path in ("meta/episodes.parquet", "meta/stats.json"):
+    for path in ("meta/episodes.parquet", "meta/statistics.json"):
         damage(copied / path, "cut")
         assert repair(copied, workers=1) == [path]
         assert contents(copied) == before

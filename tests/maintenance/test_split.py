@@ -102,7 +102,7 @@ def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expecte
         assert not set(members(split, a)) & set(members(split, b))
         digests = [{split.digests[e] for e in members(split, name)} for name in (a, b)]
         assert not digests[0] & digests[1]
-    assert set(split.info["splits"]) == {"low", *expected}
+    assert set(split.splits) == {"low", *expected}
     assert ibdata.validate(made.path) == []
 
 
@@ -118,7 +118,7 @@ def test_close_setpoints_have_folds_of_their_own_and_are_told_apart(experiment, 
     made = ibdata.generate(Experiment.model_validate(close), tmp_path / "close", workers=1)
     split = ibdata.split(made.path, scheme="leave-one-out")
     names = [f"{part}-{p}" for p in ("50_0000001", "50_0000002", "60") for part in ("train", "test")]
-    assert list(split.info["splits"]) == names
+    assert list(split.splits) == names
     assert conditions(split, "test-50_0000002")[0] == {50.0000002}
     assert ibdata.validate(made.path) == []
     with pytest.raises(UsageError) as error:
@@ -131,7 +131,7 @@ def test_labels_change_no_row_and_no_root(made):
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
     assert {path.name: path.read_bytes() for path in (made.path / "data").iterdir()} == before
     assert split.content_root == made.content_root
-    assert split.info["splits"]["target"] == {"episodes": 4, "rows": 16, "files": None}
+    assert split.splits["target"] == {"episodes": 4, "rows": 16, "files": None}
     assert "config_name: target" not in (made.path / "README.md").read_text()
     assert not list(made.path.rglob(".next*"))
 
@@ -158,13 +158,13 @@ def test_a_labelled_split_is_read_by_every_reader_and_no_other_row(made):
 def test_splits_that_were_made_together_with_replaced_ones_are_removed(made):
     """Else a rest of the earlier scheme would share episodes with the new splits."""
     ibdata.split(made.path, by="policy")
-    kept = set(ibdata.open(made.path).info["splits"])
+    kept = set(ibdata.open(made.path).splits)
     ibdata.split(made.path, source=50, target=75, shots=1)
     ibdata.split(made.path, source=50, target=75, shots=1, prefix="few")
-    found = ibdata.split(made.path, source=50, target=75).info["splits"]
+    found = ibdata.split(made.path, source=50, target=75).splits
     assert set(found) - kept == {"source", "target", "few-source", "few-target", "few-target-rest"}
     ibdata.split(made.path, by="episode", fractions=[0.5, 0.25, 0.25])
-    found = ibdata.split(made.path, by="episode", fractions=[0.5, 0.5]).info["splits"]
+    found = ibdata.split(made.path, by="episode", fractions=[0.5, 0.5]).splits
     assert set(found) - kept >= {"source", "target", "train", "test"}
     assert "validation" not in found
 
@@ -173,14 +173,14 @@ def test_splits_add_up_and_one_of_the_same_name_is_replaced(made):
     ibdata.split(made.path, by="policy")
     ibdata.split(made.path, source=[50], target=[75])
     split = ibdata.split(made.path, source=[10], target=[90])
-    assert list(split.info["splits"]) == ["low", "random", "safe", "source", "target"]
+    assert list(split.splits) == ["low", "random", "safe", "source", "target"]
     assert conditions(split, "source")[0] == {10.0}
     assert ibdata.validate(made.path) == []
 
 
 @pytest.mark.parametrize(
     "damage",
-    ["meta/stats.json", "meta/episodes.parquet", "meta/info.json", "README.md", "shard"],
+    ["meta/statistics.json", "meta/episodes.parquet", "meta/dataset.json", "README.md", "shard"],
 )
 def test_what_a_split_changed_is_repaired_with_it(made, shard_file, damage):
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
@@ -197,8 +197,8 @@ def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, t
     ibdata.split(made.path, by="policy")
     copy = ibdata.split(made.path, source=[50], target=[75], shots=2, materialize=tmp_path / "copy")
     assert copy.content_root == made.content_root
-    assert list(ibdata.open(made.path).info["splits"]) == ["low", "random", "safe"]
-    for name, split in copy.info["splits"].items():
+    assert list(ibdata.open(made.path).splits) == ["low", "random", "safe"]
+    for name, split in copy.splits.items():
         frames = [pq.read_table(copy.path / file).to_pandas() for file in split["files"]]
         assert sum(map(len, frames)) == split["rows"]
         own = copy.episodes.iloc[members(copy, name)]
@@ -213,7 +213,7 @@ def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, t
 def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_path):
     ibdata.split(made.path, by="policy")
     copy = ibdata.split(made.path, None, materialize=tmp_path / "copy")
-    assert copy.info["splits"]["safe"]["files"]
+    assert copy.splits["safe"]["files"]
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_the_budget_is_that_of_the_target_in_a_merged_dataset(tmp_path):
         parts.append(ibdata.generate(experiment, tmp_path / str(setpoint), workers=1).path)
     made = ibdata.merge(parts, tmp_path / "merged")
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
-    counts = {name: each["episodes"] for name, each in split.info["splits"].items()}
+    counts = {name: each["episodes"] for name, each in split.splits.items()}
     assert counts == {"source": 5, "target": 2}
     with pytest.raises(
         UsageError, match="budget of 3 episodes, expected at most 2, the episodes of each policy"
@@ -305,11 +305,11 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
     ibdata.split(made.path, source=[50], target=[90], names={"source": "at-50", "target": "at-90"})
     split = ibdata.split(made.path, by="episode", fractions=(0.6, 0.4), prefix="x", names={"test": "last"})
     names = ["low", "near-source", "near-target", "near-target-rest", "at-50", "at-90", "x-train", "last"]
-    assert list(split.info["splits"]) == names
+    assert list(split.splits) == names
     assert conditions(split, "near-target") == ({75.0}, BOTH, {0, 1})
     assert conditions(split, "last") == (set(SETPOINTS), BOTH, {3, 4})
     assert ibdata.validate(made.path) == []
-    for file in ("meta/stats.json", shard_file(made.path, 1)):
+    for file in ("meta/statistics.json", shard_file(made.path, 1)):
         path = made.path / file
         whole = path.read_bytes()
         path.write_bytes(whole[: len(whole) // 2])
@@ -319,9 +319,9 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
     other = {**ibdata.load(made.path / "meta/experiment.yaml").plain(), "seed": 1}
     ibdata.generate(Experiment.model_validate(other), tmp_path / "other", workers=1)
     merged = ibdata.merge([made.path, tmp_path / "other"], tmp_path / "both")
-    assert list(merged.info["splits"]) == names
-    assert merged.info["splits"]["near-target"]["episodes"] == 4
-    assert merged.info["splits"]["near-target"]["files"]
+    assert list(merged.splits) == names
+    assert merged.splits["near-target"]["episodes"] == 4
+    assert merged.splits["near-target"]["files"]
     assert ibdata.validate(merged.path) == []
 
 
@@ -331,7 +331,7 @@ def test_a_declared_split_and_a_later_one_live_together_in_labels_and_in_files(e
     with pytest.raises(UsageError, match=r"source is a declared split, .* with prefix=… or names=…"):
         ibdata.split(made.path, source=[50], target=[90])
     split = ibdata.split(made.path, source=[50], target=[90], prefix="far")
-    assert list(split.info["splits"]) == ["source", "target", "far-source", "far-target"]
+    assert list(split.splits) == ["source", "target", "far-source", "far-target"]
     assert members(split, "far-source") == members(split, "source")
     copy = ibdata.split(made.path, materialize=tmp_path / "copy")
     assert conditions(copy, "far-target") == ({90.0}, BOTH, ALL)
@@ -344,10 +344,10 @@ def test_a_declared_split_and_a_later_one_live_together_in_labels_and_in_files(e
 def test_later_splits_are_removed_and_others_made_in_one_go(made, tmp_path):
     ibdata.split(made.path, by="policy")
     split = ibdata.split(made.path, source=[50], target=[75], remove=["safe"])
-    assert list(split.info["splits"]) == ["low", "random", "source", "target"]
+    assert list(split.splits) == ["low", "random", "source", "target"]
     copy = ibdata.split(made.path, remove=["random"], materialize=tmp_path / "copy")
-    assert list(copy.info["splits"]) == ["low", "source", "target"]
-    assert list(ibdata.split(made.path, remove=["random", "source", "target"]).info["splits"]) == ["low"]
+    assert list(copy.splits) == ["low", "source", "target"]
+    assert list(ibdata.split(made.path, remove=["random", "source", "target"]).splits) == ["low"]
     assert ibdata.validate(made.path) == []
 
 

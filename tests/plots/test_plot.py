@@ -30,7 +30,7 @@ def contents(folder):
 
 def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
     paths = plot(any_form, tmp_path / "a")
-    split = bool(any_form.info["splits"])
+    split = bool(any_form.splits)
     assert paths == [tmp_path / "a" / f"{name}.png" for name in NAMES if split or name != "splits"]
     for path in paths:
         with Image.open(path) as picture:
@@ -118,11 +118,11 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_made(merged, tmp_pat
 
 def edit(change):
     def damage(folder, shard_file, sign):
-        path = folder / "meta" / "stats.json"
+        path = folder / "meta" / "statistics.json"
         data = json.loads(path.read_text())
         change(data["all"])
         path.write_text(json.dumps(data))
-        sign(folder, "meta/stats.json")
+        sign(folder, "meta/statistics.json")
 
     return damage
 

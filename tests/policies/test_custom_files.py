@@ -95,8 +95,8 @@ def test_a_file_that_is_not_found_is_expected_in_places_that_are_named(beside, t
         ibdata.reproduce("out", allow_code=True)
     with pytest.raises(UsageError, match=f"{line}{tmp_path}/out/meta/code/own-policy.py or {here}"):
         ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
-    (tmp_path / "out/meta/stats.json").unlink()
-    assert ibdata.repair("out") == ["meta/stats.json"]
+    (tmp_path / "out/meta/statistics.json").unlink()
+    assert ibdata.repair("out") == ["meta/statistics.json"]
     (tmp_path / "exp/code").rename("code")
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
     again = ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)

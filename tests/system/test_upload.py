@@ -133,7 +133,7 @@ def test_an_upload_stops_where_another_machine_has_begun_its_own(url, monkeypatc
     assert manifest.PATH not in names()
 
 
-@pytest.mark.parametrize("path", ["README.md", "meta/stats.json", "data/own.parquet", manifest.PATH])
+@pytest.mark.parametrize("path", ["README.md", "meta/statistics.json", "data/own.parquet", manifest.PATH])
 @pytest.mark.parametrize("begun", [False, True])
 def test_files_that_no_upload_has_put_are_refused_by_name_and_left_alone(
     url, machine, monkeypatch, path, begun

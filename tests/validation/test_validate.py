@@ -133,7 +133,9 @@ def test_rows_that_are_missing_are_named(copied, shard, sign):
     assert rules(copied) == {(shard, None, "rows")}
 
 
-@pytest.mark.parametrize("what", ["shard", "meta/info.json", "meta/stats.json", "meta/experiment.yaml"])
+@pytest.mark.parametrize(
+    "what", ["shard", "meta/dataset.json", "meta/statistics.json", "meta/experiment.yaml"]
+)
 @pytest.mark.parametrize("quick", [True, False])
 def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what, quick):
     path = shard if what == "shard" else what
@@ -177,24 +179,24 @@ def test_a_damaged_manifest_is_the_only_problem(copied):
 @pytest.mark.parametrize("key", ["mean", "std", "min", "max", "count"])
 @pytest.mark.parametrize("split", [None, "target"])
 def test_statistics_that_are_not_those_of_the_rows_are_named(copied, sign, key, split):
-    path = copied / "meta/stats.json"
+    path = copied / "meta/statistics.json"
     stats = json.loads(path.read_bytes())
     (stats["all"] if split is None else stats["splits"][split])["reward"][key] += 1
     path.write_text(json.dumps(stats))
-    sign(copied, "meta/stats.json")
+    sign(copied, "meta/statistics.json")
     (problem,) = validate(copied)
-    assert (problem.path, problem.rule) == ("meta/stats.json", "statistics")
+    assert (problem.path, problem.rule) == ("meta/statistics.json", "statistics")
     assert f"reward: {key}: found " in problem.message
 
 
 @pytest.mark.parametrize("key", ["rows", "episodes", "shards"])
 def test_counts_that_are_not_those_of_the_episodes_are_named(copied, sign, key):
-    path = copied / "meta/info.json"
+    path = copied / "meta/dataset.json"
     info = json.loads(path.read_bytes())
     info["counts"][key] += 1
     path.write_text(json.dumps(info))
-    sign(copied, "meta/info.json")
-    assert [(p.path, p.rule) for p in validate(copied)] == [("meta/info.json", "counts")]
+    sign(copied, "meta/dataset.json")
+    assert [(p.path, p.rule) for p in validate(copied)] == [("meta/dataset.json", "counts")]
 
 
 def test_a_content_root_that_is_not_that_of_the_episodes_is_named(copied):

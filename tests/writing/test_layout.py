@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 import ibdata
 
 SHARDS = [(0, 2), (2, 3), (3, 5), (5, 6), (6, 8), (8, 9), (9, 11), (11, 12)]  # of `dataset`, by episode
-META = ["meta/episodes.parquet", "meta/experiment.yaml", "meta/info.json", "meta/manifest.json"]
-META += ["meta/stats.json"]
+META = ["meta/dataset.json", "meta/episodes.parquet", "meta/experiment.yaml", "meta/manifest.json"]
+META += ["meta/splits.json", "meta/statistics.json"]
 
 
 def files(folder):
@@ -37,7 +37,7 @@ def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
 def test_the_manifest_lists_every_other_file_with_its_size_and_hash(either):
     listed = {file["path"]: file for file in either.manifest["files"]}
     found = files(either.path)
-    assert set(listed) == set(found) - {"meta/manifest.json"}
+    assert set(listed) == set(found) - {"meta/manifest.json", "meta/splits.json"}
     for name, file in listed.items():
         data = found[name].read_bytes()
         assert (file["bytes"], file["sha256"]) == (len(data), hashlib.sha256(data).hexdigest()), name
@@ -76,26 +76,24 @@ def test_the_shards_of_the_manifest_are_whole_episodes_cut_where_splits_begin(da
         assert hashlib.sha256(b"".join(digests.values())).hexdigest() == shard["content"]
 
 
-def test_info_describes_counts_splits_groups_and_columns(dataset, shard_file):
-    info = read(dataset, "meta/info.json")
+def test_info_describes_counts_and_columns(dataset):
+    info = read(dataset, "meta/dataset.json")
     assert list(info) == [
-        "format", "version", "name", "dynamics", "drifting", "start", "counts", "splits", "groups", "columns",
+        "format", "version", "name", "dynamics", "drifting", "start", "counts", "columns",
     ]  # fmt: skip
     assert (info["format"], info["version"], info["name"]) == ("ibdata-dataset", 1, "small")
-    size = sum(path.stat().st_size for path in (dataset.path / "data").iterdir())
-    counts = {"rows": 480, "episodes": 12, "steps": 40, "cells": 4, "shards": 8, "data_bytes": size}
-    assert info["counts"] == counts
-    parts = {"source": [0, 1, 4, 5], "target": [2, 6]}
-    paths = {name: [shard_file(dataset.path, i) for i in numbers] for name, numbers in parts.items()}
-    assert info["splits"] == {
-        "source": {"episodes": 6, "rows": 240, "files": paths["source"]},
-        "target": {"episodes": 4, "rows": 160, "files": paths["target"]},
-    }
+    assert info["counts"] == {"rows": 480, "episodes": 12, "steps": 40, "cells": 4, "shards": 8}
     table = dataset.table()
     assert [column["name"] for column in info["columns"]] == table.column_names
     assert list(info["columns"][0]) == ["name", "role", "dtype", "unit", "low", "high", "description"]
-    grouped = {name: role for role, names in info["groups"].items() for name in names}
-    assert grouped == {column["name"]: column["role"] for column in info["columns"]}
+
+
+def test_the_file_of_splits_counts_the_declared_ones(dataset, moving):
+    assert read(dataset, "meta/splits.json") == {
+        "source": {"episodes": 6, "rows": 240, "declared": True},
+        "target": {"episodes": 4, "rows": 160, "declared": True},
+    }
+    assert read(moving, "meta/splits.json") == {}
 
 
 def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
@@ -128,8 +126,8 @@ def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
 @pytest.mark.parametrize("name", ["dataset", "moving", "large"])
 def test_stats_are_those_of_the_rows(request, name):
     dataset = request.getfixturevalue(name)
-    stats = read(dataset, "meta/stats.json")
-    assert list(stats["splits"]) == list(dataset.info["splits"])
+    stats = read(dataset, "meta/statistics.json")
+    assert list(stats["splits"]) == list(dataset.splits)
     for split, described in {None: stats["all"], **stats["splits"]}.items():
         assert described == dataset.statistics(split)
         table = dataset.table(split=split)
@@ -172,7 +170,9 @@ def test_the_card_opens_with_front_matter_that_names_the_files_of_every_split(da
     default, *configs = matter["configs"]
     assert default == {"config_name": "default", "default": True, "data_files": "data/*.parquet"}
     splits = {config["config_name"]: config["data_files"] for config in configs}
-    assert splits == {name: split["files"] for name, split in dataset.info["splits"].items()}
+    shards = dataset.manifest["shards"]
+    for name in ("source", "target"):
+        assert splits[name] == [shard["path"] for shard in shards if name in shard["splits"]]
     assert dataset.content_root in text
     assert "| source | 6 | 240 |" in text
 
@@ -232,7 +232,7 @@ def test_a_next_observation_is_the_next_observation_within_an_episode_only(eithe
 
 
 def test_the_reward_is_that_of_the_next_observation(either):
-    rows = either.to_pandas().astype({name: np.float64 for name in either.info["groups"]["reward"]})
+    rows = either.to_pandas().astype({"reward": np.float64})
     c, f = (rows[f"next_obs_{name}"].to_numpy(np.float64) for name in ("consumption", "fatigue"))
     r = rows["reward"].to_numpy()
     assert (np.abs(r + c + 3.0 * f) <= 2.0**-23 * (np.abs(c) + 3.0 * f + np.abs(r))).all()

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ibdata
-from ibdata.writing import statistics
-from ibdata.writing.statistics import Moments, described, merged, moments, sample_stride, sums
+from ibdata.dataset import statistics
+from ibdata.dataset.statistics import Moments, described, merged, moments, sample_stride, sums
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 400)

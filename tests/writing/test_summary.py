@@ -11,13 +11,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from ibdata.dataset import statistics
+from ibdata.dataset.statistics import moments
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fields import Split
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import parts, rollout
 from ibdata.system.atomic_files import HashingFile
 from ibdata.writing import arrow, shard_writer, summary
-from ibdata.writing.statistics import moments
 from ibdata.writing.summary import describe
 
 STEPS, EPISODES = 20, 30
@@ -30,9 +30,8 @@ def made(describe, monkeypatch):
     monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 200)
     monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
     experiment = describe(steps=STEPS, episodes=EPISODES // 2, policies=[{"kind": "safe"}])
-    later = {"some": Split(setpoint=[20.0, 70.0], episodes={"start": 3, "stop": 11})}
     [whole] = plan(experiment)
-    return DatasetSpec(experiment.name, (experiment,), later), whole
+    return DatasetSpec.of(experiment), whole
 
 
 @contextmanager
@@ -74,7 +73,7 @@ def test_the_file_is_that_of_the_table_written_in_one_piece(made, tmp_path):
 
 
 def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypatch):
-    monkeypatch.setattr(summary, "sample_stride", lambda rows, total: 7)
+    monkeypatch.setattr(statistics, "sample_stride", lambda rows, total: 7)
     spec, whole = made
     experiment = spec.of_shard(whole)
     (tmp_path / "data").mkdir()
@@ -88,12 +87,6 @@ def test_the_content_is_that_of_the_table_in_one_piece(made, tmp_path, monkeypat
         rewards = floats.table[floats.names.index("reward")].reshape(-1, STEPS)
         np.testing.assert_allclose(found.returns, rewards.sum(axis=1, dtype=np.float64))
         assert_moments(found.moments, floats.table)
-        runs = [range(first * STEPS, stop * STEPS) for first, stop, names in spec.runs(whole) if names]
-        rows = [row for run in runs for row in run]
-        assert len(rows) == 2 * 9 * STEPS
-        assert_moments(found.labelled["some"][0], floats.table[:, rows])
-        sample = np.concatenate(found.labelled["some"][1], axis=1)
-        np.testing.assert_array_equal(sample, floats.table[:, rows[::7]])
     assert simulated.moments.mean.tobytes() == described.moments.mean.tobytes()
 
 

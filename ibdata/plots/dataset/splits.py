@@ -18,7 +18,7 @@ NONE = "(none)"
 def names(summary: Summary) -> list[str]:
     """The first 24 splits, and `NONE` where there are episodes in no split."""
     return [
-        *list(summary.dataset.info_model.splits)[:MOST],
+        *list(summary.dataset.splits)[:MOST],
         *([NONE] if () in summary.episodes.splits else []),
     ]
 
@@ -44,7 +44,7 @@ def counts(summary: Summary) -> Numbers:
 
 def size(summary: Summary) -> tuple[float, float] | None:
     """(width, height) in inches; None if the dataset has no splits."""
-    if not summary.dataset.info_model.splits:
+    if not summary.dataset.splits:
         return None
     own, rows = len(names(summary)), len(summary.episodes.setpoints) * len(summary.episodes.policies)
     return max(4.8, 2.0 + 0.25 * own), 2.4 + (0.17 if rows <= 40 else 0.12) * rows + 0.2 * own
@@ -58,7 +58,7 @@ def draw(figure: Figure, summary: Summary) -> None:
     _count(upper, cells, own, [f"{p}, {policy}" for p in episodes.setpoints for policy in episodes.policies])
     _count(lower, shared, own, own)
     lower.set_title("episodes that two splits share", loc="left")
-    more = len(summary.dataset.info_model.splits) - MOST
+    more = len(summary.dataset.splits) - MOST
     figure.suptitle(
         f"episodes by {summary.setpoint_label} and policy"
         + (f"; and {counted(more, 'split')} more" if more > 0 else "")

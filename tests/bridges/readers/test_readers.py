@@ -79,7 +79,7 @@ def test_splits_are_configs_of_hugging_face(generated):
     dataset = ibdata.open(root)
     for config in ("source", "target"):
         found = load_dataset(root, config, split="train")
-        assert len(found) == dataset.info["splits"][config]["rows"]
+        assert len(found) == dataset.splits[config]["rows"]
         expected = dataset.table(["reward"], config)["reward"].to_numpy()
         assert found.with_format("numpy")["reward"][:].tobytes() == expected.tobytes()
 

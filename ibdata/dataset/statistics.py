@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -9,9 +10,9 @@ import numpy.typing as npt
 
 from ibdata.dataset.models import Quantile, Statistic
 from ibdata.numerics.compiled import compiled
-from ibdata.simulation.variables import Table
 
 Floats = npt.NDArray[np.float64]
+Table = npt.NDArray[Any]  # (columns, rows), float32 or float64
 
 SAMPLE_ROWS = 100_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
@@ -70,8 +71,45 @@ def sample_stride(rows: int, total: int) -> int:
     return -(-rows // max(SAMPLE_LEAST, SAMPLE_ROWS * rows // total)) | 1
 
 
+class RowStatistics:
+    """Moments and an evenly spaced sample of the rows of a shard or a split, which are added in parts.
+
+    Args:
+        rows: The number of rows that will be added.
+        total: The number of rows of the dataset.
+    """
+
+    def __init__(self, rows: int, total: int) -> None:
+        self._stride, self._seen = sample_stride(rows, total), 0
+        self._keeps_parts = self._stride == 1 and total <= SAMPLE_ROWS
+        self._moments: Moments | None = None
+        self._samples: list[Table] = []
+
+    def add(self, table: Table) -> Moments:
+        """Add rows; return their moments. If all rows are sampled, the table is kept instead of a copy."""
+        own = moments(np.ascontiguousarray(table))
+        self._moments = own if self._moments is None else merged(self._moments, own)
+        if self._keeps_parts:
+            self._samples.append(table)
+        else:
+            self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
+        self._seen += table.shape[1]
+        return own
+
+    @property
+    def moments(self) -> Moments:
+        """The moments of all rows."""
+        assert self._moments is not None
+        return self._moments
+
+    @property
+    def sample(self) -> Table:
+        """The sample."""
+        return np.concatenate(self._samples, axis=1)
+
+
 def described(
-    names: tuple[str, ...], parts: Moments, samples: list[Table], rows: list[int]
+    names: Sequence[str], parts: Moments, samples: list[Table], rows: list[int]
 ) -> dict[str, Statistic]:
     """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 

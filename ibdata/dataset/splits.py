@@ -1,0 +1,110 @@
+"""The splits of a dataset, as meta/splits.json lists them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest, SplitEntry, parse
+from ibdata.dataset.models import Splits as SplitsFile
+from ibdata.dataset.tabular import Table, Tabular
+
+Ints = npt.NDArray[np.int64]
+
+
+class Splits(Tabular, dict[str, dict[str, Any]]):
+    """The splits of a dataset by name: a dict that shows as a table."""
+
+    def tables(self) -> list[Table]:
+        """The splits, a row each; later ones are labels of episodes."""
+        rows = [
+            (name, split["episodes"], split["rows"], "whole files" if split["declared"] else "labels")
+            for name, split in self.items()
+        ]
+        return [Table(("split", "episodes", "rows", "kind"), rows, () if rows else ["no splits"])]
+
+
+def read_splits(place: Any, listed: Manifest) -> dict[str, SplitEntry]:
+    """Read the splits of a dataset.
+
+    Raises:
+        DatasetError: The file is missing or damaged, or it does not fit the manifest.
+        BusyError: The dataset has been replaced.
+    """
+    data = manifest.content(place, listed, manifest.SPLITS)
+    manifest.refuse_replaced(place, listed)  # because the manifest does not list this file
+    try:
+        entries = parse(SplitsFile, manifest.loads(data)).root
+        _check_fit(entries, listed)
+    except ValueError as error:
+        raise manifest.wrong(place, listed, manifest.SPLITS, str(error)) from None
+    return entries
+
+
+def _check_fit(entries: Mapping[str, SplitEntry], listed: Manifest) -> None:
+    """Raise ValueError if declared splits are not those of the shards, or later ones no runs of episodes."""
+    episodes, rows = Counter[str](), Counter[str]()
+    for shard in listed.shards:
+        first, stop = shard.episodes
+        for name in shard.splits:
+            episodes[name] += stop - first
+            rows[name] += shard.rows
+    for name in episodes.keys() | entries.keys():
+        entry = entries.get(name)
+        if name in episodes and entry != SplitEntry(episodes=episodes[name], rows=rows[name], declared=True):
+            raise ValueError(f"{name}: found another split than the manifest lists")
+        if name not in episodes and (entry is None or entry.declared or not _holds(entry, listed)):
+            raise ValueError(f"{name}: found no runs of the episodes of the dataset")
+
+
+def _holds(entry: SplitEntry, listed: Manifest) -> bool:
+    """Whether a later split has as many episodes as it says, in order, and all are in the dataset."""
+    bounds = [bound for run in entry.runs for bound in run]
+    count = sum(stop - first for first, stop in entry.runs)
+    return (
+        bounds == sorted(bounds)
+        and 0 < entry.episodes == count
+        and bounds[-1] <= listed.shards[-1].episodes[1]
+    )
+
+
+def runs_of(name: str, entry: SplitEntry, listed: Manifest) -> list[list[int]]:
+    """The episodes of a split, as runs [first, stop]."""
+    if entry.declared:
+        return [shard.episodes for shard in listed.shards if name in shard.splits]
+    return entry.runs
+
+
+def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Table:
+    """The table of episodes with the later splits of each episode behind the declared ones."""
+    later = {name: entry.runs for name, entry in entries.items() if not entry.declared}
+    if not later:
+        return episodes
+    column = episodes["splits"].combine_chunks()
+    owners = [np.repeat(np.arange(len(column)), np.diff(column.offsets.to_numpy()))]
+    names = [column.flatten()]
+    for name, runs in later.items():
+        own = numbers_in(runs)
+        owners.append(own)
+        names.append(pa.repeat(name, len(own)))
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    ends = np.cumsum(np.bincount(owner, minlength=len(column)))
+    offsets = pa.array(np.concatenate([[0], ends]), pa.int32())
+    lists = pa.ListArray.from_arrays(offsets, pa.concat_arrays(names).take(pa.array(order)))
+    return episodes.set_column(episodes.column_names.index("splits"), "splits", lists)
+
+
+def numbers_in(runs: Iterable[list[int]]) -> Ints:
+    """The numbers in runs [first, stop].
+
+    >>> numbers_in([[0, 2], [5, 6]])
+    array([0, 1, 5])
+    """
+    return np.concatenate([np.arange(first, stop) for first, stop in runs])

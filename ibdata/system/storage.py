@@ -1,0 +1,243 @@
+"""The files of a dataset, in a folder or at a URL such as s3://bucket/name.
+
+At a URL, pyarrow's file systems are tried first, then fsspec's. An object store cannot rename, and a write
+that fails may leave part of an object, so a writer uploads files whole, and the manifest last.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import shutil
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from ibdata.errors import DatasetError, MissingError, UsageError, hidden, printable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
+BLOCK = 2**23
+MAX_BYTES = 2**32  # of a file that is read whole
+
+
+class Storage:
+    """The files in a folder of this machine, by their paths in it. `Remote` is the same at a URL.
+
+    Methods raise OSError if a file cannot be read. `name` is the place for messages; `url` is None.
+    """
+
+    url: str | None = None
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = Path(path)
+        self.name = str(self._path)
+
+    @property
+    def path(self) -> Path:
+        """The folder. Raises UsageError for a URL."""
+        return self._path
+
+    def where(self, path: str) -> str:
+        """The name of a file, for messages."""
+        return str(self._path / path)
+
+    def open(self, path: str) -> pa.NativeFile:
+        """Open a regular file for reading anywhere in it."""
+        import pyarrow as pa
+
+        place = self._path / path
+        descriptor = os.open(place, os.O_RDONLY | os.O_NONBLOCK)  # its errors are plainer than Arrow's
+        try:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # a pipe might never end
+                raise OSError(errno.EINVAL, "not a regular file")
+        finally:
+            os.close(descriptor)
+        return pa.OSFile(os.fsencode(place))
+
+    def read(self, path: str, most: int = MAX_BYTES) -> bytes:
+        """Read a whole file. Raises OSError if it is larger than `most` bytes."""
+        with self.open(path) as file:
+            if file.size() > most:
+                raise OSError(errno.EFBIG, f"larger than {most} bytes")
+            data: bytes = file.read()
+            return data
+
+    def sha256(self, path: str) -> str | None:
+        """The hex hash of a file; None if it cannot be read."""
+        hasher = hashlib.sha256()
+        try:
+            with self.open(path) as file:
+                while block := file.read(BLOCK):
+                    hasher.update(block)
+        except OSError:
+            return None
+        return hasher.hexdigest()
+
+    def names(self, folder: str) -> list[str]:
+        """The names of what is in a folder, in order. The name of a folder ends in a slash."""
+        try:
+            with os.scandir(self._path / folder) as found:
+                return sorted(entry.name + "/" * entry.is_dir() for entry in found)
+        except FileNotFoundError:
+            return []
+
+
+class Remote(Storage):
+    """The files at a URL. `url` may contain credentials, `name` does not.
+
+    Raises UsageError if no file system has such URLs, and MissingError if that needs another library.
+    """
+
+    url: str
+
+    def __init__(self, url: str) -> None:
+        scheme, _, rest = url.partition("://")
+        self.url = f"{scheme.lower()}://{rest}".rstrip("/")
+        self.name = hidden(self.url)
+        self._files, base = _file_system(self.url)
+        self._base = base.rstrip("/")
+        if not self._base:
+            raise UsageError(
+                f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
+            )
+
+    def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
+        return type(self), (self.url,)
+
+    @property
+    def path(self) -> Path:
+        raise _url_refused(self.url)
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of this machine that the URL names, as file:///data/name does; None for other URLs."""
+        from pyarrow.fs import LocalFileSystem
+
+        files = getattr(getattr(self._files, "handler", None), "fs", self._files)  # fsspec's, or pyarrow's
+        local = isinstance(files, LocalFileSystem) or "file" in getattr(files, "protocol", ())
+        return Path(self._base) if local else None
+
+    def where(self, path: str) -> str:
+        return f"{self.name}/{path}"
+
+    def open(self, path: str) -> pa.NativeFile:
+        return self._files.open_input_file(f"{self._base}/{path}")
+
+    def names(self, folder: str) -> list[str]:
+        from pyarrow.fs import FileSelector
+
+        found = self._files.get_file_info(FileSelector(f"{self._base}/{folder}", allow_not_found=True))
+        return sorted(info.base_name + "/" * (not info.is_file) for info in found)
+
+    def sizes(self) -> dict[str, int]:
+        """The bytes of every file at the URL, by its path."""
+        from pyarrow.fs import FileSelector
+
+        found = self._files.get_file_info(FileSelector(self._base, allow_not_found=True, recursive=True))
+        base = self._base.strip("/")
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in found if info.is_file}
+
+    def put(self, source: Path, path: str) -> None:
+        """Upload a file. If that fails, part of it may be there."""
+        target = f"{self._base}/{path}"
+        try:
+            stream = self._files.open_output_stream(target)
+        except FileNotFoundError:  # a file system with folders
+            self._files.create_dir(target.rpartition("/")[0], recursive=True)
+            stream = self._files.open_output_stream(target)
+        with source.open("rb") as file, stream:
+            shutil.copyfileobj(file, stream, BLOCK)
+
+    def remove(self, path: str) -> None:
+        """Remove a file."""
+        self._files.delete_file(f"{self._base}/{path}")
+
+
+def storage(place: Any) -> Storage:
+    """The files at a place: a folder, a URL, or a dataset, which has a `storage` of its own."""
+    own = getattr(place, "storage", place)
+    if isinstance(own, Storage):
+        return own
+    url = url_of(place)
+    return Storage(place) if url is None else Remote(url)
+
+
+def url_of(place: Any) -> str | None:
+    """The URL that a place is, or at which a dataset is; None for paths."""
+    if isinstance(place, str):
+        return place if URL.match(place) else None
+    own = getattr(place, "storage", place)
+    return own.url if isinstance(own, Storage) else None
+
+
+def is_url(place: Any) -> bool:
+    """Whether a place is a URL, or a dataset at one, and not a path."""
+    return url_of(place) is not None
+
+
+def refuse_url(*places: Any) -> None:
+    """Raise UsageError if one of the places is a URL."""
+    for place in places:
+        if (url := url_of(place)) is not None:
+            raise _url_refused(url)
+
+
+def _url_refused(url: str) -> UsageError:
+    return UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
+
+
+def damaged(place: Any, path: str, problem: str) -> DatasetError:
+    """The error that names a file of a dataset and its problem."""
+    return DatasetError(f"{storage(place).where(path)}: {problem}")
+
+
+def reason(error: BaseException) -> str:
+    """What an error says, in one line without credentials."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    line = hidden((text.splitlines() or [""])[0])  # hides credentials before the line is cut
+    return (printable(line) or type(error).__name__)[:300]
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it: pyarrow's, or fsspec's if pyarrow has none."""
+    from pyarrow import ArrowException, ArrowNotImplementedError
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
+
+    scheme = f"{url.partition('://')[0]}://"
+    try:
+        found: tuple[Any, str] = FileSystem.from_uri(url)
+    except ImportError:  # for some schemes, such as hf://, pyarrow itself imports fsspec
+        pass
+    except (ArrowException, OSError) as error:
+        if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
+            raise UsageError(f"{printable(url)}: {reason(error)}") from None
+    else:
+        _refuse_ignored(url)
+        return found
+    try:
+        import fsspec
+    except ImportError:
+        raise MissingError(scheme, "fsspec", "remote") from None
+    try:
+        files, path = fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise UsageError(f"{scheme} needs a plug-in of fsspec: {reason(error)}") from None
+    except (ValueError, TypeError, OSError) as error:
+        raise UsageError(f"{printable(url)}: {reason(error)}") from None
+    return PyFileSystem(FSSpecHandler(files)), path
+
+
+def _refuse_ignored(url: str) -> None:
+    """Raise UsageError for a part of a URL that pyarrow passes over, and so would take for another place."""
+    for mark in "#?" if url.startswith("file:") else "#":
+        if mark in url:
+            raise UsageError(
+                f"{printable(hidden(url))}: found {mark}, which begins no part of such a URL; expected "
+                f"{quote(mark)} where it belongs to a name"
+            )
