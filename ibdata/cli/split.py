@@ -13,6 +13,7 @@ from ibdata.cli._shared import LocalPath, folder_argument, json_option, print_js
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
 if TYPE_CHECKING:
+    from ibdata.dataset.models import SplitEntry
     from ibdata.dataset.reader import Dataset
 
 
@@ -117,9 +118,10 @@ def command(
         return
     from ibdata.maintenance.split import split
 
-    before = Dataset(folder)
-    after = split(before, names=dict(names), **options)
-    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after))
+    dataset = Dataset(folder)
+    before = dataset.split_entries
+    after = split(dataset, names=dict(names), **options)
+    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.split_entries))
 
 
 def _refuse_with_list(options: Mapping[str, Any]) -> None:
@@ -128,9 +130,8 @@ def _refuse_with_list(options: Mapping[str, Any]) -> None:
             raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
 
 
-def _taken_away(before: Dataset, after: Dataset) -> dict[str, list[str]]:
+def _taken_away(old: Mapping[str, SplitEntry], new: Mapping[str, SplitEntry]) -> dict[str, list[str]]:
     """The splits that were replaced or removed."""
-    old, new = before.split_entries, after.split_entries
     return {
         "replaced": [name for name in old if name in new and old[name] != new[name]],
         "removed": [name for name in old if name not in new],

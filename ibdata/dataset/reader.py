@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
@@ -65,10 +64,13 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         names = self._columns(columns)
-        parts = []
+        parts: list[pa.Table] = []
         for number, runs in self._shards(split, setpoint, policy):
             whole = self.read_shard(number, names)
-            parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
+            if runs is None:
+                parts.append(whole)
+            else:
+                parts.extend(whole.slice(start, stop - start) for start, stop in runs)
         if not parts:  # the split has no episode at this setpoint, or of this policy
             return self.read_shard(0, names).slice(0, 0)
         return pa.concat_tables(parts).unify_dictionaries()
@@ -108,9 +110,7 @@ class Dataset(Contents):
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         if view:
             if columns is not None:
-                raise UsageError(
-                    "columns: found columns beside a view, which has its own; leave one of them out"
-                )
+                raise UsageError("columns: found columns beside a view, which has its own; leave one out")
             options = view_options(**view)
             blocks = self._blocks(options, split, setpoint, policy, batch_rows)
             return batches_of(blocks, options.frame(self.info_model.drifting), batch_rows)
@@ -175,11 +175,9 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_options(**view)
-        names = needed(self.info_model, options)
         more = self._columns(columns) if len(columns) else []
-        table = self.table(
-            [*names, *(x for x in more if x not in names)], split, setpoint=setpoint, policy=policy
-        )
+        names = list(dict.fromkeys([*needed(self.info_model, options), *more]))
+        table = self.table(names, split, setpoint=setpoint, policy=policy)
         return arrays_of(table, self.info_model, options, history, drop, more)
 
     def windows(
@@ -231,21 +229,14 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         if split is not None and not self.split_entry(split).declared:
-            return self._computed_statistics(split)
-        path = "meta/statistics.json"
-        stored = manifest.read_json(self.storage, self.manifest_model, path, Statistics)
-        columns = stored.all if split is None else stored.splits[split]
-        return {name: column.plain() for name, column in columns.items()}
+            from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
 
-    def _computed_statistics(self, split: str) -> dict[str, Any]:
-        from ibdata.dataset.statistics import RowStatistics, described  # compiles, which few readers need
-
-        rows = self.split_entry(split).rows
-        names = [column.name for column in self.info_model.columns if column.dtype.startswith("float")]
-        found = RowStatistics(rows, rows)
-        for batch in self.iter_batches(names, split):
-            found.add(np.stack([column.to_numpy() for column in batch.columns]))
-        columns = described(names, found.moments, [found.sample], [rows])
+            names = [column.name for column in self.info_model.columns if column.dtype.startswith("float")]
+            columns = of_batches(self.iter_batches(names, split), names, self.split_entry(split).rows)
+        else:
+            path = "meta/statistics.json"
+            stored = manifest.read_json(self.storage, self.manifest_model, path, Statistics)
+            columns = stored.all if split is None else stored.splits[split]
         return {name: column.plain() for name, column in columns.items()}
 
     def _blocks(
