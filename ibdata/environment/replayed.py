@@ -18,8 +18,8 @@ from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
+    from ibdata.evaluation.addresses import Addresses
     from ibdata.experiment import Experiment
-    from ibdata.validation.addresses import Addresses
 
 AHEAD = 64  # steps of which the integers are computed at once
 _KNOWN: WeakKeyDictionary[Dataset, Addresses] = WeakKeyDictionary()
@@ -114,7 +114,7 @@ def _draw(indices: Indices, keys: Raw) -> Draw:
 def _addresses(place: Any) -> Addresses:
     """The addresses of a dataset, which are kept as long as an opened one is."""
     from ibdata.dataset.reader import Dataset, opened
-    from ibdata.validation.addresses import Addresses
+    from ibdata.evaluation.addresses import Addresses
 
     if not isinstance(place, Dataset | str | os.PathLike):
         raise UsageError(f"dataset: found {excerpt(place)}, expected a Dataset, or its folder or URL")

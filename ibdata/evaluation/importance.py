@@ -20,7 +20,7 @@ from ibdata.experiment.code_comparison import refuse_changed
 from ibdata.experiment.code_record import provenance
 from ibdata.experiment.custom_code import consented_spec, customs_in
 from ibdata.numerics.confidence import estimate
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.writing.planned import refuse_other_plan
 
 if TYPE_CHECKING:
     import pandas as pd

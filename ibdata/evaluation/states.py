@@ -10,12 +10,12 @@ import numpy.typing as npt
 from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
+from ibdata.evaluation.addresses import Addresses, whole, within
 from ibdata.policies import Policy
 from ibdata.policies.constant import Constant
 from ibdata.simulation.revisit import Ints, Revisit, Visited, Watching
 from ibdata.simulation.rollout import PART_ROWS
 from ibdata.simulation.variables import Table, layout
-from ibdata.validation.addresses import Addresses, whole, within
 
 BATCH_ROWS = 65_536
 

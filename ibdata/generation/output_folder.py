@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.strangers import strangers
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -19,7 +20,7 @@ from ibdata.generation.single_files import refuse_edits
 from ibdata.generation.staging import discard, empty_run
 from ibdata.system import lock
 from ibdata.system.atomic_files import TEMPORARY, create_or_compare, remove_temporaries, write
-from ibdata.validation.validate import check_files, strangers
+from ibdata.validation.files import check_files
 from ibdata.writing.card import refuse_foreign
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -150,8 +151,8 @@ def _finished(folder: Path, experiment: Experiment, resume: bool, overwrite: boo
 def _refuse_strangers(folder: Path, listed: Manifest) -> None:
     known = listed.entries()
     for path in strangers(folder, known):
-        what = "folder" if path.is_dir() else "file"
-        raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
+        what = "folder" if path.endswith("/") else "file"
+        raise UsageError(f"{folder / path}: found a {what} that is not the dataset's; move it away")
     refuse_foreign(folder / manifest.CARD)
     refuse_edits(folder, listed, "the new dataset")
     for name in known:
@@ -243,7 +244,7 @@ def settle_data(root: Path, written: Iterable[WrittenShard]) -> None:
         raise IbdataError(
             f"{root}: its lock was removed, and another run may be writing; run again with --resume"
         )
-    for path in strangers(root, {w.entry.path for w in written}):
+    for path in (root / stranger for stranger in strangers(root, {w.entry.path for w in written})):
         if not staging.is_ours(path):
             raise UsageError(
                 f"{path}: found something that is not the dataset's; move it away, then --resume"

@@ -16,8 +16,8 @@ from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.system.atomic_files import TOKEN, FileEntry, file_sha256, plain_bytes, write
-from ibdata.validation.stored import stored_content
 from ibdata.writing.shard_writer import WrittenShard, file_of
+from ibdata.writing.stored import stored_content
 from ibdata.writing.summary import content_of
 
 FOLDER = manifest.RUN

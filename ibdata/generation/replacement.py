@@ -24,6 +24,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.manifest import BAR, FRESH, NEW, NEXT, REPLACED
+from ibdata.dataset.strangers import is_stranger
 from ibdata.errors import DatasetError, printable
 from ibdata.generation import staging, unsettled
 from ibdata.generation.single_files import place_single_files
@@ -33,7 +34,6 @@ from ibdata.system.atomic_files import sync_folder, write
 from ibdata.system.exchange import exchanged, naming, refuse_immovable
 from ibdata.system.lock import is_lost
 from ibdata.system.signals import held
-from ibdata.validation.validate import is_stranger
 
 PAUSE = 0.25  # seconds for readers that have listed the old folder to look at its files
 
@@ -265,7 +265,7 @@ def _give_back(new: Path, folder: Path) -> None:
             for path in sorted(old.iterdir()) if old.is_dir() and not old.is_symlink() else ():
                 if is_ours(path) or is_busy(path):
                     continue
-                read = part == "data" and is_stranger(path)
+                read = part == "data" and is_stranger(path.name + "/" * path.is_dir())
                 if not read and not os.path.lexists(folder / part / path.name):
                     path.rename(folder / part / path.name)
                     continue

@@ -18,12 +18,12 @@ from ibdata.system import lock
 from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
 from ibdata.system.storage import refuse_url
-from ibdata.validation.consistency import refuse_other_plan
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import refuse_foreign
 from ibdata.writing.finish import rewritten_manifest
 from ibdata.writing.metadata import unread_shards
+from ibdata.writing.planned import refuse_other_plan
 
 
 def card(folder: str | os.PathLike[str]) -> Dataset:

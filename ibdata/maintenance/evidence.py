@@ -12,9 +12,9 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation.staging import is_ours
 from ibdata.system.signals import check
 from ibdata.validation.rows import check_shard
-from ibdata.validation.stored import BATCH_ROWS
 from ibdata.writing.card import listed_root
 from ibdata.writing.finish import root_of
+from ibdata.writing.stored import BATCH_ROWS
 from ibdata.writing.summary import ShardSummary
 
 

@@ -9,6 +9,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.strangers import strangers
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import as_yaml, load
 from ibdata.experiment.code_record import provenance
@@ -26,12 +27,12 @@ from ibdata.system.guard import writing_to
 from ibdata.system.lock import refuse_busy
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url
-from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import stored_content
-from ibdata.validation.validate import check_files, strangers
+from ibdata.validation.files import check_files
 from ibdata.version import __version__
 from ibdata.writing.finish import finish, metadata_files, rewritten_manifest
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard
+from ibdata.writing.stored import stored_content
 from ibdata.writing.summary import UNREAD, content_of, describe, simulated
 
 NEEDS_CONTENT = {EPISODES, "meta/statistics.json"}
@@ -196,7 +197,7 @@ def _rebuilt(folder: Path, spec: DatasetSpec, workers: int | None) -> list[str]:
         else:
             wrong.append(shard)
         check()
-    damaged = list(strangers(folder, {w.entry.path for w in whole}))
+    damaged = [folder / path for path in strangers(folder, {w.entry.path for w in whole})]
     refuse_unproven(spec, folder, digests, len(whole), damaged)
     with replacement.staged(folder) as staged:
         made = _made_again(spec, wrong, staged, workers) if wrong else {}

@@ -19,11 +19,11 @@ from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.system.storage import refuse_url
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
-from ibdata.validation.validate import wrong_files
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.finish import root_of
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.summary import simulated
 
 
@@ -58,7 +58,7 @@ def reproduce(
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
     count, clipped, problems = 0, 0, list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
-    problems += wrong_files(path, listed, {listed.shards[part.number].path for part in asked})
+    problems += changed_files(path, listed, {listed.shards[part.number].path for part in asked})
     with in_one_folder(spec):
         for experiment in spec.experiments:
             warm_up(experiment)

@@ -23,11 +23,11 @@ from ibdata.system.atomic_files import write
 from ibdata.system.guard import writing_to
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url
-from ibdata.validation.consistency import refuse_other_plan
-from ibdata.validation.stored import BATCH_ROWS, stored_parts
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import splits_file
+from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
+from ibdata.writing.stored import BATCH_ROWS, stored_parts
 
 
 class Source(NamedTuple):

@@ -208,7 +208,6 @@ def test_a_folder_that_does_not_count_is_not_believed_and_goes(here, made):
     shutil.copytree(made[1].path / "data", here / ".new/data")
     staging.make(here / ".new")
     assert ibdata.open(here).table() == made[0].table()
-    assert rules(here) == {"unsettled"}
     assert ibdata.repair(here) == []
     assert ibdata.validate(here) == []
     assert not (here / ".new").exists()

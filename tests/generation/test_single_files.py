@@ -154,7 +154,7 @@ def test_a_card_that_cannot_be_read_is_kept_under_another_name(here, capsys, mon
         return None if path == here / manifest.CARD else real(path)
 
     with monkeypatch.context() as denied:
-        for module in ("generation.single_files", "validation.validate"):
+        for module in ("generation.single_files", "validation.files"):
             denied.setattr(f"ibdata.{module}.file_sha256", unreadable)
         assert ibdata.repair(here, workers=1) == [manifest.CARD]
     assert (here / "README-edited.md").read_bytes() == text

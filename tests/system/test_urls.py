@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from helpers.at_url import made
-from helpers.forging import seal
 from helpers.tiny import FOUR_SHARDS
 from pyarrow.fs import FileSystem
 
@@ -184,16 +183,6 @@ def test_errors_name_the_file_at_the_url(url, path, changed):
     Path("there", path).write_bytes(changed)
     with pytest.raises(DatasetError, match=f"^{url}/{path}: "):
         everything_in(url)
-
-
-def test_commands_that_take_no_url_are_not_advised(url):
-    """Commands that mend a dataset take no URL, so none is advised."""
-    made(url)
-    Path("there/README.md").write_text("another card")
-    seal(Path("there"))
-    assert [str(problem) for problem in ibdata.validate(url)] == [
-        "README.md: card: found a card that does not fit the dataset"
-    ]
 
 
 def test_merge_names_the_urls_that_it_refuses(url):

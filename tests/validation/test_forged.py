@@ -22,11 +22,11 @@ from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.atomic_files import FileEntry
-from ibdata.validation.stored import stored_content
 from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
 from ibdata.writing.shard_writer import WrittenShard
+from ibdata.writing.stored import stored_content
 
 Json = dict[str, Any]
 
@@ -40,9 +40,6 @@ def column(info: Json, name: str) -> Json:
 
 
 INFO = {
-    "groups swapped": lambda i: swap(i["groups"], "observation", "next_observation"),
-    "actions in another order": lambda i: i["groups"]["action"].reverse(),
-    "a latent value seen": lambda i: i["groups"]["observation"].append("latent_mu_v"),
     "a role": lambda i: column(i, "next_obs_gain").update(role="latent"),
     "a bound": lambda i: column(i, "obs_gain").update(high=None),
     "dynamics": lambda i: i.update(dynamics="paper"),
@@ -50,9 +47,7 @@ INFO = {
     "name": lambda i: i.update(name="other"),
     "cells": lambda i: i["counts"].update(cells=1),
     "steps": lambda i: i["counts"].update(steps=20),
-    "bytes": lambda i: i["counts"].update(data_bytes=1),
     "drifting": lambda i: i.update(drifting=True),
-    "split files": lambda i: i["splits"]["source"]["files"].pop(),
 }
 
 
@@ -64,6 +59,36 @@ def test_info_that_does_not_follow_from_the_experiment_is_named(copied, change):
     path.write_bytes(as_json(info))
     seal(copied)
     assert {problem.path for problem in validate(copied)} == {"meta/dataset.json"}
+
+
+SPLITS = {
+    "rows": lambda s: s["source"].update(rows=1),
+    "episodes of a later split": lambda s: s["train"].update(runs=[[0, 8]], episodes=8, rows=320),
+    "rows of a later split": lambda s: s["train"].update(rows=1),
+    "definition of a later split": lambda s: s["train"]["split"].update(setpoint=[70.0]),
+    "a declared split that is later": lambda s: s["source"].update(declared=False),
+    "a declared split less": lambda s: s.pop("target"),
+    "no number": lambda s: s["train"].update(episodes="many"),
+}
+
+
+@pytest.mark.parametrize("change", SPLITS.values(), ids=SPLITS)
+@pytest.mark.parametrize("quick", [True, False])
+def test_splits_that_do_not_follow_from_the_experiment_and_their_definitions_are_named(copied, change, quick):
+    ibdata.split(copied, by="policy", names={"random": "train"})
+    assert validate(copied, quick) == []
+    path = copied / manifest.SPLITS
+    splits = json.loads(path.read_bytes())
+    change(splits)
+    path.write_bytes(as_json(splits))
+    (problem,) = validate(copied, quick)
+    assert (problem.path, problem.rule) == (manifest.SPLITS, "splits")
+
+
+def test_missing_splits_are_named(copied):
+    (copied / manifest.SPLITS).unlink()
+    (problem,) = validate(copied)
+    assert str(problem) == f"{manifest.SPLITS}: splits: missing; run ibdata repair {copied}"
 
 
 STATS = {
@@ -85,34 +110,49 @@ def test_statistics_that_do_not_follow_from_the_rows_are_named(copied, change):
     assert {problem.path for problem in validate(copied)} == {"meta/statistics.json"}
 
 
-@pytest.mark.parametrize(
-    ("path", "change"),
-    [
-        ("README.md", lambda text: text + "\nThese data are the best.\n"),
-        ("README.md", lambda text: text.replace("content root", "root of content")),
-        ("meta/experiment.yaml", lambda text: text.replace("seed: 0", "seed: 5")),
-        ("meta/experiment.yaml", lambda text: text + "# a remark\n"),
-    ],
-)
-def test_a_text_that_does_not_follow_from_the_experiment_is_named(copied, path, change):
-    text = (copied / path).read_text()
-    assert change(text) != text
-    (copied / path).write_text(change(text))
+def test_an_experiment_that_is_another_than_the_manifest_lists_is_named(copied):
+    path = copied / "meta/experiment.yaml"
+    path.write_text(path.read_text().replace("seed: 0", "seed: 5"))
     seal(copied)
-    assert {problem.path for problem in validate(copied)} == {path}
+    assert {problem.path for problem in validate(copied)} == {"meta/experiment.yaml"}
 
 
-def test_the_card_of_another_version_may_have_other_texts_but_no_other_root_and_files(copied):
-    def aged(change):
-        (copied / "README.md").write_text(change(text))
-        seal(copied, lambda listed: listed["versions"].update(ibdata="0.0.1"))
-        return {problem.path for problem in validate(copied)}
+def backwards(data: Any) -> Any:
+    """JSON data with the keys of all objects in the opposite order."""
+    if isinstance(data, dict):
+        return {key: backwards(value) for key, value in reversed(data.items())}
+    return [backwards(value) for value in data] if isinstance(data, list) else data
 
-    text = (copied / "README.md").read_text()
-    assert aged(lambda text: text.replace("A row is", "Each row is")) == set()
-    root = json.loads((copied / manifest.PATH).read_bytes())["content_root"]
-    assert aged(lambda text: text.replace(root, "0" * 64)) == {"README.md"}
-    assert aged(lambda text: text.replace("data_files: data/*", "data_files: more/*")) == {"README.md"}
+
+def test_values_count_and_not_how_they_are_written(copied):
+    for path in copied.glob("meta/*.json"):
+        path.write_text(json.dumps(backwards(json.loads(path.read_bytes()))))
+    info = json.loads((copied / "meta/dataset.json").read_bytes())
+    info["columns"][0]["description"] = "as a later version may say it"
+    (copied / "meta/dataset.json").write_text(json.dumps(info))
+    experiment = copied / "meta/experiment.yaml"
+    experiment.write_text(experiment.read_text() + "# a remark\n")
+    episodes = copied / "meta/episodes.parquet"
+    pq.write_table(pq.read_table(episodes), episodes, compression="snappy", write_page_index=True)
+    for shard in (copied / "data").iterdir():
+        pq.write_table(pq.read_table(shard), shard, compression="zstd", row_group_size=7)
+    seal(copied, lambda listed: listed.update(versions={}))
+    listed = copied / manifest.PATH
+    listed.write_text(json.dumps(backwards(json.loads(listed.read_bytes()))))
+    assert validate(copied) == []
+
+
+def test_a_quantile_may_be_the_next_one_of_the_sample(copied):
+    path = copied / "meta/statistics.json"
+    stats = json.loads(path.read_bytes())
+    reward = stats["all"]["reward"]
+    spread = reward["max"] - reward["min"]
+    for share, problems in ((0.009, 0), (0.011, 1)):
+        changed = {**reward["quantiles"], "0.5": reward["quantiles"]["0.5"] + share * spread}
+        stats["all"]["reward"] = {**reward, "quantiles": changed}
+        path.write_text(json.dumps(stats))
+        seal(copied)
+        assert len(validate(copied)) == problems
 
 
 MANIFEST = {

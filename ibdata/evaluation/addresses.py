@@ -12,7 +12,7 @@ from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError, excerpt
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import spec_in
-from ibdata.validation.consistency import refuse_other_plan
+from ibdata.writing.planned import refuse_other_plan
 
 Ints = npt.NDArray[np.int64]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ibdata
 from ibdata.maintenance import reproduce
 from ibdata.simulation.rollout import Columns, rollout
-from ibdata.validation import rows, stored
+from ibdata.validation import rows
+from ibdata.writing import stored
 
 PART = 400  # rows
 
@@ -30,7 +31,6 @@ def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe,
     monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
     uses = {
         "validate": lambda: ibdata.validate(made.path),
-        "split": lambda: ibdata.split(made.path, by="policy"),
         "materialize": lambda: ibdata.split(made.path, by="policy", materialize=tmp_path / "copy"),
         "repair": lambda: (
             (made.path / "meta/statistics.json").unlink() or ibdata.repair(made.path, workers=1)
