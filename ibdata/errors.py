@@ -40,7 +40,7 @@ def _without_value(pair: re.Match[str]) -> str:
 
 # An option as the command line spells it; commands, which are to be typed as they are, are passed over.
 OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]+)*)(?P<colon>:?)")
-SWITCHES = ("allow-code", "overwrite", "resume", "verify")
+SWITCHES = ("allow-code", "overwrite", "resume")
 
 
 def in_python(message: str) -> str:
@@ -170,14 +170,18 @@ class BusyError(IbdataError):
     exit_code = 75
 
 
-class Interrupted(IbdataError):
-    """A signal stopped the command; the exit code is 128 plus the number of the signal."""
+class Interrupted(KeyboardInterrupt):
+    """A signal asked to stop. It is no Exception, so that a loop over experiments stops too.
 
-    def __init__(self, signal_number: int, left: str = "--resume continues from the complete shards") -> None:
-        self.signal_number = signal_number
-        self.left = left
+    Attributes:
+        exit_code: 128 plus the number of the signal.
+        left: What is left behind, in words.
+    """
+
+    def __init__(self, signal_number: int, left: str = "nothing unfinished is left behind") -> None:
+        self.signal_number, self.left = signal_number, left
         self.exit_code = 128 + signal_number
-        super().__init__(f"stopped by signal {signal_number}; {left}")
+        super().__init__(signal_number, left)
 
-    def __reduce__(self) -> tuple[type[Interrupted], tuple[int, str]]:
-        return type(self), (self.signal_number, self.left)
+    def __str__(self) -> str:
+        return f"stopped by signal {self.signal_number}; {self.left}"

@@ -23,11 +23,18 @@ from typing import TextIO
 import click
 
 from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
-from ibdata.errors import ConfigError, IbdataError, is_thread_limit, printable
+from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
 from ibdata.version import __version__
 
 INTERRUPTED = 130
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
+
+
+class Stopped(Exception):
+    """A signal stopped a command. click would take its KeyboardInterrupt for one of its own."""
+
+    def __init__(self, interrupted: Interrupted) -> None:
+        self.interrupted = interrupted
 
 
 class Commands(Suggesting):
@@ -42,6 +49,12 @@ class Commands(Suggesting):
             return None
         command: click.Command = import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
         return command
+
+    def invoke(self, ctx: click.Context) -> None:
+        try:
+            super().invoke(ctx)
+        except Interrupted as error:
+            raise Stopped(error) from error
 
     def summary(self, ctx: click.Context, name: str) -> str:
         """The first sentence of a command's help, read without importing its module."""
@@ -97,6 +110,9 @@ def main(args: Sequence[str] | None = None) -> None:
             error.ctx if isinstance(error, click.UsageError) else None,
         )
         code = 2
+    except Stopped as error:
+        code = error.interrupted.exit_code
+        _report([str(error.interrupted)], code, as_json)
     except (KeyboardInterrupt, click.Abort):
         _report(["stopped; nothing unfinished is left behind"], INTERRUPTED, as_json)
         code = INTERRUPTED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Mapping
@@ -75,11 +74,8 @@ def _print_estimate(made: Mapping[str, Any]) -> None:
 
 def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **options: Any) -> None:
     """Make one dataset."""
-    from ibdata.dataset import manifest
     from ibdata.generation.generate import generate
 
-    report = Path(folder) / manifest.REPORT
-    had_report = os.path.isfile(report)  # False too where the path is too long
     start = time.perf_counter()
     dataset = generate(experiment, folder, **options)
     seconds = time.perf_counter() - start
@@ -97,8 +93,6 @@ def generate_one(experiment: Experiment, folder: Path | str, as_json: bool, **op
             ("time", f"{seconds:.1f} s"),
         ]
     )
-    if had_report and not report.exists():
-        say(f"removed {report.name}, which showed the old dataset; ibdata card {folder} makes it again")
 
 
 def refuse_with_part(suite: bool, overwrite: bool, dry_run: bool) -> None:
@@ -142,7 +136,8 @@ def generate_suite(config: str, out: Path | str | None, as_json: bool, **options
     made = generate_all(config, out, **options)
     seconds = time.perf_counter() - start
     folder = next(iter(made.values())).path.parent
-    rows = sum(len(dataset) for dataset in made.values())
+    counts = [dataset.info_model.counts for dataset in made.values()]
+    rows = sum(c.rows for c in counts)
     data_bytes = sum(dataset.manifest_model.data_bytes for dataset in made.values())
     if as_json:
         datasets = [{"name": name, **_described(dataset)} for name, dataset in made.items()]

@@ -21,13 +21,11 @@ def command(folder: Path, as_json: bool) -> None:
     \b
     ibdata card data/random
     """
-    from ibdata.dataset import manifest
     from ibdata.maintenance.card import card
 
-    dataset = card(folder)
-    files = [name for name in (manifest.CARD, manifest.REPORT) if name in dataset.manifest_model.entries()]
+    written = card(folder)
     if as_json:
-        print_json({"path": str(folder), "files": files, "content_root": dataset.content_root})
+        print_json({"path": str(folder), "files": [path.name for path in written]})
         return
-    for name in files:
-        say(folder / name)
+    for path in written:
+        say(path)

@@ -23,8 +23,8 @@ MOST = 3  # setpoints or policies that are named
 def command(folder: Path, as_json: bool) -> None:
     """List the datasets in a folder and in the folders below it.
 
-    FOLDER is the current folder by default. A dataset is finished, unfinished (generate --resume goes on),
-    unsettled (its replacement was interrupted; ibdata repair finishes it) or damaged.
+    FOLDER is the current folder by default. A dataset is finished, unfinished (generate --resume goes on) or
+    damaged (ibdata validate says how).
 
     \b
     ibdata ls

@@ -13,7 +13,6 @@ from ibdata.cli._shared import LocalPath, folder_argument, json_option, print_js
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
 if TYPE_CHECKING:
-    from ibdata.dataset.models import SplitEntry
     from ibdata.dataset.reader import Dataset
 
 
@@ -114,14 +113,13 @@ def command(
 
     if as_list:
         _refuse_with_list({**options, "name": names})
-        _print(Dataset(folder), as_json)
+        _print(Dataset(folder), as_json, {})
         return
     from ibdata.maintenance.split import split
 
-    dataset = Dataset(folder)
-    before = dataset.split_entries
-    after = split(dataset, names=dict(names), **options)
-    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.split_entries))
+    before = Dataset(folder).splits
+    after = split(folder, names=dict(names), **options)
+    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.splits))
 
 
 def _refuse_with_list(options: Mapping[str, Any]) -> None:
@@ -130,24 +128,26 @@ def _refuse_with_list(options: Mapping[str, Any]) -> None:
             raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
 
 
-def _taken_away(old: Mapping[str, SplitEntry], new: Mapping[str, SplitEntry]) -> dict[str, list[str]]:
-    """The splits that were replaced or removed."""
-    return {
-        "replaced": [name for name in old if name in new and old[name] != new[name]],
-        "removed": [name for name in old if name not in new],
+def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, list[str]]:
+    """The names of the splits that were replaced or removed."""
+    found = {
+        "replaced": [name for name in before if name in after and before[name] != after[name]],
+        "removed": [name for name in before if name not in after],
     }
+    return {key: names for key, names in found.items() if names}
 
 
-def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]] | None = None) -> None:
+def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]]) -> None:
     splits = dataset.splits
-    taken = {key: names for key, names in (taken_away or {}).items() if names}
     if as_json:
         root = dataset.content_root
-        print_json({"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken})
+        print_json(
+            {"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken_away}
+        )
         return
-    for name in taken.get("removed", []):
+    for name in taken_away.get("removed", []):
         say(f"removed the split {name}")
-    for name in taken.get("replaced", []):
+    for name in taken_away.get("replaced", []):
         say(f"replaced the split {name}; --prefix or --name keeps both")
     width = max(map(len, splits), default=0)
     for name, made in splits.items():

@@ -176,18 +176,3 @@ def checksum(data: Mapping[str, Any]) -> str:
     """The SHA-256 of a manifest without its checksum, as JSON with sorted keys."""
     rest = {key: value for key, value in data.items() if key != "checksum"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-# Names that generation, maintenance and validation use until they are rewritten; to be deleted with that.
-NEXT, NEW, MARK, RUN, FRESH, REPLACED = (".next", ".new", ".ibdata-replacement", ".run", ".fresh", "replaced")
-BAR = b"This dataset is being replaced, or was; read it again.\n"
-ReplacedError = BusyError
-
-
-class OtherVersionError(DatasetError):
-    """Never raised."""
-
-
-def locate(folder: Path, path: str) -> Path:
-    """The path of a file."""
-    return folder / path

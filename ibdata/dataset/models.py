@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError
 
 from ibdata.errors import printable
-from ibdata.system.atomic_files import FileEntry
+from ibdata.system.files import FileEntry
 
 SAFE_PATH = r"^(README\.md|report\.html|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})$"
 SHA256 = "^[0-9a-f]{64}$"

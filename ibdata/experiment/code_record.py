@@ -15,7 +15,7 @@ from ibdata.experiment.bytecode import drop_stale_bytecode
 from ibdata.experiment.fresh_modules import imported_before, imported_by_policies
 from ibdata.experiment.imported_modules import Source, imported, loaded
 from ibdata.policies.custom import Custom
-from ibdata.system.atomic_files import file_sha256
+from ibdata.system.files import file_sha256
 
 AS_IMPORTED = " as imported"  # ends the names of modules that only an import has shown
 NOTE = "ibdata_sha256"  # an attribute of a module's spec: the hash of its file when ibdata first saw it

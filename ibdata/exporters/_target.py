@@ -14,7 +14,9 @@ from typing import Any
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
 from ibdata.system import disk, signals
-from ibdata.system.atomic_files import TEMPORARY, sync_folder
+from ibdata.system.files import sync_folder
+
+TEMPORARY = ".tmp-"
 
 
 @contextmanager

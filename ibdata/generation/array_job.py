@@ -1,8 +1,7 @@
-"""Datasets made by several hosts: each makes a range of the shards in one folder, then one host finishes it.
+"""Datasets made by several hosts: each makes a range of the shards in one part, then one host finishes it.
 
-Ranges share the folder's lock, which keeps out a run that needs the whole folder. Each range also has a lock
-of its own, so that ranges run at the same time only if they have no shard in common. A range touches no other
-range's files.
+Ranges share the lock of the part, which keeps out a run that needs it alone. Ranges that have shards in
+common make these twice, without harm: each file has a name of its own, and the last receipt counts.
 """
 
 from __future__ import annotations
@@ -11,27 +10,61 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import IbdataError, Interrupted, UsageError
 from ibdata.experiment import Config, Overrides, load, refuse_unreadable
-from ibdata.experiment.custom_code import customs, require_consent
+from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, ranges, receipt
+from ibdata.generation import origin, receipt
 from ibdata.generation.engine import select_engine
-from ibdata.generation.generate import default_folder, make
-from ibdata.generation.ranges import Range
-from ibdata.system.guard import refusals, writing_to
-from ibdata.system.lock import refuse_busy, shared
-from ibdata.system.object_store import is_url, refuse_url
+from ibdata.generation.generate import (
+    already_there,
+    default_folder,
+    finished,
+    left,
+    make,
+    prepare,
+    rows_of,
+    unfinished,
+)
+from ibdata.generation.origin import Origin
+from ibdata.generation.publish import publish, settle
+from ibdata.generation.target import refuse_immovable, refuse_taken
+from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
-from ibdata.writing.shard_writer import WrittenShard
+
+MAX_PARTS = 100_000
+MOST = 8  # numbers of shards in a message
+
+
+class Range(NamedTuple):
+    """One of several equal parts of a dataset's shards, counted from 1."""
+
+    part: int
+    parts: int
+
+    @classmethod
+    def parse(cls, text: str) -> Range:
+        """Parse `i/n`. Raises UsageError for anything else."""
+        part, slash, parts = text.partition("/")
+        whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
+        if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
+            raise UsageError(
+                f"--shards: found {text!r}, expected i/n with i from 1 to n, such as 1/3, 2/3 and 3/3"
+            )
+        return cls(int(part), int(parts))
+
+    def of(self, shards: list[Shard]) -> list[Shard]:
+        """The consecutive shards of the range. The sizes of ranges differ by at most one shard."""
+        n = len(shards)
+        return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
 class Made(NamedTuple):
-    """A finished range: its folder, shards and rows, and how many shards the dataset still lacks."""
+    """A finished range: the dataset's folder, shards and rows, and how many shards are still missing."""
 
     folder: Path
     shards: int
@@ -54,14 +87,13 @@ def generate_shards(
 ) -> Made:
     """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
 
-    Any number of hosts may make different parts in one folder at the same time. If their file system has
-    locks between hosts, a part is refused while another host makes one of its shards. Finished shards are
-    not made again, so the same call continues a part that was stopped.
+    Any number of hosts may make parts at the same time, if their file system has locks between hosts.
+    Finished shards are not made again, so the same call continues a part that was stopped.
 
     Args:
         config: As in `generate`.
         shards: "i/n", with i from 1 to n.
-        out: The folder that all hosts share; by default data/<name>.
+        out: The folder of the dataset, which all hosts share; by default data/<name>.
         workers: As in `generate`.
         seed: As in `generate`.
         overrides: As in `generate`.
@@ -74,7 +106,7 @@ def generate_shards(
         The folder, the shards and rows of the part, and how many shards the dataset still lacks.
 
     Raises:
-        BusyError: Another process makes a part that shares a shard.
+        BusyError: Another process makes the whole dataset.
         IbdataError: As in `generate`.
     """
     own = Range.parse(shards)
@@ -83,33 +115,32 @@ def generate_shards(
     run = select_engine(engine, workers, address)
     if is_url(out):
         raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
-    folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
-    spec = DatasetSpec.of(experiment)
+    place = default_folder(experiment) if out is None else Path(out)
+    target, spec = resolved(place), DatasetSpec.of(experiment)
     require_consent(spec, experiment.name, allow_code)
-    ranges.refuse_shared(folder, own, spec.shards)
-    output_folder.check(folder, experiment, resume=True, overwrite=False)
-    with refusals(folder), in_one_folder(spec):
-        place = folder.absolute() if customs(spec) else folder  # custom code may change the current folder
-        begun = origin.observe(spec, folder)
-        with writing_to(place, shared, folder) as leaving, ranges.locked(place, own, spec.shards):
-            output_folder.check(place, experiment, resume=True, overwrite=False)
-            output_folder.refuse_unsettled(place)
-            mine = own.of(spec.shards)
-            rows = sum((shard.stop - shard.first) * experiment.steps for shard in mine)
-            if manifest.locate(place, manifest.PATH).is_file():
-                origin.refuse_other_code(manifest.read(place).code, begun.code, folder)
-                return Made(folder, len(mine), rows, 0)
-            leaving.callback(output_folder.abandon, place)
-            try:
-                output_folder.begin_range(place, experiment, mine)
-                origin.begin_range(place, begun, folder)
-                ranges.note(place, own)
-                make(spec, mine, place, output_folder.identity(experiment), run, progress)
-            except BaseException:
-                output_folder.sweep_shards(place, mine)
-                raise
-            missing = sum(not (place / receipt.path_of(shard)).is_file() for shard in spec.shards)
-    return Made(folder, len(mine), rows, missing)
+    mine = own.of(spec.shards)
+    if already_there(experiment, target, place, resume=True, overwrite=False):
+        return Made(place, len(mine), rows_of(spec, mine), 0)
+    with in_one_folder(spec), locked_part(target, place, shared=True) as part:
+        refuse_immovable(part, place)
+        _begin(part, spec, origin.observe(spec, place), place)
+        try:
+            make(spec, mine, part, run, progress)
+        except Interrupted as error:
+            error.left = left(part, "--shards")
+            raise
+        missing = len(spec.shards) - len(part.receipts)
+    return Made(place, len(mine), rows_of(spec, mine), missing)
+
+
+def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:
+    """Begin the run as the first host, or join the one that was begun, and share the part."""
+    if part.lock.alone():
+        prepare(part, spec, here, place, resume=True)
+    part.share()
+    other = origin.other(part.folder, spec.experiments[0], here)
+    if other is not None:
+        raise unfinished(place, other, resume=True)
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
@@ -122,56 +153,34 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 
     Raises:
         IbdataError: Shards are missing or are not what their receipts say.
-        UsageError: No run was begun here, or the record of the run is missing.
+        UsageError: No run was begun here.
         BusyError: Parts are still being made.
     """
     refuse_url(folder)
-    path = Path(folder)
-    refuse_busy(path)
-    if os.path.isdir(path):
-        output_folder.refuse_links(path)
-    output_folder.refuse_unsettled(path)
-    if not os.path.isfile(path / output_folder.EXPERIMENT):
-        if os.path.lexists(path / manifest.PATH):
-            return Dataset(path)
-        raise UsageError(f"{path}: holds no run to finish; begin one with ibdata generate --shards i/n")
-    with writing_to(path):
-        if not manifest.locate(path, manifest.PATH).is_file():
-            _finish(path)
-        output_folder.end(path)
-    return Dataset(path)
+    place, target = Path(folder), resolved(folder)
+    if origin.read(Part(target).folder) is None:
+        if target.is_dir() and any(target.iterdir()):
+            return Dataset(place)
+        raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+    with locked_part(target, place) as part:
+        settle(part)
+        begun = origin.read(part.folder)
+        if begun is not None:
+            _finish(part, begun, place)
+    return Dataset(place)
 
 
-def _finish(folder: Path) -> None:
-    experiment = load(folder / output_folder.EXPERIMENT)
-    spec, identity = DatasetSpec.of(experiment), output_folder.identity(experiment)
-    begun = origin.get(folder, folder)
-    written: list[WrittenShard] = []
-    missing: list[Shard] = []
-    for shard in spec.shards:
-        w = receipt.get(folder, identity, spec, shard)
-        missing += [shard] if w is None else []
-        written += [] if w is None else [w]
+def _finish(part: Part, begun: Origin, place: Path) -> None:
+    refuse_taken(part.target, place)
+    spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
+    found = {shard.number: receipt.get(part.folder, shard) for shard in spec.shards}
+    missing = [n for n, each in found.items() if each is None or not receipt.is_whole(part.folder, each)]
     if missing:
-        raise IbdataError(_lacking(folder, spec, missing, ranges.noted(folder)))
-    try:
-        output_folder.settle_data(folder, written)
-        finish(spec, written, folder, begun.reproducible, begun.code)
-    except BaseException:
-        output_folder.abandon(folder)
-        raise
-
-
-def _lacking(folder: Path, spec: DatasetSpec, missing: list[Shard], begun: list[Range]) -> str:
-    """A message that names the missing shards and the commands that make them."""
-    numbers = [str(shard.number) for shard in missing]
-    named = ", ".join(numbers[:8]) + (f" and {len(numbers) - 8} more" if len(numbers) > 8 else "")
-    again = f"ibdata generate --config {folder / output_folder.EXPERIMENT} --out {folder} "
-    parts = max((own.parts for own in begun), default=0)
-    wanted = [own for i in range(parts) if set((own := Range(i + 1, parts)).of(spec.shards)) & set(missing)]
-    more = f" (and {', '.join(map(str, wanted[1:4]))}{', …' if wanted[4:] else ''})" if wanted[1:] else ""
-    which = f"--shards {wanted[0]}{more}" if wanted else "--resume"
-    return (
-        f"{folder}: {len(missing)} of {len(spec.shards)} shards are missing: {named}; "
-        f"make them with {again}{which}"
-    )
+        more = f" and {len(missing) - MOST} more" if len(missing) > MOST else ""
+        raise IbdataError(
+            f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: "
+            f"{', '.join(map(str, missing[:MOST]))}{more}; make them with the same command, or with "
+            "--resume in place of --shards"
+        )
+    finish(spec, finished(spec, part), part.folder / receipt.DATASET, begun.reproducible, begun.code)
+    publish(part)

@@ -9,17 +9,15 @@ from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import Tell
-from ibdata.writing.shard_writer import WrittenShard
 
 MAX_WORKERS = 1024
 
-Run = Callable[[DatasetSpec, list[Shard], Path, str, Tell], Iterator[WrittenShard]]
+# Makes shards in a part, and yields the number of each that is finished; the pieces of shards are told.
+Run = Callable[[DatasetSpec, list[Shard], Path, Tell], Iterator[int]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
-    """A function that writes shards to a folder and yields each when it is written.
-
-    It tells which parts of the shards are made, except on Ray.
+    """The engine with a name.
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
@@ -38,18 +36,18 @@ def refuse_workers(workers: int | None) -> None:
 
 
 def _local(workers: int | None, address: str | None) -> Run:
-    from ibdata.generation import local
+    from ibdata.generation.workers import run
 
     if address is not None:
         raise UsageError(f"address: found {address!r}, which is only for the engine ray")
-    return lambda spec, shards, root, identity, tell: local.run(spec, shards, root, identity, workers, tell)
+    return lambda spec, shards, root, tell: run(spec, shards, root, workers, tell)
 
 
 def _ray(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import ray
 
     ray.library()
-    return lambda spec, shards, root, identity, _: ray.run(spec, shards, root, identity, workers, address)
+    return lambda spec, shards, root, tell: ray.run(spec, shards, root, workers, address)
 
 
 ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

@@ -9,19 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.tabular import Table, Tabular
+from ibdata.errors import UsageError
 from ibdata.experiment import Config, Experiment, Overrides, load
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard, plan
-from ibdata.generation import output_folder
-from ibdata.generation.division import divide
+from ibdata.generation import origin
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.generate import default_folder
+from ibdata.generation.generate import already_there, default_folder, unfinished
+from ibdata.generation.target import TakenError
 from ibdata.generation.warm_up import warm_up
+from ibdata.generation.workers import divide
 from ibdata.simulation.rollout import rollout
-from ibdata.system.atomic_files import HashingFile
-from ibdata.system.lock import refuse_busy
+from ibdata.system.files import HashingFile
+from ibdata.system.part import Part, resolved
 from ibdata.system.processes import available_processors
 from ibdata.writing.shard_writer import encode
 from ibdata.writing.summary import describe
@@ -69,7 +71,7 @@ def estimate(
         IbdataError: As in `generate`.
     """
     planned, out = _permitted(load(experiment, overrides, seed), folder, workers, allow_code)
-    output_folder.check(out, planned, resume, overwrite)
+    outlook(planned, out, resume, overwrite)
     return _estimate(planned, out, workers)
 
 
@@ -86,7 +88,10 @@ def preview(
     The result also has `folder`: what `generate` would do with a folder that exists, or None.
     """
     planned, out = _permitted(load(experiment), folder, workers, allow_code)
-    found = output_folder.outlook(out, planned, resume, overwrite)
+    try:
+        found = outlook(planned, out, resume, overwrite)
+    except TakenError as error:
+        found = f"generate would stop with: {error.with_options}"
     return {**_estimate(planned, out, workers), "folder": found}
 
 
@@ -96,9 +101,25 @@ def _permitted(
     """The experiment and its folder. Raises IbdataError if nothing can be estimated now."""
     refuse_workers(workers)
     require_consent(DatasetSpec.of(planned), planned.name, allow_code)
-    out = default_folder(planned) if folder is None else Path(folder)
-    refuse_busy(out)
-    return planned, out
+    return planned, default_folder(planned) if folder is None else Path(folder)
+
+
+def outlook(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> str | None:
+    """What `generate` would do with what is at a place; None if there is nothing. Raises what it raises."""
+    if resume and overwrite:
+        raise UsageError("--resume and --overwrite exclude each other; give one of them")
+    target = resolved(out)
+    if already_there(planned, target, out, resume, overwrite):
+        return "exists; generate would find the dataset finished, and write nothing"
+    part = Part(target)
+    if part.receipts:
+        same = origin.same_experiment(part.folder, planned)
+        if not overwrite and not (same and resume):
+            raise unfinished(out, None if same else "of another experiment", resume)
+        return f"generate would {'go on with' if same else 'discard'} the unfinished run in it"
+    if target.is_dir() and any(target.iterdir()):
+        return "exists; generate would replace the dataset in it"
+    return None
 
 
 def _estimate(planned: Experiment, out: Path, workers: int | None) -> Estimate:

@@ -1,27 +1,28 @@
-"""Generating a dataset: plan it, lock the folder, write the missing shards, write the metadata."""
+"""Generating a dataset: lock its part, make the missing shards, write the metadata, publish it."""
 
 from __future__ import annotations
 
 import os
+import sys
+import threading
 from pathlib import Path
 
-from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
+from ibdata.errors import Interrupted, UsageError, printable
 from ibdata.experiment import Config, Experiment, Overrides, load, refuse_unreadable
-from ibdata.experiment.custom_code import customs, require_consent
+from ibdata.experiment.code_comparison import listed as names_of
+from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
-from ibdata.generation import origin, output_folder, receipt, replacement
-from ibdata.generation import upload as uploading
+from ibdata.generation import origin, receipt, upload
 from ibdata.generation.engine import Run, select_engine
-from ibdata.generation.make_shard import CountedParts
 from ibdata.generation.origin import Origin
-from ibdata.generation.staging import discard
-from ibdata.system.guard import refusals, writing_to
-from ibdata.system.lock import refuse_busy
-from ibdata.system.object_store import Remote, url_of
-from ibdata.system.progress import bar
+from ibdata.generation.publish import publish, settle
+from ibdata.generation.target import TakenError, present, refuse_immovable
+from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.progress import Advance, bar
+from ibdata.system.storage import is_url
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -42,6 +43,8 @@ def generate(
 ) -> Dataset:
     """Generate the dataset of an experiment and open it. The content does not depend on workers or engine.
 
+    A dataset of the same experiment that is finished already is only opened.
+
     Args:
         config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, or an
             Experiment. A folder of experiments is for `generate_all`.
@@ -51,8 +54,9 @@ def generate(
         seed: Replaces the experiment's seed.
         overrides: Replace single values of the experiment: texts `key.sub=value`, or a mapping such as
             {"episodes": 10, "output.shard_rows": 1000}.
-        resume: Continue a run that was stopped, or start one. At a URL, upload the files that are missing.
-        overwrite: Replace a dataset, which stays complete until the new one is.
+        resume: Continue a run that was stopped, or start one.
+        overwrite: Replace a dataset, which stays complete until the new one is. A run that was stopped is
+            continued if it is this experiment's, and discarded otherwise.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust. They
             give the same bits only in the same environment, and a run resumes only with the same code.
@@ -71,49 +75,18 @@ def generate(
     experiment = load(config, overrides, seed)
     refuse_unreadable(experiment)
     run = select_engine(engine, workers, address)
-    if (url := url_of(out)) is not None:
-        remote = Remote(url)
-        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-        folder = uploading.work_folder(remote, experiment)
-        found = uploading.find(remote, experiment, folder, resume, overwrite)
-        if found.listed is not None:
-            origin.refuse_code_other_than(found.listed.code, DatasetSpec.of(experiment), remote.name)
-        if not found.finished:
-            _generate(experiment, folder, run, True, False, progress, remote.name)
-        return uploading.upload(remote, experiment, folder, resume)
-    folder = output_folder.resolved(out) if out is not None else default_folder(experiment)
+    if resume and overwrite:
+        raise UsageError("--resume and --overwrite exclude each other; give one of them")
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    _generate(experiment, folder, run, resume, overwrite, progress)
-    return Dataset(folder)
-
-
-def _generate(
-    experiment: Experiment,
-    folder: Path,
-    run: Run,
-    resume: bool,
-    overwrite: bool,
-    progress: bool | None,
-    url: str | None = None,
-) -> None:
-    """Generate the dataset in a folder, perhaps for a URL; messages about its code name the URL then."""
-    where = url or folder
-    refuse_busy(folder)
-    output_folder.check(folder, experiment, resume, overwrite)
-    spec = DatasetSpec.of(experiment)
-    with refusals(folder), in_one_folder(spec):
-        place = folder.absolute() if customs(spec) else folder  # custom code may change the current folder
-        begun = origin.observe(spec, where)  # a signal may end the process, as nothing is written yet
-        with writing_to(place, name=folder):
-            replacement.finish_interrupted(place)
-            root = output_folder.check(place, experiment, resume, overwrite)
-            if place == root and (place / manifest.PATH).is_file():
-                origin.refuse_other_code(manifest.read(place).code, begun.code, where)
-                output_folder.end(place)  # the run was killed after it had finished
-            else:
-                _run(spec, root, run, overwrite, progress, begun, where)
-                if root != place:
-                    replacement.commit(place)
+    if is_url(out):
+        work, remote = upload.places(str(out), experiment)
+        if not upload.is_there(remote, experiment, work, resume, overwrite):
+            make_dataset(experiment, work, Path(remote.name), run, resume=True, progress=progress)
+            upload.upload(remote, work)
+        return Dataset(str(out))
+    place = default_folder(experiment) if out is None else Path(out)
+    make_dataset(experiment, resolved(place), place, run, resume, overwrite, progress)
+    return Dataset(place)
 
 
 def default_folder(experiment: Experiment) -> Path:
@@ -121,44 +94,142 @@ def default_folder(experiment: Experiment) -> Path:
     return Path("data") / experiment.name
 
 
-def _run(
-    spec: DatasetSpec,
-    root: Path,
+def make_dataset(
+    experiment: Experiment,
+    target: Path,
+    place: Path,
     run: Run,
-    overwrite: bool,
-    progress: bool | None,
-    begun: Origin,
-    where: Path | str,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: bool | None = False,
 ) -> None:
-    """Write the missing shards into root and finish the dataset. Messages name it `where`."""
-    experiment = spec.experiments[0]
-    try:
-        if overwrite and origin.begun(root) != begun.note():
-            discard(root)
-        output_folder.begin(root, experiment, overwrite)
-        origin.begin(root, begun, where)
-        written = make(spec, spec.shards, root, output_folder.identity(experiment), run, progress)
-        output_folder.settle_data(root, written)
-        finish(spec, written, root, begun.reproducible, begun.code)
-    except BaseException:
-        output_folder.abandon(root)
-        raise
-    output_folder.end(root)
+    """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
+    spec = DatasetSpec.of(experiment)
+    if already_there(experiment, target, place, resume, overwrite):
+        say_there(place)
+        return
+    with in_one_folder(spec), locked_part(target, place) as part:
+        settle(part)
+        if already_there(experiment, target, place, resume, overwrite):
+            return
+        refuse_immovable(part, place)
+        here = origin.observe(spec, place)
+        prepare(part, spec, here, place, resume, overwrite)
+        try:
+            make(spec, spec.shards, part, run, progress)
+            written = finished(spec, part)
+            finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
+            publish(part)
+        except Interrupted as error:
+            error.left = left(part, "--overwrite" if overwrite else "--resume")
+            raise
 
 
-def make(
-    spec: DatasetSpec, shards: list[Shard], root: Path, identity: str, run: Run, progress: bool | None
-) -> list[WrittenShard]:
-    """Write the shards that have no receipt yet; return all shards."""
-    written = [w for shard in shards if (w := receipt.get(root, identity, spec, shard)) is not None]
-    done = {w.shard.number for w in written}
-    missing = [shard for shard in shards if shard.number not in done]
-    output_folder.forget(root, missing)
-    rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
-    with bar(progress, rows, "transitions") as advance:
-        advance(sum(w.content.moments.rows for w in written))
-        counted = CountedParts(advance)
-        for w in run(spec, missing, root, identity, counted.tell):
-            written.append(w)
-            counted.done(w.shard.number, w.content.moments.rows)
+def already_there(experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool) -> bool:
+    """Whether the dataset is finished. Raises UsageError if another one may not be replaced.
+
+    Other code of its policies is an error, and with `resume` a warning, since nothing would run.
+    """
+    listed = present(target, place, experiment, overwrite)
+    if listed is None:
+        return False
+    changed = origin.changed_code(listed.code, origin.code_here(DatasetSpec.of(experiment)))
+    if changed and not resume:
+        raise TakenError(
+            f"{place}: holds the dataset of this experiment with other code, in {names_of(changed)}; "
+            "--overwrite to make it again"
+        )
+    if changed:
+        found = f"ibdata: {place}: was made with other code than is here, in {names_of(changed)}"
+        print(printable(found), file=sys.stderr, flush=True)
+    return True
+
+
+def say_there(place: Path) -> None:
+    """Say on stderr that nothing is to be made."""
+    print(printable(f"ibdata: {place}: already there; nothing was written"), file=sys.stderr, flush=True)
+
+
+def prepare(
+    part: Part, spec: DatasetSpec, here: Origin, place: Path, resume: bool, overwrite: bool = False
+) -> None:
+    """Begin a run in a part, or go on with the one that is in it.
+
+    Raises TakenError if the options do not say which, and UsageError if it cannot go on.
+    """
+    if part.receipts:
+        other = origin.other(part.folder, spec.experiments[0], here)
+        if other is None and (resume or overwrite):
+            return
+        if not overwrite:
+            raise unfinished(place, other, resume)
+        told = f"ibdata: {place}: the unfinished run {other} that was begun here is discarded"
+        print(printable(told), file=sys.stderr, flush=True)
+    part.clear()
+    (part.folder / receipt.DATASET).mkdir()
+    origin.begin(part.folder, spec, here)
+
+
+def unfinished(place: Path, other: str | None, resume: bool) -> UsageError:
+    """The error for an unfinished run that the options do not fit; `other` says how it differs."""
+    if other is None:
+        return TakenError(
+            f"{place}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
+        )
+    kind = UsageError if resume else TakenError
+    return kind(
+        f"{place}: holds an unfinished run {other}; --overwrite to start again, or choose another --out"
+    )
+
+
+def make(spec: DatasetSpec, shards: list[Shard], part: Part, run: Run, progress: bool | None) -> None:
+    """Make the shards of which the part has no receipt, or whose files are not as their receipts say."""
+    missing, done = [], 0
+    for shard in shards:
+        written = receipt.get(part.folder, shard)
+        if written is None or not receipt.is_whole(part.folder, written):
+            missing.append(shard)
+        else:
+            done += rows_of(spec, [shard])
+    with bar(progress, rows_of(spec, shards), "transitions") as advance:
+        advance(done)
+        counted = _Counted(advance)
+        for number in run(spec, missing, part.folder, counted.tell):
+            counted.tell(number, rows_of(spec, [spec.shards[number]]))
+
+
+def rows_of(spec: DatasetSpec, shards: list[Shard]) -> int:
+    """The number of rows of shards."""
+    return sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
+
+
+def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
+    """The shards that are finished in a part, from their receipts; all other files in `data` go."""
+    found = [receipt.get(part.folder, shard) for shard in spec.shards]
+    written = [each for each in found if each is not None]
+    known = {each.entry.path for each in written}
+    for path in (part.folder / receipt.DATASET / "data").iterdir():
+        if f"data/{path.name}" not in known:
+            path.unlink()
     return written
+
+
+def left(part: Part, option: str) -> str:
+    """What a run that was stopped leaves behind, in words; `option` is the one that goes on with it."""
+    count = len(part.receipts)
+    shards = "1 shard is" if count == 1 else f"{count} shards are"
+    return f"{shards} finished; {option} goes on" if count else "nothing unfinished is left behind"
+
+
+class _Counted:
+    """Moves a bar by the pieces of shards that are made at the same time, in any order."""
+
+    def __init__(self, advance: Advance) -> None:
+        self._advance, self._lock = advance, threading.Lock()
+        self._rows: dict[int, int] = {}  # by the number of the shard
+
+    def tell(self, number: int, rows: int) -> None:
+        """Move the bar to the rows of a shard that are made."""
+        with self._lock:
+            self._advance(rows - self._rows.get(number, 0))
+            self._rows[number] = rows

@@ -1,7 +1,7 @@
 """The origin of a run: hashes of its policies' code, and of the bits that its machine computes.
 
-It is noted before the first shard. Every process that makes a shard must have the same origin: one that
-resumes the run, a worker, a range of an array job.
+It is noted in the part before the first shard. Whoever makes a shard must have the same origin: a process
+that resumes the run, a worker, a range of an array job.
 """
 
 from __future__ import annotations
@@ -10,39 +10,37 @@ import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ibdata.dataset.models import Code, JsonObject, Sha256, parse
+from ibdata.dataset import manifest
+from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
 from ibdata.errors import UsageError
+from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.code_comparison import code_hashes, listed
 from ibdata.experiment.code_record import imported_late, provenance
 from ibdata.experiment.custom_code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import forget_modules, in_one_folder
-from ibdata.generation import receipt
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.simulation import self_check
-from ibdata.system.atomic_files import create_or_compare, plain_bytes, write
-from ibdata.system.object_store import is_url
+from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.writing.metadata import as_json
 
-PATH = f"{receipt.FOLDER}/run.json"
+PATH, EXPERIMENT = "run.json", "experiment.yaml"  # in a part
 MAX_BYTES = 2**20
 Parts = dict[str, str | None]  # hashes and versions that are compared, by the names that messages give them
 
 
 class Origin(JsonObject):
-    """The origin of a run: the answer of its machine's self-check, and the code of its custom policies."""
+    """The origin of a run; `manifest` is the checksum of the dataset once that is finished."""
 
-    known_answer: Sha256
+    data_version: Count
+    known_answer: Sha256  # of the machine's self-check
     code: list[Code]
+    manifest: Sha256 | None = None
 
     @property
     def reproducible(self) -> bool:
         """Whether the machine computes the same bits as all others."""
         return self_check.is_right(self.known_answer)
-
-    def note(self) -> bytes:
-        """The bytes of the file that notes it."""
-        return as_json(self)
 
 
 def observe(spec: DatasetSpec, where: Path | str) -> Origin:
@@ -51,7 +49,8 @@ def observe(spec: DatasetSpec, where: Path | str) -> Origin:
     Raises UsageError if the code changed meanwhile.
     """
     found = _imported(spec, provenance(customs(spec)), where)
-    return Origin(known_answer=known_answer(), code=found)  # importing may change what the processor does
+    answer = known_answer()  # importing may change what the processor does
+    return Origin(data_version=manifest.DATA_VERSION, known_answer=answer, code=found)
 
 
 def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Code]:
@@ -64,47 +63,56 @@ def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Co
     for experiment in spec.experiments:
         warm_up(experiment)
     found = provenance(customs(spec))
-    _refuse_parts(_parts(code), _parts(found), _parts(code), where)
+    began = _parts(code)
+    changed = _changed(began, _parts(found), began)
+    if changed:
+        raise UsageError(f"{where}: {listed(changed)} changed while the run began; run again")
     return found
 
 
-def begin(root: Path, origin: Origin, where: Path | str) -> None:
-    """Note the origin of a run. Raises UsageError if existing shards have another origin."""
-    if any((root / receipt.FOLDER).glob("*.receipt")):
-        _refuse_other(get(root, where), origin, where)
-    else:
-        write(root, PATH, origin.note())
+def begin(root: Path, spec: DatasetSpec, origin: Origin) -> None:
+    """Note experiment, weights and origin of a run in its part, the origin last."""
+    write_new(root, EXPERIMENT, as_yaml(spec.experiments[0]))
+    for name, data in spec.weights.items():
+        write_new(root, name, data)
+    write(root, PATH, as_json(origin))
 
 
-def begin_range(root: Path, origin: Origin, where: Path | str) -> None:
-    """As `begin`, but other ranges may begin at the same time; the first one notes the origin for all."""
-    if not create_or_compare(root, PATH, origin.note()):
-        _refuse_other(get(root, where), origin, where)
-
-
-def begun(root: Path) -> bytes | None:
-    """The bytes of an unfinished run's note; None if there is none."""
-    path = root / PATH
-    if not path.is_file():
+def read(root: Path) -> Origin | None:
+    """The origin of the run in a part; None if there is none that can be read."""
+    try:
+        return parse(Origin, json.loads(plain_bytes(root / PATH, MAX_BYTES)))
+    except (OSError, ValueError):
         return None
-    try:
-        return plain_bytes(path, MAX_BYTES)
-    except OSError:
-        return b""
 
 
-def get(root: Path, where: Path | str) -> Origin:
-    """Read the origin of an unfinished run. Raises UsageError if its note is missing or damaged."""
-    try:
-        return parse(Origin, json.loads(begun(root) or b""))
-    except ValueError:
-        raise UsageError(
-            f"{where}/{PATH}: missing or damaged, so the code that made the shards is unknown; "
-            "start again with --overwrite or another --out"
-        ) from None
+def same_experiment(root: Path, experiment: Experiment) -> bool:
+    """Whether the run in a part is that of an experiment, and of this ibdata's data version."""
+    began = read(root)
+    if began is None or began.data_version != manifest.DATA_VERSION:
+        return False
+    return (root / EXPERIMENT).read_bytes() == as_yaml(experiment)
 
 
-_agreed: list[bytes] = []  # the note with which this process was compared last
+def other(root: Path, experiment: Experiment, here: Origin) -> str | None:
+    """How the run in a part differs from one of an experiment here, in words; None if it does not."""
+    began = read(root)
+    if began is None or not same_experiment(root, experiment):
+        return "of another experiment"
+    if changed := changed_code(began.code, here.code):
+        return f"with other code, in {listed(changed)}"
+    if began.known_answer != here.known_answer:
+        return "of a machine that computes other bits"
+    return None
+
+
+def changed_code(began: Sequence[Code], here: Sequence[Code]) -> list[str]:
+    """The names of files and packages that differ between two records of code."""
+    was, found = _parts(began), _parts(here)
+    return _changed(was, found, was.keys() | found.keys())
+
+
+_agreed: list[Origin] = []  # the run with which this process was compared last
 
 
 def agree(root: Path, spec: DatasetSpec) -> None:
@@ -113,65 +121,37 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     Each run is compared once, because its process keeps what it has imported. Without a note, as in
     `repair`, which compares the shards themselves, nothing is compared.
     """
-    note = begun(root)
-    if note is None or [note] == _agreed:
+    began = read(root)
+    if began is None or [began] == _agreed:
         return
-    origin = get(root, root)
-    forget_modules(customs(spec))  # of another run of Ray's, or of the script that a new process begins with
-    code = _imported(spec, origin.code, root)
-    _refuse_other(origin, Origin(known_answer=self_check.answer(), code=code), root)
-    _agreed[:] = [note]
+    forget_modules(customs(spec))  # of another run of Ray's
+    code = _imported(spec, began.code, root)
+    if changed := changed_code(began.code, code):
+        raise UsageError(f"a worker found other code than the run began with, in {listed(changed)}")
+    if began.known_answer != self_check.answer():
+        raise UsageError("a worker computes other bits than the machine on which the run began")
+    _agreed[:] = [began]
 
 
 def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
     """Raise UsageError if a policy has imported code that the note of the run does not have."""
-    late = imported_late(get(root, root).code) if customs(spec) and begun(root) is not None else []
+    began = read(root) if customs(spec) else None
+    late = imported_late(began.code) if began is not None else []
     if late:
         raise UsageError(
-            f"{root}: found code that a policy imported while it ran, so that it is not recorded: "
+            "found code that a policy imported while it ran, so that it is not recorded: "
             f"{listed(late)}; import it when the policy is loaded, or list its file"
         )
 
 
-def _refuse_other(began: Origin, here: Origin, where: Path | str) -> None:
-    refuse_other_code(began.code, here.code, where)
-    if began.known_answer != here.known_answer:
-        raise UsageError(
-            f"{where}: this machine computes other bits than the one on which the run began, or a library "
-            f"has told its processor to; --resume on a machine like that one, {_again(where)}"
-        )
-
-
-def refuse_code_other_than(began: Sequence[Code], spec: DatasetSpec, where: str) -> None:
-    """As `refuse_other_code` for the code that is found here before any of it is imported."""
+def code_here(spec: DatasetSpec) -> list[Code]:
+    """The code of custom policies as it is here, before any of it is imported."""
     with in_one_folder(spec):
-        found = _parts(provenance(customs(spec)))
-    _refuse_parts(_parts(began), found, found, where)
+        return provenance(customs(spec))
 
 
-def refuse_other_code(began: Sequence[Code], here: Sequence[Code], where: Path | str) -> None:
-    """UsageError where the code here is not that with which a run began."""
-    was, found = _parts(began), _parts(here)
-    _refuse_parts(was, found, was.keys() | found.keys(), where)
-
-
-def _refuse_parts(was: Parts, found: Parts, names: Iterable[str], where: Path | str) -> None:
-    """Raise UsageError if one of these parts of the code is another."""
-    changed = [name for name in names if was.get(name, "") != found.get(name, "")]
-    if changed:
-        raise UsageError(
-            f"{where}: found other code than the run began with, in {listed(changed)}; restore it "
-            f"and --resume, {_again(where)}"
-        )
-
-
-def _again(where: Path | str) -> str:
-    """How to start again there; --overwrite is for folders."""
-    return (
-        "or choose another --out"
-        if is_url(str(where))
-        else "or start again with --overwrite or another --out"
-    )
+def _changed(was: Parts, found: Parts, names: Iterable[str]) -> list[str]:
+    return [name for name in names if was.get(name, "") != found.get(name, "")]
 
 
 def _parts(code: Sequence[Code]) -> Parts:

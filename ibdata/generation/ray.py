@@ -14,12 +14,10 @@ from typing import Any
 from ibdata.errors import IbdataError, MissingError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.make_shard import write_shard
+from ibdata.generation.make_shard import make_shard
 from ibdata.generation.origin import agree
-from ibdata.generation.output_folder import forget
 from ibdata.policies.code_places import look_in
 from ibdata.system.signals import STOPPING, check
-from ibdata.writing.shard_writer import WrittenShard
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between checks for a signal
@@ -39,22 +37,21 @@ def run(
     spec: DatasetSpec,
     shards: list[Shard],
     root: Path,
-    identity: str,
     workers: int | None = None,
     address: str | None = None,
-) -> Iterator[WrittenShard]:
-    """Write the shards, yielding each when it and its receipt are on the disk, in any order.
+) -> Iterator[int]:
+    """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
 
     The shards run on the Ray to which this process is connected, else on the one at `address` or
     $RAY_ADDRESS, else on one that is started here and stopped afterwards. There are at most `workers`
-    workers, by default one per processor of Ray. If a worker dies, its shard is made again.
+    workers, by default one per processor of Ray. If a worker dies, Ray makes its shard again.
 
     Raises IbdataError if workers die repeatedly at one shard, or if Ray does not answer at its address.
     """
     ray = library()
     with _connected(ray, workers, address) as own:
         task = ray.remote(max_retries=MAX_DEATHS)(_work)
-        job = ray.put((spec.plain(), spec.weights, root.absolute(), identity, spec.experiments[0].folder))
+        job = ray.put((spec.plain(), spec.weights, root, spec.experiments[0].folder))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -67,7 +64,9 @@ def run(
                 done, _ = ray.wait(list(running), timeout=POLL)
                 check()
                 for future in done:
-                    yield _result(ray, future, running.pop(future))
+                    shard = running.pop(future)
+                    _wait_for(ray, future, shard)
+                    yield shard.number
         except SystemError:  # a signal's exception was raised inside compiled code of Ray
             check()
             raise
@@ -78,9 +77,9 @@ def run(
                 ray.wait(list(running), num_returns=len(running), timeout=30)
 
 
-def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
+def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
     try:
-        written: WrittenShard = ray.get(future)
+        ray.get(future)
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:
@@ -88,19 +87,19 @@ def _result(ray: Any, future: Any, shard: Shard) -> WrittenShard:
         raise IbdataError(
             f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; run again with --resume"
         ) from None
-    return written
 
 
-def _work(job: tuple[dict[str, Any], dict[str, bytes], Path, str, Path | None], shard: Shard) -> WrittenShard:
-    """Write a shard in a worker."""
-    plain, weights, root, identity, folder = job
-    spec = DatasetSpec.from_plain(plain, weights)
+def _work(job: tuple[dict[str, Any], dict[str, bytes], Path, Path | None], shard: Shard) -> None:
+    """Make a shard in a worker."""
+    plain, weights, root, folder = job
     if not os.path.isdir(root):
-        raise IbdataError(f"{root}: not found on a host of Ray, expected a folder that all hosts share")
-    forget(root, [shard])  # left by a worker that died
+        raise IbdataError(
+            f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
+        )
     look_in(Path.cwd(), folder)
+    spec = DatasetSpec.from_plain(plain, weights)
     agree(root, spec)
-    return write_shard(spec, shard, root, identity)
+    make_shard(spec, shard, root, lambda number, rows: None)
 
 
 @contextmanager

@@ -1,61 +1,66 @@
-"""Receipts of the shards that an unfinished run has written, from which it is resumed.
+"""Receipts of the shards that a run has finished, from which it goes on and makes the metadata.
 
-They name the content of each shard, which is read and compared when the run goes on.
+A receipt holds the entry of the shard's file and a summary of its rows: arrays, one after the other.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
+import os
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset import manifest
-from ibdata.errors import IbdataError
-from ibdata.experiment.dataset_spec import DatasetSpec
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.statistics import Moments
 from ibdata.experiment.plan import Shard
-from ibdata.system.atomic_files import TOKEN, FileEntry, file_sha256, plain_bytes, write
-from ibdata.writing.shard_writer import WrittenShard, file_of
-from ibdata.writing.stored import stored_content
-from ibdata.writing.summary import content_of
+from ibdata.system.files import FileEntry, file_sha256, new_file
+from ibdata.system.part import RECEIPTS
+from ibdata.writing.shard_writer import WrittenShard
+from ibdata.writing.summary import ShardSummary
 
-FOLDER = manifest.RUN
-MAX_BYTES = 2**16
-
-
-def path_of(shard: Shard) -> str:
-    """The path of a shard's receipt within the folder of the dataset."""
-    return f"{FOLDER}/part-{shard.number:05d}.receipt"
+DATASET = "dataset"  # the folder of a part that holds the dataset
 
 
-def put(folder: Path, identity: str, written: WrittenShard) -> None:
+def path_of(root: Path, shard: Shard) -> Path:
+    """The place of a shard's receipt in a part."""
+    return root / RECEIPTS / f"{shard.number:05d}.npy"
+
+
+def put(root: Path, written: WrittenShard) -> None:
     """Write the receipt of a shard whose file is on the disk."""
-    header = {
-        "identity": identity,
-        "shard": list(written.shard),
-        "entry": list(written.entry),
-        "content": content_of(written.content.digests),
-        "clipped": written.content.clipped,
-    }
-    data = json.dumps(header).encode()
-    write(folder, path_of(written.shard), hashlib.sha256(data).digest() + data)
+    summary = written.content
+    known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
+    arrays: list[npt.NDArray[Any]] = [
+        np.frombuffer(json.dumps(known).encode(), np.uint8),
+        np.frombuffer(b"".join(summary.digests), np.uint8).reshape(-1, 32),
+        summary.returns,
+        *summary.moments[1:],
+        summary.sample,
+    ]
+    path = path_of(root, written.shard)
+    path.parent.mkdir(exist_ok=True)
+    temporary = root / f".tmp-{os.getpid()}-{path.name}"
+    with new_file(temporary) as file:
+        for array in arrays:
+            np.save(file, array)
+    temporary.replace(path)
 
 
-def get(folder: Path, identity: str, spec: DatasetSpec, shard: Shard) -> WrittenShard | None:
-    """Read a shard that has a receipt. None unless receipt and file are undamaged and belong to this run."""
+def get(root: Path, shard: Shard) -> WrittenShard | None:
+    """Read the receipt of a shard; None if there is none, or if it is damaged."""
     try:
-        data = plain_bytes(folder / path_of(shard), MAX_BYTES)
-        if hashlib.sha256(data[32:]).digest() != data[:32]:
-            return None
-        header: dict[str, Any] = json.loads(data[32:])
-        entry = FileEntry(*header["entry"])
-        same = header["identity"] == identity and header["shard"] == json.loads(json.dumps(shard))
-        named = re.fullmatch(re.escape(file_of(shard)).replace(re.escape(TOKEN), "[0-9a-f]{8}"), entry.path)
-        if not (same and named and file_sha256(folder / entry.path) == entry.sha256):
-            return None
-        content = stored_content(spec, shard, folder, entry.path)._replace(clipped=header["clipped"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, IbdataError):
+        with path_of(root, shard).open("rb") as file:
+            header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
+        known = json.loads(header.tobytes())
+        moments = Moments(known["rows"], mean, squares, low, high)
+        summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
+        return WrittenShard(shard, FileEntry(*known["file"]), summary)
+    except (OSError, ValueError, EOFError, KeyError, TypeError):
         return None
-    whole = content_of(content.digests) == header["content"]
-    return WrittenShard(shard, entry, content) if whole else None
+
+
+def is_whole(root: Path, written: WrittenShard) -> bool:
+    """Whether the file of a shard is the one that its receipt says."""
+    return file_sha256(root / DATASET / written.entry.path) == written.entry.sha256

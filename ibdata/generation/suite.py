@@ -13,12 +13,11 @@ from ibdata.experiment import Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.shipped import is_suite
-from ibdata.generation import output_folder
 from ibdata.generation.engine import select_engine
 from ibdata.generation.estimate import preview
-from ibdata.generation.generate import generate
-from ibdata.system.lock import refuse_busy
-from ibdata.system.object_store import is_url
+from ibdata.generation.generate import already_there, generate
+from ibdata.system.part import resolved
+from ibdata.system.storage import is_url
 
 
 def generate_all(
@@ -45,7 +44,7 @@ def generate_all(
         workers: As in `generate`.
         seed: Replaces the seed of each experiment.
         overrides: Replace single values of each experiment, as in `generate`.
-        resume: Skip the datasets that are finished, and continue with the others.
+        resume: Continue runs that were stopped; datasets that are finished are skipped in any case.
         overwrite: Replace datasets; each stays complete until the new one is.
         progress: As in `generate`.
         allow_code: As in `generate`.
@@ -63,8 +62,7 @@ def generate_all(
     places = folders(config, experiments, out)
     for experiment, folder in zip(experiments, places, strict=True):
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-        refuse_busy(folder)
-        output_folder.check(folder, experiment, resume, overwrite)
+        already_there(experiment, resolved(folder), folder, resume, overwrite)
     return {
         experiment.name: generate(
             experiment,

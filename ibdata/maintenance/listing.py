@@ -10,17 +10,19 @@ from typing import Any, NamedTuple
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import load
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
-from ibdata.generation import output_folder
+from ibdata.generation import origin
+from ibdata.numerics.naming import counted
+from ibdata.system.part import Part
 from ibdata.system.storage import refuse_url
 
 
 class Listed(NamedTuple):
-    """A folder that holds a dataset.
+    """A dataset, finished or not.
 
-    `state` is finished, unfinished, unsettled (a replacement was interrupted) or damaged. `rows` and
-    `content_root` are None unless the manifest tells them.
+    `state` is finished, "unfinished, n of m shards" or damaged. `rows` and `content_root` are None unless the
+    manifest tells them.
     """
 
     path: Path
@@ -52,31 +54,39 @@ def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
     root = Path(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
-    return [_listed(path) for path in _places(root)]
+    return sorted(_listed(root))
 
 
-def _places(root: Path) -> Iterator[Path]:
-    """The folders that hold a dataset; nothing inside a dataset is looked at."""
+def _listed(root: Path) -> Iterator[Listed]:
+    """What is in a folder and below it; nothing inside a dataset is looked at."""
     for place, below, _ in os.walk(root):
-        below[:] = sorted(name for name in below if not name.startswith("."))
-        signs = (manifest.PATH, output_folder.EXPERIMENT, f"{manifest.NEW}/{manifest.MARK}")
-        if any(os.path.isfile(os.path.join(place, sign)) for sign in signs):
+        for name in below:
+            if name.startswith(".") and name.endswith(".part"):
+                part = Part(Path(place, name[1:].removesuffix(".part")))
+                if origin.read(part.folder) is not None:
+                    yield _unfinished(part)
+        below[:] = [name for name in below if not name.startswith(".")]
+        if os.path.isfile(os.path.join(place, manifest.PATH)):
             below.clear()
-            yield Path(place)
+            yield _finished(Path(place))
 
 
-def _listed(path: Path) -> Listed:
-    finished = manifest.locate(path, manifest.PATH).is_file()
+def _finished(path: Path) -> Listed:
     try:
-        if not finished:
-            spec = DatasetSpec.of(load(path / output_folder.EXPERIMENT))
-            return _of(path, spec, "unfinished", None, None, _size(path / "data"))
         listed = manifest.read(path)
-        state = "unsettled" if os.path.lexists(path / manifest.NEW) else "finished"
         total = sum(file.bytes for file in listed.files)
-        return _of(path, spec_in(path, listed), state, listed.rows, listed.content_root, total)
+        return _of(path, declared_spec(path, listed), "finished", listed.rows, listed.content_root, total)
     except IbdataError:
         return Listed(path, "damaged", None, None, [], [], _size(path), None)
+
+
+def _unfinished(part: Part) -> Listed:
+    try:
+        spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
+    except IbdataError:
+        return Listed(part.target, "unfinished, damaged", None, None, [], [], _size(part.folder), None)
+    state = f"unfinished, {len(part.receipts)} of {counted(len(spec.shards), 'shard')}"
+    return _of(part.target, spec, state, None, None, _size(part.folder))
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

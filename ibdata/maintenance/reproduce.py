@@ -18,7 +18,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import refuse_url, storage
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -46,7 +46,7 @@ def reproduce(
         missing or changed.
 
     Raises:
-        DatasetError: There is no finished dataset.
+        DatasetError: There is no finished dataset, or it is of another data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     refuse_url(folder)
@@ -58,7 +58,7 @@ def reproduce(
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
     count, clipped, problems = 0, 0, list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
-    problems += changed_files(path, listed, {listed.shards[part.number].path for part in asked})
+    problems += changed_files(storage(path), listed, {listed.shards[part.number].path for part in asked})
     with in_one_folder(spec):
         for experiment in spec.experiments:
             warm_up(experiment)

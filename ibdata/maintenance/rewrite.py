@@ -15,16 +15,17 @@ from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import output_folder, replacement
+from ibdata.generation.publish import publish
+from ibdata.generation.receipt import DATASET
+from ibdata.generation.target import refuse_immovable, refuse_taken
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import layout
-from ibdata.system import lock
-from ibdata.system.atomic_files import write
-from ibdata.system.guard import writing_to
+from ibdata.system.files import write
+from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url
+from ibdata.writing import metadata
 from ibdata.writing.finish import finish
-from ibdata.writing.metadata import splits_file
 from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
 from ibdata.writing.stored import BATCH_ROWS, stored_parts
@@ -47,45 +48,34 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
     Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
-    lists; nothing is left behind then. The files of a run that was killed are removed by the next run.
+    lists; nothing is left behind then.
     """
     refuse_url(out)
-    folder = output_folder.resolved(out)
-    _refuse(folder)
-    lock.refuse_busy(folder)
-    with writing_to(folder):
-        _refuse(folder)
-        replacement.withdraw(folder)
-        with replacement.staged(folder) as root:
-            written = []
-            for shard in spec.shards:
-                written.append(_copied(spec, shard, sources[shard.experiment], root))
-                check()
-            listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
-            code = [each for one in listed for each in one.code]
-            clipped = sum(one.clipped_actions for one in listed)
-            finish(spec, written, root, all(one.reproducible for one in listed), code, clipped)
-    return Dataset(folder)
+    place, target = Path(out), resolved(out)
+    refuse_taken(target, place)
+    with locked_part(target, place) as part:
+        refuse_taken(target, place)
+        refuse_immovable(part, place)
+        if part.receipts:
+            raise UsageError(f"{place}: holds an unfinished run of generate; choose another --out")
+        part.clear()
+        made = part.folder / DATASET
+        made.mkdir()
+        written = []
+        for shard in spec.shards:
+            written.append(_copied(spec, shard, sources[shard.experiment], made))
+            check()
+        listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
+        code = [each for one in listed for each in one.code]
+        clipped = sum(one.clipped_actions for one in listed)
+        finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
+        publish(part)
+    return Dataset(place)
 
 
-def _refuse(folder: Path) -> None:
-    manifest.refuse_inside(folder)
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UsageError(f"{folder}: exists and is not a folder; choose another --out")
-    left = {lock.NAME, manifest.NEXT, *replacement.begun(folder)}
-    if folder.exists() and any(path.name not in left for path in folder.iterdir()):
-        unsettled = os.path.lexists(folder / manifest.NEW)
-        todo = (
-            f"ibdata repair {folder} finishes what was begun there" if unsettled else "choose another --out"
-        )
-        raise UsageError(f"{folder}: exists already; {todo}")
-    if folder.exists():
-        output_folder.refuse_links(folder)
-
-
-def _copied(spec: DatasetSpec, shard: Shard, source: Source, root: Path) -> WrittenShard:
+def _copied(spec: DatasetSpec, shard: Shard, source: Source, folder: Path) -> WrittenShard:
     """Copy a shard's episodes from a source, and check that they are those that it lists."""
-    with writing_threads() as threads, shard_writer(spec, shard, root, threads) as writer:
+    with writing_threads() as threads, shard_writer(spec, shard, folder, threads) as writer:
         for part, floats in _parts(spec, shard, source):
             writer.add(part, floats)
         w = writer.finish()
@@ -127,11 +117,14 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
-    """Replace the file of splits by that of a spec. Raises BusyError if the dataset is being written."""
-    folder = dataset.path
-    lock.refuse_busy(folder)
-    with writing_to(folder):
-        manifest.refuse_replaced(folder, dataset.manifest_model)
-        refuse_other_plan(spec, dataset.manifest_model)
-        write(folder, manifest.SPLITS, splits_file(spec))
-    return Dataset(folder)
+    """Write the splits of a spec into the metadata of a dataset; nothing else changes.
+
+    Raises BusyError if the dataset is being written, or was replaced meanwhile.
+    """
+    refuse_url(dataset)
+    listed = dataset.manifest_model
+    refuse_other_plan(spec, listed)
+    with locked_part(resolved(dataset.path), dataset.path):
+        manifest.refuse_replaced(dataset.path, listed)
+        write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
+    return Dataset(dataset.path)

@@ -177,7 +177,7 @@ def _one_of(what: str, found: str, known: list[str] | tuple[str, ...]) -> None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    from ibdata.system.atomic_files import write
+    from ibdata.system.files import write
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -18,8 +18,8 @@ from ibdata.errors import UsageError
 from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.safetensors import written
 from ibdata.policies.weights_file import COLUMNS, LAYOUT, kept
-from ibdata.system.atomic_files import write
-from ibdata.system.guard import refusals
+from ibdata.system.files import write
+from ibdata.system.part import refusals
 
 ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"

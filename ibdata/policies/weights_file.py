@@ -20,7 +20,7 @@ from ibdata.errors import printable
 from ibdata.policies import safetensors
 from ibdata.policies.base import NormalSingle
 from ibdata.policies.forward import Float32s, packed
-from ibdata.system.atomic_files import plain_bytes
+from ibdata.system.files import plain_bytes
 
 LAYOUT = "ibdata-network-1"
 SUFFIX = ".safetensors"

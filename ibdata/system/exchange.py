@@ -1,4 +1,4 @@
-"""Two folders that change places in one system call, and whether the system would move a folder at all."""
+"""Two folders that change places in one system call."""
 
 from __future__ import annotations
 
@@ -28,25 +28,3 @@ def exchanged(a: Path, b: Path) -> bool:
     if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
         return False
     raise OSError(number, os.strerror(number), str(b))
-
-
-def refuse_immovable(folder: Path, full: Path) -> None:
-    """Raise OSError where the system would not move a folder, such as a mount, or one that is read-only.
-
-    Args:
-        folder: The folder, which stays where it is.
-        full: A folder elsewhere that holds something. No folder can replace it, so trying tells the reason.
-    """
-    try:
-        folder.rename(full)
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise naming(folder, error) from error
-    else:  # against POSIX
-        full.rename(folder)
-        raise OSError(errno.ENOTSUP, "the file system lets a folder replace one that holds something")
-
-
-def naming(path: Path, error: OSError) -> OSError:
-    """The error with the name of the file or folder that it is about."""
-    return OSError(error.errno, f"{path.name}: {error.strerror}")

@@ -64,7 +64,7 @@ def stoppable() -> Iterator[None]:
                 signal.signal(number, stop)
         yield
     except Exception as error:
-        if _arrived and not isinstance(error, Interrupted):  # some code turns every exception into its own
+        if _arrived:  # some code turned Interrupted into an error of its own
             raise Interrupted(_arrived[0]) from error
         raise
     finally:

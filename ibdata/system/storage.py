@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from ibdata.errors import DatasetError, MissingError, UsageError, hidden, printable
+from ibdata.system.files import FileEntry
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,16 +69,17 @@ class Storage:
             data: bytes = file.read()
             return data
 
-    def sha256(self, path: str) -> str | None:
-        """The hex hash of a file; None if it cannot be read."""
-        hasher = hashlib.sha256()
+    def entry(self, path: str) -> FileEntry | None:
+        """The size and the hash of a file; None if it cannot be read."""
+        hasher, size = hashlib.sha256(), 0
         try:
             with self.open(path) as file:
                 while block := file.read(BLOCK):
                     hasher.update(block)
+                    size += len(block)
         except OSError:
             return None
-        return hasher.hexdigest()
+        return FileEntry(path, size, hasher.hexdigest())
 
     def names(self, folder: str) -> list[str]:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""

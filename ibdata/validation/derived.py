@@ -14,12 +14,11 @@ from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Statistics
-from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.system.storage import storage
+from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.finish import experiment_files
@@ -30,7 +29,7 @@ INFO, STATISTICS = "meta/dataset.json", "meta/statistics.json"
 
 
 def metadata_problems(
-    place: Any,
+    place: Storage,
     listed: Manifest,
     spec: DatasetSpec,
     written: list[WrittenShard],
@@ -39,7 +38,7 @@ def metadata_problems(
     """Check the metadata.
 
     Args:
-        place: The dataset's folder or storage.
+        place: The dataset.
         listed: Its manifest.
         spec: The experiments and splits of the dataset.
         written: The shards whose rows keep every rule.
@@ -60,22 +59,10 @@ def metadata_problems(
             if is_whole(path):
                 yield from check()
         except DatasetError as error:
-            yield Problem.of(error, path, storage(place).where(path), "metadata")
+            yield Problem.of(error, path, place.where(path), "metadata")
 
 
-def splits_problems(place: Any, listed: Manifest) -> Iterator[Problem]:
-    """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
-    try:
-        found, expected = read_splits(place, listed), metadata.splits(spec_in(place, listed))
-    except DatasetError as error:
-        yield Problem.of(error, manifest.SPLITS, storage(place).where(manifest.SPLITS), "splits")
-        return
-    given, right = ({name: entry.plain() for name, entry in of.items()} for of in (found, expected))
-    if message := first_difference(given, right):
-        yield Problem(manifest.SPLITS, None, "splits", message)
-
-
-def _info(place: Any, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
+def _info(place: Storage, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
     found = _facts(manifest.read_json(place, listed, INFO, Info))
     expected = _facts(metadata.info(spec))
     for rule in expected:
@@ -84,14 +71,14 @@ def _info(place: Any, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
 
 
 def _facts(info: JsonObject) -> dict[str, Any]:
-    """What programs read; another version may say the meaning of a column in other words."""
+    """What programs read. The meaning of a column may be said in other words."""
     facts = info.plain()
     for column in facts["columns"]:
         del column["description"]
     return facts
 
 
-def _experiment(place: Any, listed: Manifest, path: str, expected: Experiment) -> Iterator[Problem]:
+def _experiment(place: Storage, listed: Manifest, path: str, expected: Experiment) -> Iterator[Problem]:
     try:
         document = Document(manifest.listed_content(place, listed, path))
         same = Experiment.model_validate(document.data) == expected
@@ -102,7 +89,7 @@ def _experiment(place: Any, listed: Manifest, path: str, expected: Experiment) -
 
 
 def _episodes(
-    place: Any, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
+    place: Storage, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
 ) -> Iterator[Problem]:
     """Compare the rows of the episodes of these shards, column by column."""
     table = read_episodes(place, listed)
@@ -143,7 +130,7 @@ def _shown(value: pa.Scalar) -> str:
     return f"{plain.hex()[:12]}…" if isinstance(plain, bytes) else f"{plain}"
 
 
-def _statistics(place: Any, listed: Manifest, expected: Statistics) -> Iterator[Problem]:
+def _statistics(place: Storage, listed: Manifest, expected: Statistics) -> Iterator[Problem]:
     found = manifest.read_json(place, listed, STATISTICS, Statistics)
     if message := first_difference(_names(found), _names(expected)):
         yield Problem(STATISTICS, None, "statistics", message)

@@ -5,27 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.dataset.strangers import strangers
 from ibdata.system.progress import Advance, unseen
-from ibdata.system.storage import storage
+from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
 
 THREADS = os.cpu_count() or 1
 
 
-def check_files(place: Any, listed: Manifest, advance: Advance = unseen) -> Iterator[Problem]:
+def check_files(place: Storage, listed: Manifest, advance: Advance = unseen) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
     with Hashing(place, listed) as files:
         yield from files.problems(advance)
     yield from unlisted_files(place, listed)
 
 
-def changed_files(place: Any, listed: Manifest, paths: Container[str]) -> list[Problem]:
-    """Those of these listed files that are missing or changed. Raises BusyError if it was replaced."""
+def changed_files(place: Storage, listed: Manifest, paths: Container[str]) -> list[Problem]:
+    """Those of these listed files that are missing or changed. Raises BusyError if a writer did it."""
     with Hashing(place, listed, paths) as files:
         problems = list(files.problems())
     if problems:
@@ -33,24 +31,31 @@ def changed_files(place: Any, listed: Manifest, paths: Container[str]) -> list[P
     return problems
 
 
-def unlisted_files(place: Any, listed: Manifest) -> Iterator[Problem]:
+def unlisted_files(place: Storage, listed: Manifest) -> Iterator[Problem]:
     """The files and folders in `data` that a reader would take, but that the manifest does not list."""
-    for path in strangers(place, listed.entries()):
-        what = "folder" if path.endswith("/") else "file"
-        message = f"found a {what} that the manifest does not list; move it away"
-        yield Problem(path.rstrip("/"), None, "file", message)
+    known = listed.entries()
+    for name in place.names("data"):
+        path = f"data/{name.rstrip('/')}"
+        if path not in known and _is_read(name):
+            what = "folder" if name.endswith("/") else "file"
+            message = f"found a {what} that the manifest does not list; move it away"
+            yield Problem(path, None, "file", message)
+
+
+def _is_read(name: str) -> bool:
+    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
+    return not name.startswith(".") or name.lower().endswith(".parquet") or name.endswith("/")
 
 
 class Hashing:
     """A context in which threads compute the SHA-256 of listed files, by default of all."""
 
-    def __init__(self, place: Any, listed: Manifest, paths: Container[str] | None = None) -> None:
-        self._expected = {
-            file.path: file.sha256 for file in listed.files if paths is None or file.path in paths
-        }
-        self._files = storage(place)
+    def __init__(self, place: Storage, listed: Manifest, paths: Container[str] | None = None) -> None:
+        entries = listed.entries()
+        self._expected = {path: entries[path] for path in entries if paths is None or path in paths}
+        self._todo = "; ibdata repair makes it" if place.url is None else ""
         self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
-        self._found = {path: self._threads.submit(self._files.sha256, path) for path in self._expected}
+        self._found = {path: self._threads.submit(place.entry, path) for path in self._expected}
 
     def __enter__(self) -> Hashing:
         return self
@@ -59,17 +64,19 @@ class Hashing:
         self._threads.shutdown(cancel_futures=True)
 
     def is_whole(self, path: str) -> bool:
-        """Whether a file has the SHA-256 that the manifest lists."""
+        """Whether a file is the one that the manifest lists."""
         return self._found[path].result() == self._expected[path]
 
     def problems(self, advance: Advance = unseen) -> Iterator[Problem]:
-        """The files that are missing, and those that have another SHA-256."""
+        """The files that are missing, and those that have another SHA-256 or size."""
         for path, expected in self._expected.items():
             found = self._found[path].result()
             advance(1)
             if found is None:
-                todo = "; ibdata repair makes it" if self._files.url is None else ""
-                yield Problem(path, None, "file", f"found no file that can be read{todo}")
+                yield Problem(path, None, "file", f"found no file that can be read{self._todo}")
+            elif found.sha256 != expected.sha256:
+                shown = f"found {found.sha256[:12]}…, expected {expected.sha256[:12]}…"
+                yield Problem(path, None, "hash", f"{shown} as the manifest lists")
             elif found != expected:
-                message = f"found {found[:12]}…, expected {expected[:12]}… as the manifest lists"
-                yield Problem(path, None, "hash", message)
+                message = f"found {found.bytes} bytes, expected {expected.bytes} as the manifest lists"
+                yield Problem(path, None, "file", message)

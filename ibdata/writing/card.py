@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +10,6 @@ import pyarrow as pa
 
 from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
-from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.naming import exact, yaml_name
@@ -20,60 +19,38 @@ from ibdata.writing.licences import front_matter
 from ibdata.writing.metadata import info, splits
 from ibdata.writing.shard_writer import WrittenShard
 
-SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 SOURCES = {
     "siemens": "the authors' published Python code",
     "paper": "the equations as the paper prints them",
 }
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
-BEGINNING = "---\npretty_name: Industrial Benchmark, "
-SHARD = re.compile(rb"(?<=part-[0-9]{5}-)[0-9a-f]{8}(?=\.parquet)")
+SEAL = b"\n<!-- SHA-256 of the text above: "
 CITE = """\
 Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
 dataset."""
-LARGER = ((10**7, "1M<n<10M"), (10**8, "10M<n<100M"), (10**9, "100M<n<1B"))
+SIZES = (
+    (10**3, "n<1K"),
+    (10**4, "1K<n<10K"),
+    (10**5, "10K<n<100K"),
+    (10**6, "100K<n<1M"),
+    (10**7, "1M<n<10M"),
+    (10**8, "10M<n<100M"),
+    (10**9, "100M<n<1B"),
+)
 
 
-def is_foreign(path: Path) -> bool:
-    """Whether there is a file in the place of the card that ibdata did not write; a link does not count."""
-    if path.is_symlink() or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(BEGINNING)) != BEGINNING.encode()
-
-
-def refuse_foreign(path: Path) -> None:
-    """Raise UsageError if a text that ibdata did not write is in the place of the card."""
-    if is_foreign(path):
-        raise UsageError(f"{path}: found a text that ibdata did not write; move it away")
-
-
-def has_other_text(found: bytes, made: bytes) -> bool:
-    """Whether a card holds another text than the one that was made, and is not only cut or has a flipped bit.
-
-    The random digits in the names of shards do not count.
-    """
-    pairs = ((found, made), (SHARD.sub(b"", found), SHARD.sub(b"", made)))
-    return not any(made.startswith(found) or _differ_by_a_bit(found, made) for found, made in pairs)
-
-
-def _differ_by_a_bit(a: bytes, b: bytes) -> bool:
-    return len(a) == len(b) and (int.from_bytes(a, "big") ^ int.from_bytes(b, "big")).bit_count() == 1
-
-
-def listed_root(path: Path) -> str | None:
-    """The content root that a card lists; None where there is none that can be read."""
+def is_edited(path: Path) -> bool:
+    """Whether somebody has written or edited the text in the place of the card."""
     try:
-        found = re.search(rb"^\| content root \| `([0-9a-f]{64})` \|$", path.read_bytes(), re.MULTILINE)
+        text, mark, _ = path.read_bytes().rpartition(SEAL)
     except OSError:
-        return None
-    return found[1].decode() if found else None
+        return False
+    return not mark or path.read_bytes() != sealed(text)
 
 
-def machine_readable(text: bytes) -> list[bytes]:
-    """The lines of a card that programs read: the data files of each set, and the content root."""
-    lines = rb"^(?:  - config_name:|    data_files:|      - |\| content root \|).*$"
-    return re.findall(lines, text, re.MULTILINE)
+def sealed(text: bytes) -> bytes:
+    """A card with its hash in a comment at the end, by which it is known as ibdata's own."""
+    return text + SEAL + hashlib.sha256(text).hexdigest().encode() + b" -->\n"
 
 
 def card(
@@ -98,7 +75,7 @@ def card(
         *_behaviour(episodes, info(spec)),
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
-    return "\n".join(parts).encode()
+    return sealed("\n".join(parts).encode())
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
@@ -119,7 +96,7 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
 
 
 def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
-    size = next((name for limit, name in (*SIZES, *LARGER) if spec.rows < limit), "n>1B")
+    size = next((name for limit, name in SIZES if spec.rows < limit), "n>1B")
     lines = [
         "---",
         f"pretty_name: Industrial Benchmark, {spec.name}",

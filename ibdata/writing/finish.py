@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import columns
-from ibdata.system.atomic_files import FileEntry, write
+from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
-from ibdata.writing.card import card, refuse_foreign
+from ibdata.writing.card import card
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
@@ -36,35 +36,32 @@ def finish(
     reproducible: bool,
     code: Sequence[Code] = (),
     clipped: int | None = None,
-) -> Manifest:
+) -> None:
     """Write all files of a dataset other than its shards, with the manifest last.
 
     Args:
         spec: The experiments and splits of the dataset.
-        written: The shards that were written, in any order.
-        folder: The folder of the dataset.
+        written: The shards that were written, in order.
+        folder: The folder of the dataset, which nobody reads yet.
         reproducible: Whether the machine computes the same bits as all others.
         code: The code of the custom policies.
         clipped: The number of clipped actions; by default the sum over the shards.
-
-    Returns:
-        The manifest.
-
-    Raises:
-        UsageError: A text that ibdata did not write is in the place of the card.
     """
-    refuse_foreign(folder / manifest.CARD)
-    written = sorted(written, key=lambda w: w.shard.number)
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
+    episodes = metadata.episodes_table(spec, written)
     entries = [w.entry for w in written]
-    entries += [write(folder, path, make()) for path, make in metadata_files(spec, written, root).items()]
+    for path, make in metadata_files(spec, written, episodes).items():
+        entries.append(write_new(folder, path, make()))
+    write_new(folder, manifest.SPLITS, metadata.splits_file(spec))
+    write_new(folder, manifest.CARD, card(spec, written, root, episodes))
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
             version=manifest.VERSION,
             data_version=manifest.DATA_VERSION,
             content_root=root,
-            **spec.plain(),
+            name=spec.name,
+            experiments=[experiment.plain() for experiment in spec.experiments],
             rows=spec.rows,
             clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
             shards=[
@@ -82,9 +79,7 @@ def finish(
             checksum=UNSEALED,
         )
     )
-    write(folder, manifest.SPLITS, metadata.splits_file(spec))
-    write(folder, manifest.PATH, metadata.as_json(listed))
-    return listed
+    write_new(folder, manifest.PATH, metadata.as_json(listed))
 
 
 def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
@@ -98,25 +93,18 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
 
 
 def metadata_files(
-    spec: DatasetSpec, written: list[WrittenShard], root: str, episodes: pa.Table | None = None
+    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
 ) -> dict[str, Callable[[], bytes]]:
-    """Functions that make the files other than shards and manifest, by path.
+    """Functions that make the files in `meta` that the manifest lists, by path.
 
-    Those for episodes.parquet and statistics.json need the content of the shards, and so does that for the
-    card without the table of `episodes`.
+    That for statistics.json needs the content of the shards, that for episodes.parquet the table `episodes`.
     """
-
-    @cache
-    def table() -> pa.Table:
-        return metadata.episodes_table(spec, written) if episodes is None else episodes
-
     return {
         "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(table()),
+        "meta/episodes.parquet": lambda: metadata.episodes_parquet(episodes),
         "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
         **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
         **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
-        manifest.CARD: lambda: card(spec, written, root, table()),
     }
 
 
@@ -127,12 +115,11 @@ def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
     return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
 
 
-def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry], **changes: Any) -> bytes:
-    """The bytes of a manifest with other files, and with `changes` to its other fields."""
+def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry]) -> bytes:
+    """The bytes of a manifest with other entries for the same files, which this ibdata has written."""
     files = [File(**entry._asdict()) for entry in entries.values()]
-    if files != listed.files:
-        changes = {"files": files, "versions": versions(), **changes}
-    return metadata.as_json(manifest.sealed(listed.model_copy(update=changes)))
+    changed = listed.model_copy(update={"files": files, "versions": versions()})
+    return metadata.as_json(manifest.sealed(changed))
 
 
 def versions() -> dict[str, str]:

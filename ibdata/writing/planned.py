@@ -29,7 +29,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
     for rule, found, expected in (
         ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
         ("rows", listed.rows, spec.rows),
-        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_files(spec, [], "")})),
+        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_files(spec, [])})),
         ("code", targets, spec.code_targets),
     ):
         if message := first_difference(found, expected):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -18,7 +19,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.rollout import Columns
 from ibdata.simulation.variables import columns
-from ibdata.system.atomic_files import TOKEN, FileEntry, HashingFile, atomic_write
+from ibdata.system.files import FileEntry, HashingFile, new_file
 from ibdata.system.signals import held
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options
 from ibdata.writing.summary import ShardSummarizer, ShardSummary
@@ -54,12 +55,13 @@ class ShardWriter:
         self,
         spec: DatasetSpec,
         shard: Shard,
+        path: str,
         file: HashingFile,
         parquet: pq.ParquetWriter,
         threads: Threads,
     ) -> None:
         self._shard, self._experiment = shard, spec.of_shard(shard)
-        self._file, self._parquet, self._threads = file, parquet, threads
+        self._path, self._file, self._parquet, self._threads = path, file, parquet, threads
         self._summarizer = ShardSummarizer(spec, shard)
         self._waiting: deque[tuple[Future[None], Future[Moments]]] = deque()
         self._rest: list[pa.Table] = []  # rows that do not fill a row group yet
@@ -84,7 +86,7 @@ class ShardWriter:
         )
 
     def finish(self) -> WrittenShard:
-        """Write the remaining rows. The file gets its name at the end of the context of `shard_writer`.
+        """Write the remaining rows. The file is on the disk at the end of the context of `shard_writer`.
 
         Raises:
             IbdataError: A value is not finite.
@@ -95,7 +97,7 @@ class ShardWriter:
         for rows in self._rest:
             self._write(rows)
         self._parquet.close()
-        entry = FileEntry(self._file.path, self._file.size, self._file.sha256())
+        entry = FileEntry(self._path, self._file.size, self._file.sha256())
         return WrittenShard(self._shard, entry, self._summarizer.content())
 
     def _wait(self) -> None:
@@ -117,16 +119,14 @@ class ShardWriter:
 
 @contextmanager
 def shard_writer(spec: DatasetSpec, shard: Shard, folder: Path, threads: Threads) -> Iterator[ShardWriter]:
-    """Write a shard of a dataset to a new file in its folder.
+    """Write a shard of a dataset to a new file in its folder; a block that raises leaves nothing behind.
 
-    The file appears when the block ends after `finish`. A block that raises leaves nothing behind.
+    The name of the file ends in random digits, so that a late reader never takes it for an older one.
     """
-    with (
-        atomic_write(folder, file_of(shard)) as file,
-        _parquet_writer(spec.of_shard(shard), file) as parquet,
-    ):
+    path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
+    with new_file(folder / path) as file, _parquet_writer(spec.of_shard(shard), file) as parquet:
         try:
-            yield ShardWriter(spec, shard, file, parquet, threads)
+            yield ShardWriter(spec, shard, path, file, parquet, threads)
         except BaseException:
             for each in threads:
                 each.submit(int).result()  # wait for all that was submitted for this shard
@@ -166,11 +166,6 @@ def thread() -> Iterator[ThreadPoolExecutor]:
         yield executor
     finally:
         executor.shutdown()
-
-
-def file_of(shard: Shard) -> str:
-    """The path of a shard's file, with `TOKEN` in place of the random digits that each file gets."""
-    return f"{shard.stem}-{TOKEN}.parquet"
 
 
 def _parquet_writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:

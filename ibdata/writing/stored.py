@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -68,9 +69,9 @@ def stored_parts(
         yield Part(shard._replace(first=first, stop=stop), Columns(names, table, 0), others)
 
 
-def stored_content(spec: DatasetSpec, shard: Shard, place: Any, path: str) -> ShardSummary:
+def stored_content(spec: DatasetSpec, shard: Shard, folder: Path, path: str) -> ShardSummary:
     """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
-    batches = parquet.batches(place, path, layout(experiment).names, BATCH_ROWS, rows)
+    batches = parquet.batches(folder, path, layout(experiment).names, BATCH_ROWS, rows)
     return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))

@@ -1,0 +1,92 @@
+"""Publishing a dataset: the folder that was made in a part gets its name by one rename.
+
+Where a dataset is replaced, the two folders change places in one system call, and the old one is removed with
+the part. Every reader finds the old dataset or the new one.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, printable
+from ibdata.generation import origin
+from ibdata.generation.receipt import DATASET
+from ibdata.system.exchange import exchanged
+from ibdata.system.files import keep_access, sync_folder, write, write_new
+from ibdata.system.part import Part
+from ibdata.system.signals import held
+from ibdata.writing.card import is_edited
+from ibdata.writing.metadata import as_json
+
+OLD = "old"  # the folder of a part that holds the replaced dataset, where two folders cannot change places
+
+
+def publish(part: Part) -> None:
+    """Give the finished dataset in a part its name, in place of what is there, and remove the part.
+
+    The note of the run first gets the checksum of the new manifest. So whoever holds the part next can tell
+    whether this was done, and `settle` does it where it was not.
+    """
+    made = part.folder / DATASET
+    if part.target.is_dir():
+        _keep(part.target, made)
+    for folder in (made / "data", made / "meta", made):
+        sync_folder(folder)
+    _note(part)
+    with held():
+        _move(part)
+    part.clear()
+
+
+def settle(part: Part) -> None:
+    """Finish what a killed run was publishing, and remove what it has published."""
+    began = origin.read(part.folder)
+    if began is None or began.manifest is None:
+        return
+    if _checksum(part.target) == began.manifest:
+        part.clear()
+    elif not part.target.exists() and _checksum(part.folder / DATASET) == began.manifest:
+        with held():
+            _move(part)
+        part.clear()
+
+
+def _move(part: Part) -> None:
+    made, target = part.folder / DATASET, part.target
+    replaces = target.is_dir() and any(target.iterdir())
+    if not replaces or not exchanged(made, target):
+        if replaces:
+            target.rename(part.folder / OLD)  # readers find no folder for a moment
+        made.rename(target)
+    sync_folder(target.parent)
+
+
+def _checksum(folder: Path) -> str | None:
+    try:
+        return manifest.read(folder).checksum
+    except DatasetError:
+        return None
+
+
+def _note(part: Part) -> None:
+    began = origin.read(part.folder)
+    ended = began.model_copy(update={"manifest": _checksum(part.folder / DATASET)}) if began else None
+    if ended is not None:
+        write(part.folder, origin.PATH, as_json(ended))
+
+
+def _keep(old: Path, new: Path) -> None:
+    """Keep the mode and the group of a folder that is replaced, and a card that somebody has edited."""
+    keep_access(old, new)
+    for folder in ("data", "meta"):
+        keep_access(old / folder, new / folder)
+        for file in (new / folder).iterdir():
+            keep_access(old / manifest.PATH, file)
+    card, kept = old / manifest.CARD, f"{manifest.CARD}.old"
+    if is_edited(card):
+        write_new(new, kept, card.read_bytes())
+        print(printable(f"ibdata: {card}: was edited, and is now {kept}"), file=sys.stderr, flush=True)
+    elif (old / kept).is_file():
+        write_new(new, kept, (old / kept).read_bytes())

@@ -1,0 +1,106 @@
+"""The place of a dataset: what may be there before a run begins, and what the run would do with it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
+from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment import Experiment, as_yaml
+from ibdata.system.files import part_of
+from ibdata.system.part import Part
+
+USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
+
+
+class TakenError(UsageError):
+    """The place is not empty, and the options do not say what is to become of its contents."""
+
+
+def refuse_place(target: Path, place: Path) -> None:
+    """Raise UsageError for a place at which no dataset can appear by a rename.
+
+    Args:
+        target: The place without links.
+        place: Its name in messages.
+    """
+    manifest.refuse_inside(target)
+    here = Path.cwd()
+    if target == here or target in here.parents:
+        raise UsageError(f"{place}: is the current folder or around it; choose another --out")
+    if os.path.ismount(target):
+        raise UsageError(f"{place}: is a mount point, which cannot be replaced; choose a folder in it")
+    if os.path.lexists(target) and not target.is_dir():
+        raise UsageError(f"{place}: is a file, not a folder; choose another --out")
+
+
+def refuse_taken(target: Path, place: Path) -> None:
+    """Raise UsageError if there is anything at a place but an empty folder."""
+    refuse_place(target, place)
+    if target.is_dir() and any(target.iterdir()):
+        raise UsageError(f"{place}: exists already; choose another --out")
+
+
+def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) -> Manifest | None:
+    """The manifest of the dataset at a place if it is this experiment's; None if a run is to make it.
+
+    Raises:
+        UsageError: Something else is there that may not be replaced.
+        TakenError: The dataset of another experiment is there, which --overwrite would replace.
+    """
+    refuse_place(target, place)
+    if not target.is_dir() or not any(target.iterdir()):
+        return None
+    try:
+        listed = manifest.read(target)
+    except DatasetError as error:
+        raise UsageError(f"{place}: not a dataset of ibdata, left as it is ({error})") from None
+    if overwrite:
+        _refuse_irreplaceable(target, listed)
+        return None
+    if manifest.EXPERIMENT not in listed.entries():
+        same = False  # a merged dataset
+    else:
+        same = manifest.listed_content(target, listed, manifest.EXPERIMENT) == as_yaml(experiment)
+    if not same:
+        raise TakenError(f"{place}: holds the dataset of another experiment; --overwrite to replace it")
+    return listed
+
+
+def _refuse_irreplaceable(target: Path, listed: Manifest) -> None:
+    """Raise UsageError for a folder that may not be replaced, or that holds more than a dataset."""
+    for path in strangers(target, listed):
+        what = "folder" if path.is_dir() else "file"
+        raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
+    for folder in (target.parent, target, target / "data", target / "meta"):
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise UsageError(f"{folder}: cannot be written, expected a folder that --overwrite may replace")
+
+
+def refuse_immovable(part: Part, place: Path) -> None:
+    """Raise UsageError if the system would not move the folder at a place, such as a mount.
+
+    No folder can replace one that holds something, as the part does, so trying tells the reason.
+    """
+    if not part.target.is_dir():
+        return
+    try:
+        part.target.rename(part.folder)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise UsageError(f"{place}: cannot be moved: {error.strerror}; choose another --out") from None
+
+
+def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
+    """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
+    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
+    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
+    for path in sorted(target.iterdir()):
+        if path.name in ("data", "meta") and path.is_dir():
+            yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)
+        elif path.name not in known:
+            yield path

@@ -1,0 +1,162 @@
+"""Writing files that are on the disk when a call returns, and reading files of which nothing is known."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from ibdata.system.disk import sync
+
+BLOCK = 2**20
+
+
+class FileEntry(NamedTuple):
+    """A file of a dataset as the manifest lists it."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+class HashingFile(io.RawIOBase):
+    """A binary file that hashes what is written to it."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        self._raw = raw
+        self._hasher = hashlib.sha256()
+        self.size = 0
+
+    def write(self, data: Any) -> int:
+        """Write data and hash them."""
+        self._hasher.update(data)
+        written = self._raw.write(data)
+        self.size += written
+        return written
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        self._raw.flush()
+
+    def sha256(self) -> str:
+        """The hex hash of what has been written."""
+        return self._hasher.hexdigest()
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self.size
+
+    def close(self) -> None:
+        """Do nothing; whoever opened the raw file closes it."""
+
+    def writable(self) -> bool:
+        """True."""
+        return True
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[HashingFile]:
+    """Write a file, which is on the disk at the end of the block, and gone if the block raises.
+
+    Its name is not: `sync_folder` waits for that. The folder is made if it is missing.
+    """
+    path.parent.mkdir(exist_ok=True)
+    try:
+        with path.open("wb") as raw:
+            yield HashingFile(raw)
+            raw.flush()
+            sync(raw.fileno())
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def write_new(folder: Path, path: str, data: bytes) -> FileEntry:
+    """Write folder/path, a file that nobody reads yet."""
+    with new_file(folder / path) as file:
+        file.write(data)
+    return FileEntry(path, file.size, file.sha256())
+
+
+def write(folder: Path, path: str, data: bytes) -> FileEntry:
+    """Write folder/path in place of an older file, whose mode and group it gets.
+
+    Readers find the old file or the new one, never a part of it. Nobody else may write it at the same time.
+    """
+    target = folder / path
+    temporary = part_of(target)
+    entry = write_new(temporary.parent, temporary.name, data)
+    try:
+        keep_access(target, temporary)
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+    return entry._replace(path=path)
+
+
+def part_of(target: Path) -> Path:
+    """The hidden name beside a place, under which what is to appear there is made."""
+    return target.with_name(f".{target.name}.part")
+
+
+def keep_access(old: Path, new: Path) -> None:
+    """Give a file or folder the mode and the group of another, as far as it exists and the system allows."""
+    if not old.exists():
+        return
+    status = old.stat()
+    with suppress(OSError):
+        os.chown(new, -1, status.st_gid)
+    with suppress(OSError):
+        new.chmod(stat.S_IMODE(status.st_mode))
+
+
+def file_sha256(path: Path) -> str | None:
+    """The hex hash of a regular file, also through a link; None if it cannot be read."""
+    hasher = hashlib.sha256()
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                return None
+            while block := file.read(BLOCK):
+                hasher.update(block)
+    except OSError:
+        return None
+    return hasher.hexdigest()
+
+
+def plain_bytes(path: Path, most: int) -> bytes:
+    """Read a regular file. Raises OSError if it is larger than `most` bytes, or not a regular file."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file")
+        if status.st_size > most:
+            raise OSError(errno.EFBIG, f"larger than {most} bytes")
+        return file.read()
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a whole folder, as far as it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the list of files in a folder is on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        sync(descriptor)
+    finally:
+        os.close(descriptor)

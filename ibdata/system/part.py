@@ -1,0 +1,144 @@
+"""The part of an output: the hidden folder `.NAME.part` beside its place, in which it is made.
+
+A part belongs to the process that holds the lock in it. What was made in it appears at its place by one
+rename. It stays after a process that failed only if it has receipts, with which the next one can go on.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
+from ibdata.system.files import part_of, remove, sync_folder
+from ibdata.system.lock import Lock, locked
+from ibdata.system.signals import stoppable
+
+LOCK, RECEIPTS = "lock", "receipts"
+PATIENCE = (
+    10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+)
+
+
+class Part:
+    """The part of an output, as far as it exists.
+
+    Attributes:
+        target: The place of the output, without links.
+        folder: The hidden folder beside it.
+    """
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+        self.folder = part_of(target)
+        self.lock: Lock  # while this process holds the part
+
+    @property
+    def receipts(self) -> list[Path]:
+        """The receipts of what is finished in it, in order."""
+        return sorted((self.folder / RECEIPTS).glob("*"))
+
+    def share(self) -> None:
+        """Let other hosts hold the part too. Raises BusyError if one of them keeps it for itself."""
+        until = time.monotonic() + PATIENCE
+        while not self.lock.share():
+            if time.monotonic() >= until:
+                raise BusyError(f"{self.target}: another process is writing here; wait for it")
+            time.sleep(0.02)
+
+    def clear(self) -> None:
+        """Remove all that is in it but the lock: the receipts first, so that nobody goes on with the rest."""
+        for path in sorted(self.folder.iterdir(), key=lambda path: (path.name != RECEIPTS, path.is_file())):
+            if path.name != LOCK:
+                remove(path)
+
+    def remove(self) -> None:
+        """Remove it, the lock last, so that nobody else begins before it is empty."""
+        self.clear()
+        (self.folder / LOCK).unlink(missing_ok=True)
+        with suppress(OSError):  # another process has begun
+            self.folder.rmdir()
+
+
+def resolved(out: str | os.PathLike[str]) -> Path:
+    """The place of an output without links, which may lead to another disk."""
+    if "\0" in os.fspath(out):
+        raise UsageError(f"--out: found {os.fspath(out)!r}, expected a path without NUL")
+    return Path(os.path.realpath(out))
+
+
+@contextmanager
+def locked_part(
+    target: Path, place: str | os.PathLike[str] | None = None, *, shared: bool = False
+) -> Iterator[Part]:
+    """Hold the part of an output; its folder and the folders around it are made.
+
+    Args:
+        target: The place of the output, without links.
+        place: Its name in messages; by default its path.
+        shared: Whether other hosts may hold the part too. The first one is alone until it calls `share`.
+
+    Raises:
+        BusyError: Another process holds the part.
+        Interrupted: A signal asked to stop.
+        IbdataError: The system refuses to write, or there is not enough memory.
+    """
+    name, part = Path(place or target), Part(target)
+    with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
+        part.lock = _lock(stack, part, name, shared)
+        try:
+            yield part
+        finally:
+            if not part.receipts and part.lock.alone():
+                part.remove()
+
+
+def _lock(stack: ExitStack, part: Part, name: Path, shared: bool) -> Lock:
+    path = part.folder / LOCK
+    try:
+        return stack.enter_context(locked(path, place=name))
+    except BusyError:
+        if not shared:
+            raise
+    except BaseException:
+        with suppress(OSError):  # its folder is there already, or cannot be made
+            part.folder.rmdir()
+        raise
+    return stack.enter_context(locked(path, PATIENCE, shared=True, place=name))
+
+
+@contextmanager
+def refusals(place: Path) -> Iterator[None]:
+    """Turn errors of the operating system into one line that names the place."""
+    try:
+        yield
+    except OSError as error:
+        raise IbdataError(f"{place}: cannot be written: {error.strerror or error}") from error
+    except MemoryError:
+        raise IbdataError(
+            f"{place}: out of memory; use fewer --workers, or a smaller output.shard_rows"
+        ) from None
+    except RuntimeError as error:
+        if not is_thread_limit(error):
+            raise
+        raise IbdataError(
+            f"{place}: the system starts no more threads; use fewer --workers, or raise ulimit -u"
+        ) from error
+
+
+@contextmanager
+def _made_parents(target: Path) -> Iterator[None]:
+    """Make the folders around a place; remove those that were missing and are empty afterwards."""
+    missing = [folder for folder in target.parents if not folder.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        for folder in missing:
+            sync_folder(folder.parent)
+        yield
+    finally:
+        for folder in missing:
+            with suppress(OSError):  # it was not made, or is not empty
+                folder.rmdir()
