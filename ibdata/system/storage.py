@@ -84,10 +84,10 @@ class Storage:
     def names(self, folder: str) -> list[str]:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""
         try:
-            with os.scandir(self._path / folder) as found:
-                return sorted(entry.name + "/" * entry.is_dir() for entry in found)
+            found = os.listdir(self._path / folder)
         except FileNotFoundError:
             return []
+        return sorted(name + "/" * os.path.isdir(self._path / folder / name) for name in found)
 
 
 class Remote(Storage):
