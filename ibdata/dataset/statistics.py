@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -102,6 +102,14 @@ class RowStatistics:
     def sample(self) -> Table:
         """The sample."""
         return np.concatenate(self._samples, axis=1)
+
+
+def of_batches(batches: Iterable[Any], names: Sequence[str], rows: int) -> dict[str, Statistic]:
+    """The statistics of Arrow batches, which have these columns and so many rows in all."""
+    found = RowStatistics(rows, rows)
+    for batch in batches:
+        found.add(np.stack([column.to_numpy() for column in batch.columns]))
+    return described(names, found.moments, [found.sample], [rows])
 
 
 def described(

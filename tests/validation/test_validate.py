@@ -133,7 +133,9 @@ def test_rows_that_are_missing_are_named(copied, shard, sign):
     assert rules(copied) == {(shard, None, "rows")}
 
 
-@pytest.mark.parametrize("what", ["shard", "meta/dataset.json", "meta/statistics.json", "meta/experiment.yaml"])
+@pytest.mark.parametrize(
+    "what", ["shard", "meta/dataset.json", "meta/statistics.json", "meta/experiment.yaml"]
+)
 @pytest.mark.parametrize("quick", [True, False])
 def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what, quick):
     path = shard if what == "shard" else what
