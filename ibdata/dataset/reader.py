@@ -14,7 +14,7 @@ import pyarrow as pa
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
 from ibdata.dataset.models import Statistics
-from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, rows_of
+from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_in, rows_of
 from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, batches_of, checked_history, windows_of
 from ibdata.dataset.windows import Windows
@@ -45,8 +45,8 @@ class Dataset(Contents):
 
     def table(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
@@ -77,8 +77,8 @@ class Dataset(Contents):
 
     def to_pandas(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
@@ -90,8 +90,8 @@ class Dataset(Contents):
 
     def iter_batches(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         batch_rows: int = 65_536,
         *,
         setpoint: Setpoint = None,
@@ -118,7 +118,7 @@ class Dataset(Contents):
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
 
-    def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
+    def read_shard(self, number: int, columns: Columns = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
@@ -144,7 +144,7 @@ class Dataset(Contents):
     def arrays(
         self,
         history: int = 1,
-        split: str | None = None,
+        split: Split = None,
         pad: str = "repeat",
         columns: Sequence[str] = (),
         *,
@@ -183,7 +183,7 @@ class Dataset(Contents):
     def windows(
         self,
         history: int = 1,
-        split: str | None = None,
+        split: Split = None,
         pad: str = "repeat",
         folder: str | os.PathLike[str] | None = None,
         *,
@@ -215,7 +215,7 @@ class Dataset(Contents):
         root = self.content_root
         return windows_of(blocks, episodes, self.info_model, options, root, folder, history, drop)
 
-    def statistics(self, split: str | None = None) -> dict[str, Any]:
+    def statistics(self, split: Split = None) -> dict[str, Any]:
         """Statistics of the float columns. Those of a later split are computed from its rows.
 
         Args:
@@ -240,12 +240,7 @@ class Dataset(Contents):
         return {name: column.plain() for name, column in columns.items()}
 
     def _blocks(
-        self,
-        options: ViewOptions,
-        split: str | None,
-        setpoint: Setpoint,
-        policy: Policy,
-        rows: int = BLOCK_ROWS,
+        self, options: ViewOptions, split: Split, setpoint: Setpoint, policy: Policy, rows: int = BLOCK_ROWS
     ) -> Iterator[Transitions]:
         """The transitions in order, those of whole episodes with about `rows` rows at a time.
 
@@ -255,7 +250,7 @@ class Dataset(Contents):
         batches = self.iter_batches(needed(info, options), split, rows, setpoint=setpoint, policy=policy)
         return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
 
-    def _columns(self, columns: Sequence[str] | None) -> list[str]:
+    def _columns(self, columns: Columns) -> list[str]:
         known = [column.name for column in self.info_model.columns]
         if columns is None:
             return known
@@ -263,7 +258,7 @@ class Dataset(Contents):
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
         return known_of("column", columns, known)
 
-    def _shards(self, split: str | None, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
+    def _shards(self, split: Split, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
         """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
         if setpoint is None and policy is None:
             shards = list(enumerate(self.manifest_model.shards))

@@ -59,6 +59,8 @@ def commit(folder: Path) -> None:
     if not (root / manifest.PATH).is_file():  # there is nothing to replace
         discard(root)
         return
+    if (folder / manifest.SPLITS).is_file() and not (root / manifest.SPLITS).is_file():
+        keep(folder, root, [manifest.SPLITS])
     try:
         refuse_folders(folder, [manifest.PATH, *paths_in(folder), *paths_in(root)])
         for part in PARTS:

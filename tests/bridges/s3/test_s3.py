@@ -135,7 +135,7 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
     made = ibdata.generate(tiny, url, workers=1, resume=True)
     assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
     assert ibdata.validate(url) == []
-    assert len(uploaded) == 12 - call
+    assert len(uploaded) == max(12 - call, 2)  # splits and manifest are always put
 
 
 @pytest.mark.parametrize("scheme", ["s3", "memory"])
