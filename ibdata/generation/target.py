@@ -58,7 +58,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{place}: not a dataset of ibdata, left as it is ({error})") from None
+        raise UsageError(f"{error}; it is left as it is: move it away, or choose another --out") from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None
