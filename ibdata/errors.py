@@ -40,7 +40,7 @@ def _without_value(pair: re.Match[str]) -> str:
 
 # An option as the command line spells it; commands, which are to be typed as they are, are passed over.
 OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]+)*)(?P<colon>:?)")
-SWITCHES = ("allow-code", "overwrite", "resume", "verify")
+SWITCHES = ("allow-code", "overwrite", "resume")
 
 
 def in_python(message: str) -> str:
