@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from ibdata.dataset.opened import Place
-    from ibdata.exporters._view import Block as Block
     from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
@@ -133,10 +132,10 @@ def added_formats() -> EntryPoints:
 
 
 def __getattr__(name: str) -> Any:
-    """`View` and `Block`, for formats of other packages; imported when first used."""
-    if name not in ("Block", "View"):
+    """`View`, for formats of other packages; imported when first used."""
+    if name != "View":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}._view"), name)
+    return import_module(f"{__name__}._view").View
 
 
 def _format(to: str) -> Any:

@@ -91,10 +91,11 @@ def _refuse_others(place: Path, made: Path) -> None:
 
 def _publish(made: Path, place: Path) -> None:
     """Give the export its name. What had the name before is in the part afterwards."""
-    if not (os.path.lexists(place) and exchanged(made, place)):
-        if place.is_dir():  # nothing replaces a folder where the system has no exchange
-            place.rename(made.with_name(f"{made.name}.old"))
-        made.replace(place)
+    if not os.path.lexists(place):
+        made.rename(place)
+    elif not exchanged(made, place):
+        place.rename(made.with_name(f"{made.name}.old"))
+        made.rename(place)
     sync_folder(place.parent)
 
 

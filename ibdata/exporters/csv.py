@@ -7,7 +7,7 @@ in constant memory.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 
 import pyarrow as pa
@@ -22,10 +22,10 @@ OBSERVED = ("observation", "next_observation")  # roles of columns for which the
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the CSV file."""
-    with pa.output_stream(path) as file, ExitStack() as stack:
-        writer: csv.CSVWriter | None = None
-        for table in _tables(view):
-            writer = writer or stack.enter_context(csv.CSVWriter(file, table.schema))
+    tables = _tables(view)
+    first = next(tables)
+    with pa.output_stream(path) as file, csv.CSVWriter(file, first.schema) as writer:
+        for table in chain([first], tables):
             writer.write_table(table)
     return f"""\
 from pyarrow import csv

@@ -7,7 +7,7 @@ it. The command prints the configuration that RLlib needs. Written in constant m
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +37,11 @@ def export(view: View, path: Path, target: Path) -> str:
     if path.suffix != SUFFIX:
         path.mkdir()
         path, target = path / FILE, target / FILE
-    with ExitStack() as stack:
-        writer: pq.ParquetWriter | None = None
-        for block in view.blocks():
-            table = _table(block).replace_schema_metadata({"view": json.dumps(view.plain())})
-            writer = writer or stack.enter_context(pq.ParquetWriter(path, table.schema, **OPTIONS))
+    metadata = {"view": json.dumps(view.plain())}
+    tables = (_table(block).replace_schema_metadata(metadata) for block in view.blocks())
+    first = next(tables)
+    with pq.ParquetWriter(path, first.schema, **OPTIONS) as writer:
+        for table in chain([first], tables):
             writer.write_table(table, row_group_size=ROW_GROUP_ROWS)
     return f"""\
 schema = {{
