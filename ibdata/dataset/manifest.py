@@ -20,7 +20,6 @@ from ibdata.system.storage import Storage, damaged, reason, storage
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 SPLITS = "meta/splits.json"
-METADATA = ("meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json", SPLITS, EXPERIMENT)
 CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"

@@ -22,7 +22,7 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import TakenError, present, refuse_immovable
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import Advance, bar
-from ibdata.system.storage import is_url
+from ibdata.system.storage import url_of
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -78,12 +78,12 @@ def generate(
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them")
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    if is_url(out):
-        work, remote = upload.places(str(out), experiment)
+    if (url := url_of(out)) is not None:
+        work, remote = upload.places(url, experiment)
         if not upload.is_there(remote, experiment, work, resume, overwrite):
             make_dataset(experiment, work, Path(remote.name), run, resume=True, progress=progress)
             upload.upload(remote, work)
-        return Dataset(str(out))
+        return Dataset(url)
     place = default_folder(experiment) if out is None else Path(out)
     make_dataset(experiment, resolved(place), place, run, resume, overwrite, progress)
     return Dataset(place)

@@ -16,7 +16,7 @@ from ibdata.dataset.statistics import moments
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import parts, rollout
-from ibdata.system.atomic_files import HashingFile
+from ibdata.system.files import HashingFile
 from ibdata.writing import arrow, shard_writer, summary
 from ibdata.writing.summary import describe
 
