@@ -77,8 +77,10 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
 
     def make(shard: Shard) -> int:
         maker = makers.get()
-        maker(shard, tell)
-        makers.put(maker)
+        try:
+            maker(shard, tell)
+        finally:
+            makers.put(maker)  # else a shard that has been waiting would wait for ever
         return shard.number
 
     with ExitStack() as stack:
