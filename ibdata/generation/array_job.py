@@ -31,7 +31,7 @@ from ibdata.generation.generate import (
 )
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
-from ibdata.generation.target import refuse_immovable, refuse_taken
+from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
@@ -159,9 +159,9 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     refuse_url(folder)
     place, target = Path(folder), resolved(folder)
     if origin.read(Part(target).folder) is None:
-        if target.is_dir() and any(target.iterdir()):
-            return Dataset(place)
-        raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+        if is_free(target, place):
+            raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+        return Dataset(place)
     with locked_part(target, place) as part:
         settle(part)
         begun = origin.read(part.folder)

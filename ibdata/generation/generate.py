@@ -119,6 +119,7 @@ def make_dataset(
             make(spec, spec.shards, part, run, progress)
             written = finished(spec, part)
             finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
+            present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
             publish(part)
         except Interrupted as error:
             error.left = left(part, "--overwrite" if overwrite else "--resume")
