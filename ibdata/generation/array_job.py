@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, Interrupted, UsageError
+from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Config, Overrides, load, refuse_unreadable
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -21,9 +21,9 @@ from ibdata.generation import origin, receipt
 from ibdata.generation.engine import select_engine
 from ibdata.generation.generate import (
     already_there,
+    counted_if_stopped,
     default_folder,
     finished,
-    left,
     make,
     prepare,
     rows_of,
@@ -121,14 +121,14 @@ def generate_shards(
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
         return Made(place, len(mine), rows_of(spec, mine), 0)
-    with in_one_folder(spec), locked_part(target, place, shared=True) as part:
+    with (
+        in_one_folder(spec),
+        locked_part(target, place, shared=True) as part,
+        counted_if_stopped(part, "--shards"),
+    ):
         refuse_immovable(part, place)
         _begin(part, spec, origin.observe(spec, place), place)
-        try:
-            make(spec, mine, part, run, progress)
-        except Interrupted as error:
-            error.left = left(part, "--shards")
-            raise
+        make(spec, mine, part, run, progress)
         missing = len(spec.shards) - len(part.receipts)
     return Made(place, len(mine), rows_of(spec, mine), missing)
 
