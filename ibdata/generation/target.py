@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.system.files import part_of
 from ibdata.system.part import Part, refusals
 
 USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
@@ -103,6 +104,7 @@ def refuse_immovable(part: Part, place: Path) -> None:
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
+    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
     for path in sorted(target.iterdir()):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)

@@ -13,7 +13,7 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.system.cache_folders import cache_base
+from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
 from ibdata.system.storage import Remote, reason
 
@@ -22,7 +22,7 @@ def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
     """The folder in which a dataset is made before it is uploaded, the same in each try, and the URL."""
     remote = Remote(url)
     identity = hashlib.sha256(remote.url.encode() + as_yaml(experiment)).hexdigest()[:24]
-    return Path(cache_base(), "uploads", identity, "dataset"), remote
+    return Path(cache_folders().folders[-1], "uploads", identity, "dataset"), remote
 
 
 def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, overwrite: bool) -> bool:

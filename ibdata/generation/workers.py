@@ -80,7 +80,7 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
         try:
             maker(shard, tell)
         finally:
-            makers.put(maker)  # else a shard that has been waiting would wait for ever
+            makers.put(maker)  # for those that wait, which are about to be stopped if this one failed
         return shard.number
 
     with ExitStack() as stack:

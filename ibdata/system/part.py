@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
-from ibdata.system.files import remove, sync_folder
+from ibdata.system.files import part_of, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
@@ -33,7 +33,7 @@ class Part:
 
     def __init__(self, target: Path) -> None:
         self.target = target
-        self.folder = target.with_name(f".{target.name}.part")
+        self.folder = part_of(target)
         self.lock: Lock  # while this process holds the part
 
     @property
@@ -50,8 +50,8 @@ class Part:
             time.sleep(0.02)
 
     def clear(self) -> None:
-        """Remove all that is in it, except the lock."""
-        for path in self.folder.iterdir():
+        """Remove all that is in it but the lock: the receipts first, so that nobody goes on with the rest."""
+        for path in sorted(self.folder.iterdir(), key=lambda path: (path.name != RECEIPTS, path.is_file())):
             if path.name != LOCK:
                 remove(path)
 
@@ -103,6 +103,10 @@ def _lock(stack: ExitStack, part: Part, name: Path, shared: bool) -> Lock:
     except BusyError:
         if not shared:
             raise
+    except BaseException:
+        with suppress(OSError):  # its folder is there already, or cannot be made
+            part.folder.rmdir()
+        raise
     return stack.enter_context(locked(path, PATIENCE, shared=True, place=name))
 
 

@@ -259,8 +259,7 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
 
 def test_a_split_without_rows_is_refused(dataset, tmp_path, monkeypatch):
     splits = {**dataset.split_entries, "none": SplitEntry(episodes=0, rows=0, declared=False)}
-    info = dataset.info_model.model_copy(update={"splits": splits})
-    monkeypatch.setattr(dataset, "info_model", info)
+    monkeypatch.setattr(dataset, "split_entries", splits)
     with pytest.raises(UsageError, match="split: 'none' has no rows"):
         ibdata.export(dataset, "csv", tmp_path / "made", split="none", verify=True)
 

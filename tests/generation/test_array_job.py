@@ -27,6 +27,7 @@ from ibdata.system import part as parts
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def make(*ranges, **options):
 
 @pytest.fixture
 def interleaved(monkeypatch):
-    """Let something happen in another thread when the first shard of a run is made, or is finished."""
+    """Let something happen when the first shard of a run is begun, or finished."""
 
     def arrange(action, after):
         real, waiting = make_shard.make_shard, [action]

@@ -56,8 +56,8 @@ def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, tmp_path)
     assert frame["episode"].drop_duplicates().tolist() == list(range(18))
     rewards = [x for d in pair for x in d.to_pandas()["reward"]]
     assert frame["reward"].tolist() == rewards
-    assert merged.info["counts"] | {"data_bytes": 0} == {
-        "rows": 84, "episodes": 18, "steps": None, "cells": 4, "shards": 7 + 12 - 6, "data_bytes": 0,
+    assert merged.info["counts"] == {
+        "rows": 84, "episodes": 18, "steps": None, "cells": 4, "shards": 7 + 12 - 6,
     } | {"shards": len(merged.manifest["shards"])}  # fmt: skip
     assert merged.splits["low"]["episodes"] == 3
     assert merged.splits["high"]["episodes"] == 6
@@ -110,7 +110,7 @@ def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     merged = ibdata.merge([a.path, b.path], tmp_path / "both")
     splits = merged.splits
     assert {name: split["episodes"] for name, split in splits.items()} == {"low": 6, "train": 4, "test": 2}
-    assert all(split["files"] for split in splits.values())
+    assert all(split["declared"] for split in splits.values())
     assert ibdata.validate(merged.path) == []
 
 

@@ -18,6 +18,7 @@ import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.errors import DatasetError, UsageError
 from ibdata.generation import upload
+from ibdata.system import storage
 from ibdata.system.object_store import Remote
 
 ROOT = Path(__file__).parents[3]
@@ -89,12 +90,13 @@ def test_what_is_written_is_read_again(bucket, tiny, scheme):
     assert repr(opened) == f"<ibdata.Dataset {url}: 400 rows, 8 episodes>"
 
 
-def test_the_first_rows_need_the_first_file_only(bucket, tiny):
+def test_the_first_rows_need_the_first_file_only(bucket, tiny, monkeypatch):
     ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
+    read, plain = [], storage.Remote.open
+    monkeypatch.setattr(storage.Remote, "open", lambda self, path: (read.append(path), plain(self, path))[1])
     dataset = ibdata.open(f"s3://{bucket}/x")
     assert next(dataset.iter_batches(batch_rows=5)).num_rows == 5
-    found = [f"data/{path.name}" for path in (dataset.path / "data").iterdir()]
-    assert found == [dataset.manifest["shards"][0]["path"]]
+    assert read == ["meta/manifest.json", "meta/dataset.json", dataset.manifest["shards"][0]["path"]]
 
 
 def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, objects, monkeypatch, tmp_path):
@@ -102,11 +104,11 @@ def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, ob
     monkeypatch.delenv("IBDATA_CACHE_DIR", raising=False)
     made = ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
     listed = [f"x/{file['path']}" for file in made.manifest["files"]]
-    assert sorted(objects()) == sorted([*listed, "x/meta/manifest.json"])
+    assert sorted(objects()) == sorted([*listed, "x/meta/manifest.json", "x/meta/splits.json"])
     assert list((tmp_path / "cache/ibdata/uploads").iterdir()) == []
 
 
-@pytest.mark.parametrize("call", range(11))
+@pytest.mark.parametrize("call", range(12))
 @pytest.mark.parametrize("torn", [False, True])
 def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
     bucket, tiny, objects, monkeypatch, call, torn
@@ -133,7 +135,7 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
     made = ibdata.generate(tiny, url, workers=1, resume=True)
     assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
     assert ibdata.validate(url) == []
-    assert len(uploaded) == 11 - call
+    assert len(uploaded) == max(12 - call, 2)  # splits and manifest are always put
 
 
 @pytest.mark.parametrize("scheme", ["s3", "memory"])
@@ -156,7 +158,8 @@ def test_another_machine_begins_an_upload_again_and_leaves_other_files(bucket, t
     assert remote.sizes() == {**before, "data/own.parquet": 4}
     remote.remove("data/own.parquet")
     made = ibdata.generate(tiny, url, workers=1, resume=True)
-    assert set(remote.sizes()) == {"meta/manifest.json", *(file["path"] for file in made.manifest["files"])}
+    listed = {file["path"] for file in made.manifest["files"]}
+    assert set(remote.sizes()) == {*listed, "meta/manifest.json", "meta/splits.json"}
     remote.put(Path("own.parquet"), "data/own.parquet")
     assert [problem.path for problem in ibdata.validate(url)] == ["data/own.parquet"]
 
