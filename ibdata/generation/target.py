@@ -64,7 +64,10 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{error}; it is left as it is: move it away, or choose another --out") from None
+        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
+        raise UsageError(
+            f"{place}: not a dataset of ibdata, left as it is{why}; choose another --out"
+        ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None

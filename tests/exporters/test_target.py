@@ -126,7 +126,7 @@ def test_two_exports_to_one_target_at_once(dataset, tmp_path, monkeypatch):
 
     def tables(self, columns):
         monkeypatch.setattr(View, "tables", honest)
-        with pytest.raises(BusyError, match="made: another process is writing it") as busy:
+        with pytest.raises(BusyError, match="made: another process is writing here") as busy:
             ibdata.export(dataset, "csv", out)
         assert busy.value.exit_code == 75
         return honest(self, columns)
