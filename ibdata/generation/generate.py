@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ibdata.dataset.reader import Dataset
@@ -108,21 +110,19 @@ def make_dataset(
     if already_there(experiment, target, place, resume, overwrite):
         say_there(place)
         return
-    with in_one_folder(spec), locked_part(target, place) as part:
+    option = "--overwrite" if overwrite else "--resume"
+    with in_one_folder(spec), locked_part(target, place) as part, counted_if_stopped(part, option):
         settle(part)
         if already_there(experiment, target, place, resume, overwrite):
             return
         refuse_immovable(part, place)
         here = origin.observe(spec, place)
         prepare(part, spec, here, place, resume, overwrite)
-        try:
-            make(spec, spec.shards, part, run, progress)
-            written = finished(spec, part)
-            finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
-            publish(part)
-        except Interrupted as error:
-            error.left = left(part, "--overwrite" if overwrite else "--resume")
-            raise
+        make(spec, spec.shards, part, run, progress)
+        written = finished(spec, part)
+        finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
+        present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
+        publish(part)
 
 
 def already_there(experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool) -> bool:
@@ -214,11 +214,16 @@ def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
     return written
 
 
-def left(part: Part, option: str) -> str:
-    """What a run that was stopped leaves behind, in words; `option` is the one that goes on with it."""
-    count = len(part.receipts)
-    shards = "1 shard is" if count == 1 else f"{count} shards are"
-    return f"{shards} finished; {option} goes on" if count else "nothing unfinished is left behind"
+@contextmanager
+def counted_if_stopped(part: Part, option: str) -> Iterator[None]:
+    """Let a signal's exception say what is left behind; `option` is the one that goes on with it."""
+    try:
+        yield
+    except Interrupted as error:
+        if count := len(part.receipts):
+            shards = "1 shard is" if count == 1 else f"{count} shards are"
+            error.left = f"{shards} finished; {option} goes on"
+        raise
 
 
 class _Counted:

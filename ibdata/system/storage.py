@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 BLOCK = 2**23
-MAX_BYTES = 2**32  # of a file that is read whole
 
 
 class Storage:
@@ -61,11 +60,9 @@ class Storage:
             os.close(descriptor)
         return pa.OSFile(os.fsencode(place))
 
-    def read(self, path: str, most: int = MAX_BYTES) -> bytes:
-        """Read a whole file. Raises OSError if it is larger than `most` bytes."""
+    def read(self, path: str) -> bytes:
+        """Read a whole file."""
         with self.open(path) as file:
-            if file.size() > most:
-                raise OSError(errno.EFBIG, f"larger than {most} bytes")
             data: bytes = file.read()
             return data
 
@@ -84,10 +81,10 @@ class Storage:
     def names(self, folder: str) -> list[str]:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""
         try:
-            found = os.listdir(self._path / folder)
+            with os.scandir(self._path / folder) as found:
+                return sorted(entry.name + "/" * os.path.isdir(entry) for entry in found)
         except FileNotFoundError:
             return []
-        return sorted(name + "/" * os.path.isdir(self._path / folder / name) for name in found)
 
 
 class Remote(Storage):

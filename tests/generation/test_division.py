@@ -5,6 +5,7 @@ import time
 
 import pytest
 from helpers.tiny import FOUR_SHARDS
+from ibdata.generation.division import divide
 
 import ibdata
 from ibdata.errors import IbdataError, Interrupted
@@ -12,7 +13,6 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import division, make_shard
-from ibdata.generation.division import divide
 
 
 def spec_of(rows):

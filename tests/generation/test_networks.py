@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 from helpers import networks
+from ibdata.system.atomic_files import file_sha256
 
 import ibdata
 from ibdata import Experiment
@@ -15,7 +16,6 @@ from ibdata.experiment import load
 from ibdata.generation import output_folder
 from ibdata.maintenance.repair import repair
 from ibdata.policies import weights_file
-from ibdata.system.atomic_files import file_sha256
 
 YAML = """
 name: learned

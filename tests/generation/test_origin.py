@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 from helpers.own_code import FILES, MODULES, PLAIN, forget, generate, sha256, stopped
+from ibdata.system.object_store import Remote
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.generation import upload
 from ibdata.simulation import self_check
-from ibdata.system.object_store import Remote
 
 pytestmark = pytest.mark.slow
 

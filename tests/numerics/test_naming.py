@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ibdata.system.atomic_files import TOKEN, FileEntry
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
@@ -19,7 +20,6 @@ from ibdata.experiment.scalars import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
 from ibdata.experiment.template import write_template
 from ibdata.numerics.naming import exact, yaml_name
-from ibdata.system.atomic_files import TOKEN, FileEntry
 from ibdata.writing.card import card
 from ibdata.writing.metadata import episodes_table
 from ibdata.writing.shard_writer import WrittenShard, file_of

@@ -12,6 +12,7 @@ from pathlib import Path
 import boto3
 import numpy as np
 import pytest
+from ibdata.system.object_store import Remote
 from moto.server import ThreadedMotoServer
 
 import ibdata
@@ -19,7 +20,6 @@ from ibdata import Experiment, IbdataError
 from ibdata.errors import DatasetError, UsageError
 from ibdata.generation import upload
 from ibdata.system import storage
-from ibdata.system.object_store import Remote
 
 ROOT = Path(__file__).parents[3]
 NUMBERS = itertools.count()
