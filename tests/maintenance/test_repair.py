@@ -24,7 +24,8 @@ from ibdata.maintenance.repair import repair
 from ibdata.system.part import locked_part
 from ibdata.validation.validate import validate
 
-FILES = ["shard 0", "shard 3", *manifest.METADATA]
+FILES = ["shard 0", "shard 3", "meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json"]
+FILES += [manifest.EXPERIMENT]
 
 
 def contents(folder: Path) -> dict[str, bytes]:

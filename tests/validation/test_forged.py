@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
 from helpers.forging import seal
-from ibdata.system.atomic_files import FileEntry
+from ibdata.system.files import FileEntry
 
 import ibdata
 from ibdata.dataset import manifest
