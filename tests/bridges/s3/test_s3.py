@@ -111,7 +111,7 @@ def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, ob
     monkeypatch.delenv("IBDATA_CACHE_DIR", raising=False)
     made = ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
     assert sorted(objects()) == sorted(f"x/{path}" for path in [*listed_in(made), *UNLISTED])
-    assert list((tmp_path / "cache/ibdata/uploads").iterdir()) == []
+    assert list(tmp_path.rglob("*.parquet")) == []
 
 
 @pytest.mark.parametrize("call", range(11))
@@ -177,7 +177,6 @@ def test_what_is_there_is_not_written_over(bucket, tiny, objects):
     ibdata.generate(tiny, url, workers=1)
     before = objects()
     for options, line in (
-        ({}, "exists already; choose another out=…"),
         ({"seed": 1, "resume": True}, "holds the dataset of another experiment"),
         ({"overwrite": True}, "overwrite=True is for folders"),
     ):
