@@ -14,7 +14,6 @@ from typing import Any, Final
 from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
-from ibdata.system.storage import MAX_BYTES as MAX_BYTES
 from ibdata.system.storage import Storage, damaged, reason, storage
 
 PATH = "meta/manifest.json"
