@@ -83,7 +83,7 @@ def generate(
     if is_url(out):
         work, remote = upload.places(str(out), experiment)
         if not upload.is_there(remote, experiment, work, resume, overwrite):
-            make_dataset(experiment, work, Path(remote.name), run, resume=True, progress=progress)
+            make_dataset(experiment, work, Path(remote.name), run, resume, not resume, progress)
             upload.upload(remote, work)
         return Dataset(str(out))
     place = default_folder(experiment) if out is None else Path(out)
