@@ -83,7 +83,7 @@ def generate(
     if (url := url_of(out)) is not None:
         work, remote = upload.places(url, experiment)
         if not upload.is_there(remote, experiment, work, resume, overwrite):
-            make_dataset(experiment, work, Path(remote.name), run, resume=True, progress=progress)
+            make_dataset(experiment, work, Path(remote.name), run, resume, not resume, progress)
             upload.upload(remote, work)
         return Dataset(url)
     place = default_folder(experiment) if out is None else Path(out)

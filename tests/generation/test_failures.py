@@ -100,11 +100,11 @@ def test_a_shard_that_fails_does_not_wait_for_others(monkeypatch):
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 4)
     started, simulated = threading.Barrier(4, timeout=20), make_shard.simulated
 
-    def failing(spec, shard):
+    def failing(spec, shard, *rest):
         started.wait()  # until each of the four has its thread
         if shard.number == 2:
             raise OSError(28, "No space left on device")
-        for made in simulated(spec, shard):
+        for made in simulated(spec, shard, *rest):
             time.sleep(0.3)  # until the other thread has failed
             yield made
 
@@ -161,11 +161,11 @@ def signalled(monkeypatch):
     def arrange(number, at):
         simulated = make_shard.simulated
 
-        def sending(spec, shard):
+        def sending(spec, shard, *rest):
             if shard.number == at:
                 signal.pthread_kill(threading.main_thread().ident, number)
                 time.sleep(0.5)  # the main thread looks five times a second
-            yield from simulated(spec, shard)
+            yield from simulated(spec, shard, *rest)
 
         monkeypatch.setattr(make_shard, "simulated", sending)
 
