@@ -85,8 +85,8 @@ class Storage:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""
         try:
             with os.scandir(self._path / folder) as found:
-                return sorted(entry.name + "/" * entry.is_dir() for entry in found)
-        except FileNotFoundError:
+                return sorted(entry.name + "/" * os.path.isdir(entry) for entry in found)
+        except (FileNotFoundError, NotADirectoryError):
             return []
 
 
