@@ -80,7 +80,7 @@ def _manifest(place: Path) -> Manifest:
         return manifest.read(place)
     except DatasetError as error:
         again = f"ibdata generate --config {place / manifest.EXPERIMENT} --out NEW makes the dataset again"
-        known = (place / manifest.EXPERIMENT).is_file()
+        known = os.path.isfile(place / manifest.EXPERIMENT)
         raise DatasetError(f"{error}; {again}" if known else str(error)) from None
 
 

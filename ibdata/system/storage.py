@@ -83,7 +83,7 @@ class Storage:
         try:
             with os.scandir(self._path / folder) as found:
                 return sorted(entry.name + "/" * os.path.isdir(entry) for entry in found)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return []
 
 
