@@ -14,13 +14,11 @@ from typing import Any, Final
 from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
-from ibdata.system.storage import MAX_BYTES as MAX_BYTES
 from ibdata.system.storage import Storage, damaged, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 SPLITS = "meta/splits.json"
-METADATA = ("meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json", SPLITS, EXPERIMENT)
 CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError
 from ibdata.errors import printable
 from ibdata.system.files import FileEntry
 
-SAFE_PATH = r"^(README\.md|report\.html|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})$"
+SAFE_PATH = r"^(data|meta)/[a-z0-9][a-z0-9._-]{0,100}$"
 SHA256 = "^[0-9a-f]{64}$"
 MEANT = {SAFE_PATH: "a path in data/ or meta/", SHA256: "64 hex digits"}
 
@@ -86,8 +86,7 @@ class Manifest(JsonObject):
     @property
     def data_bytes(self) -> int:
         """The bytes of all shards."""
-        entries = self.entries()
-        return sum(entries[shard.path].bytes for shard in self.shards)
+        return sum(file.bytes for file in self.files if file.path.startswith("data/"))
 
 
 class Counts(JsonObject):

@@ -34,8 +34,13 @@ def refuse_place(target: Path, place: Path) -> None:
         raise UsageError(f"{place}: is the current folder or around it; choose another --out")
     if os.path.ismount(target):
         raise UsageError(f"{place}: is a mount point, which cannot be replaced; choose a folder in it")
-    if os.path.lexists(target) and not os.path.isdir(target):
-        raise UsageError(f"{place}: is a file, not a folder; choose another --out")
+    there = next(path for path in (target, *target.parents) if os.path.lexists(path))
+    if not there.is_dir():
+        where = "is" if there == target else "lies in"
+        raise UsageError(f"{place}: {where} a file, not a folder; choose another --out")
+    through = (Path(*place.parts[:i]) for i, part in enumerate(place.parts) if part == "..")
+    if missing := next((path for path in through if not path.is_dir()), None):
+        raise UsageError(f"{place}: leads through {missing}, which is no folder; choose another --out")
 
 
 def is_free(target: Path, place: Path) -> bool:
@@ -64,7 +69,10 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{place}: not a dataset of ibdata, left as it is ({error})") from None
+        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
+        raise UsageError(
+            f"{place}: not a dataset of ibdata, left as it is{why}; choose another --out"
+        ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None

@@ -13,11 +13,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
+from ibdata.system.exchange import exchanged
 from ibdata.system.files import part_of, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
-LOCK, RECEIPTS = "lock", "receipts"
+LOCK, RECEIPTS, OLD = "lock", "receipts", "old"
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
@@ -48,6 +49,18 @@ class Part:
             if time.monotonic() >= until:
                 raise BusyError(f"{self.target}: another process is writing here; wait for it")
             time.sleep(0.02)
+
+    def place(self, made: Path) -> None:
+        """Give what was made in the part its name. What has the name is in the part afterwards.
+
+        A file or folder that is replaced changes places with the new one in one system call, if there is one.
+        """
+        replaces = self.target.is_file() or (self.target.is_dir() and any(self.target.iterdir()))
+        if not replaces or not exchanged(made, self.target):
+            if replaces:
+                self.target.rename(self.folder / OLD)  # readers find nothing for a moment
+            made.rename(self.target)
+        sync_folder(self.target.parent)
 
     def clear(self) -> None:
         """Remove all that is in it but the lock: the receipts first, so that nobody goes on with the rest."""

@@ -15,9 +15,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Statistics
+from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
@@ -63,13 +64,13 @@ def metadata_problems(
             yield Problem.of(error, path, place.where(path), "metadata")
 
 
-def splits_problems(place: Any, listed: Manifest) -> Iterator[Problem]:
+def splits_problems(place: Storage, listed: Manifest) -> Iterator[Problem]:
     """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
     try:
         found = read_splits(place, listed)
         expected = metadata.splits(spec_in(place, listed))
     except DatasetError as error:
-        yield Problem.of(error, manifest.SPLITS, storage(place).where(manifest.SPLITS), "splits")
+        yield Problem.of(error, manifest.SPLITS, place.where(manifest.SPLITS), "splits")
         return
     given = {name: entry.plain() for name, entry in found.items()}
     right = {name: entry.plain() for name, entry in expected.items()}
@@ -77,7 +78,7 @@ def splits_problems(place: Any, listed: Manifest) -> Iterator[Problem]:
         yield Problem(manifest.SPLITS, None, "splits", message)
 
 
-def _info(place: Any, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
+def _info(place: Storage, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
     found = _facts(manifest.read_json(place, listed, INFO, Info))
     expected = _facts(metadata.info(spec))
     for rule in expected:

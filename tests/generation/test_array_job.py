@@ -138,7 +138,9 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     make("1/3")
     Path(part_of("out"), "dataset", shard_file(part_of("out") / "dataset", 1)).write_bytes(b"damaged")
     before = contents()
-    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, .*; make them") as error:
+    with pytest.raises(
+        IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, .*; make them"
+    ) as error:
         ibdata.finalize("out")
     assert error.value.exit_code == 1
     assert contents() == before
@@ -237,7 +239,9 @@ def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
 
     def excluded(*calls):
         for call in calls:
-            with pytest.raises(BusyError, match=r"^out: another process is writing here; wait for it") as error:
+            with pytest.raises(
+                BusyError, match=r"^out: another process is writing here; wait for it"
+            ) as error:
                 call()
             assert error.value.exit_code == 75
 
@@ -287,7 +291,9 @@ def test_of_three_processes_one_is_killed(start, command, tmp_path):
     said = [run.communicate(timeout=200) for run in runs]
     assert [run.returncode for run in runs] == [0, 0, 0], said
     assert all(re.match(r"out: part ./3 is complete: 40 shards with 40,000 rows\n", out) for out, _ in said)
-    done = subprocess.run([command, "finalize", "out", "--json"], capture_output=True, timeout=200, check=True)
+    done = subprocess.run(
+        [command, "finalize", "out", "--json"], capture_output=True, timeout=200, check=True
+    )
     plain = ibdata.generate("many.yaml", "plain", workers=1)
     assert json.loads(done.stdout)["content_root"] == plain.content_root
     assert ibdata.validate("out") == []

@@ -33,7 +33,9 @@ def test_declared_files_lie_beside_the_yaml_or_here(here, make):
         (made,) = make(out, workers=workers).manifest["code"]
         assert made["files"]["weights.txt"] == sha256(path)
         (here / path).rename("weights.txt" if out == "out" else "gone.txt")
-    with pytest.raises(UsageError, match=r"^mine:Own: files: found no file 'weights.txt', expected it beside"):
+    with pytest.raises(
+        UsageError, match=r"^mine:Own: files: found no file 'weights.txt', expected it beside"
+    ):
         make("third")
     assert not (here / "third").exists()
 

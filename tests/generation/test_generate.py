@@ -27,7 +27,9 @@ def test_an_experiment_has_several_forms():
     """An experiment, its mapping and its file, by a relative or an absolute path, make one dataset."""
     Path("tiny.yaml").write_text(json.dumps(TINY.plain()))
     forms = [TINY, TINY.plain(), "tiny.yaml", Path("tiny.yaml").resolve()]
-    assert len({ibdata.generate(form, f"out/{i}", workers=1).content_root for i, form in enumerate(forms)}) == 1
+    assert (
+        len({ibdata.generate(form, f"out/{i}", workers=1).content_root for i, form in enumerate(forms)}) == 1
+    )
 
 
 @pytest.mark.parametrize("name", ["random", "random.yaml"])

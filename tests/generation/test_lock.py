@@ -15,15 +15,15 @@ from threading import Barrier
 
 import pytest
 from helpers.tiny import TEN_SHARDS
+from ibdata.generation.ranges import Range
+from ibdata.system.guard import refusals
 
 import ibdata
 from ibdata import IbdataError
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.plan import plan
 from ibdata.generation import ranges, receipt
-from ibdata.generation.ranges import Range
 from ibdata.system import lock
-from ibdata.system.guard import refusals
 
 TINY = TEN_SHARDS
 SHARDS = plan(TINY)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from helpers.folders import contents, part_of
 from helpers.own_code import FILES, MODULES, PLAIN, forget, generate, sha256, stopped
+from ibdata.system.object_store import Remote
 
 import ibdata
 from ibdata.errors import UsageError
@@ -70,7 +71,9 @@ def test_other_code_of_a_finished_dataset(here, capsys):
     text = (here / "mine.py").read_text()
     (here / "mine.py").write_text(f"# edited{text}")
     capsys.readouterr()
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of this experiment with other code, in mi"):
+    with pytest.raises(
+        UsageError, match=r"^out: holds the dataset of this experiment with other code, in mi"
+    ):
         again()
     assert again(resume=True).manifest == made.manifest
     assert "ibdata: out: was made with other code than is here, in mine:Own\n" in capsys.readouterr().err
@@ -94,7 +97,9 @@ def test_a_run_goes_on_with_the_same_bits_only(here, monkeypatch):
     with monkeypatch.context() as other:
         other.setattr(self_check, "digest", lambda *_: "0" * 64)
         stopped()
-    with pytest.raises(UsageError, match=r"^out: .* run of a machine that computes other bits; overwrite=True"):
+    with pytest.raises(
+        UsageError, match=r"^out: .* run of a machine that computes other bits; overwrite=True"
+    ):
         generate(resume=True)
     monkeypatch.setattr(self_check, "digest", lambda *_: "0" * 64)
     assert generate(resume=True).manifest["reproducible"] is False

@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-
 from ibdata.system.atomic_files import FileEntry, atomic_write, create_or_compare, write
 
 

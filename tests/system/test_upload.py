@@ -10,13 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.at_url import made
 from helpers.tiny import FOUR_SHARDS
+from ibdata.system.object_store import Remote
 
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, IbdataError, UsageError
 from ibdata.generation import upload
-from ibdata.system.object_store import Remote
 
 
 @pytest.fixture
