@@ -85,7 +85,11 @@ def resolved(out: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def locked_part(
-    target: Path, place: str | os.PathLike[str] | None = None, *, shared: bool = False
+    target: Path,
+    place: str | os.PathLike[str] | None = None,
+    *,
+    shared: bool = False,
+    patience: float = 0.0,
 ) -> Iterator[Part]:
     """Hold the part of an output; its folder and the folders around it are made.
 
@@ -93,6 +97,7 @@ def locked_part(
         target: The place of the output, without links.
         place: Its name in messages; by default its path.
         shared: Whether other hosts may hold the part too. The first one is alone until it calls `share`.
+        patience: How many seconds to wait while another process holds the part.
 
     Raises:
         BusyError: Another process holds the part.
@@ -101,7 +106,7 @@ def locked_part(
     """
     name, part = Path(place or target), Part(target)
     with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
-        part.lock = _lock(stack, part, name, shared)
+        part.lock = _lock(stack, part, name, shared, patience)
         try:
             yield part
         finally:
@@ -109,10 +114,10 @@ def locked_part(
                 part.remove()
 
 
-def _lock(stack: ExitStack, part: Part, name: Path, shared: bool) -> Lock:
+def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
     path = part.folder / LOCK
     try:
-        return stack.enter_context(locked(path, place=name))
+        return stack.enter_context(locked(path, patience, place=name))
     except BusyError:
         if not shared:
             raise
