@@ -33,6 +33,7 @@ from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
 from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.signals import stoppable
 from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
 
@@ -121,15 +122,13 @@ def generate_shards(
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
         return Made(place, len(mine), rows_of(spec, mine), 0)
-    with (
-        in_one_folder(spec),
-        locked_part(target, place, shared=True) as part,
-        counted_if_stopped(part, "--shards"),
-    ):
-        refuse_immovable(part, place)
-        _begin(part, spec, origin.observe(spec, place), place)
-        make(spec, mine, part, run, progress)
-        missing = len(spec.shards) - len(part.receipts)
+    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), "--shards"):
+        here = origin.observe(spec, place)  # compiles for up to a minute, while other hosts need the lock
+        with locked_part(target, place, shared=True) as part:
+            refuse_immovable(part, place)
+            _begin(part, spec, here, place)
+            make(spec, mine, part, run, progress)
+            missing = len(spec.shards) - len(part.receipts)
     return Made(place, len(mine), rows_of(spec, mine), missing)
 
 

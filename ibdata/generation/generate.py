@@ -24,6 +24,7 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import TakenError, present, refuse_immovable
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import Advance, bar
+from ibdata.system.signals import stoppable
 from ibdata.system.storage import url_of
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -111,18 +112,19 @@ def make_dataset(
         say_there(place)
         return
     option = "--overwrite" if overwrite else "--resume"
-    with in_one_folder(spec), locked_part(target, place) as part, counted_if_stopped(part, option):
-        settle(part)
-        if already_there(experiment, target, place, resume, overwrite):
-            return
-        refuse_immovable(part, place)
+    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), option):
         here = origin.observe(spec, place)
-        prepare(part, spec, here, place, resume, overwrite)
-        make(spec, spec.shards, part, run, progress)
-        written = finished(spec, part)
-        finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
-        present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
-        publish(part)
+        with locked_part(target, place) as part:
+            settle(part)
+            if already_there(experiment, target, place, resume, overwrite):
+                return
+            refuse_immovable(part, place)
+            prepare(part, spec, here, place, resume, overwrite)
+            make(spec, spec.shards, part, run, progress)
+            written = finished(spec, part)
+            finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
+            present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
+            publish(part)
 
 
 def already_there(experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool) -> bool:

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from helpers.folders import contents, part_of
 from helpers.own_code import FILES, MODULES, PLAIN, forget, generate, sha256, stopped
-from ibdata.system.object_store import Remote
 
 import ibdata
 from ibdata.errors import UsageError

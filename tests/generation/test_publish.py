@@ -13,10 +13,9 @@ from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.errors import BusyError
-from ibdata.generation import publish
+from ibdata.system import part
 from ibdata.system.exchange import exchanged
 from ibdata.system.files import write
-from ibdata.system.part import Part
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -41,7 +40,7 @@ def _beside_a_dataset(made, tmp_path, monkeypatch):
 def exchange(request, monkeypatch):
     """Whether the system can exchange two folders."""
     if not request.param:
-        monkeypatch.setattr(publish, "exchanged", lambda a, b: False)
+        monkeypatch.setattr(part, "exchanged", lambda a, b: False)
     return request.param
 
 
@@ -66,7 +65,7 @@ def test_the_old_dataset_is_whole_until_the_exchange(made, files, monkeypatch):
         seen.append(files("out") == files(made[0].path))
         return done
 
-    monkeypatch.setattr(publish, "exchanged", looking)
+    monkeypatch.setattr(part, "exchanged", looking)
     replace()
     assert seen == [True, True]
 
@@ -149,12 +148,12 @@ def kill_at(monkeypatch, where):
 
     with monkeypatch.context() as patched:
         if where == "before the exchange":
-            patched.setattr(publish, "exchanged", killed)
+            patched.setattr(part, "exchanged", killed)
         elif where == "between two renames":
-            patched.setattr(publish, "exchanged", lambda a, b: False)
+            patched.setattr(part, "exchanged", lambda a, b: False)
             patched.setattr(Path, "rename", second)
         else:
-            patched.setattr(Part, "clear", killed)
+            patched.setattr(part.Part, "clear", killed)
         with pytest.raises(Killed):
             replace()
 
@@ -187,9 +186,9 @@ def test_a_kill_after_the_exchange_leaves_the_new_dataset(made, files, monkeypat
             raise Killed
         real(self)
 
-    real = Part.clear
+    real = part.Part.clear
     with monkeypatch.context() as patched:
-        patched.setattr(Part, "clear", killed)
+        patched.setattr(part.Part, "clear", killed)
         with pytest.raises(Killed):
             ibdata.generate(TINY, "out", workers=1)
     assert part_of("out").exists()
@@ -226,7 +225,7 @@ def events(monkeypatch):
     monkeypatch.setattr(
         os, "fsync", lambda fd: seen.append(("sync", os.readlink(f"/proc/self/fd/{fd}"))) or real(fd)
     )
-    monkeypatch.setattr(publish, "exchanged", noting("move", publish.exchanged))
+    monkeypatch.setattr(part, "exchanged", noting("move", part.exchanged))
     for name in ("rename", "replace"):
         monkeypatch.setattr(Path, name, noting("move", getattr(Path, name)))
     return seen
@@ -249,9 +248,9 @@ def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
 def test_a_receipt_follows_its_shard_to_the_disk(events, tmp_path):
     """A receipt gets its name when the shard's file and the receipt itself are on the disk."""
     ibdata.generate_shards(TINY, "1/4", "new", workers=1)
-    part = part_of(tmp_path / "new")
-    (shard,) = (part / "dataset/data").iterdir()
-    (move,) = [event for event in events if event[-1] == str(part / "receipts/00000.npy")]
+    folder = part_of(tmp_path / "new")
+    (shard,) = (folder / "dataset/data").iterdir()
+    (move,) = [event for event in events if event[-1] == str(folder / "receipts/00000.npy")]
     order = [events.index(event) for event in (("sync", str(shard)), ("sync", move[1]), move)]
     assert order == sorted(order)
 
@@ -271,7 +270,7 @@ def test_what_a_part_cannot_publish_stays(monkeypatch, made, files):
         raise OSError(16, "Device or resource busy")
 
     with monkeypatch.context() as patched:
-        patched.setattr(publish, "exchanged", refuse)
+        patched.setattr(part, "exchanged", refuse)
         with pytest.raises(ibdata.IbdataError, match="^out: cannot be written: Device or resource busy"):
             replace()
     assert files("out") == files(made[1].path)
