@@ -117,9 +117,9 @@ def command(
         return
     from ibdata.maintenance.split import split
 
-    before = Dataset(folder).splits
+    before = Dataset(folder).split_entries
     after = split(folder, names=dict(names), **options)
-    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.splits))
+    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.split_entries))
 
 
 def _refuse_with_list(options: Mapping[str, Any]) -> None:

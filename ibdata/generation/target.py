@@ -11,7 +11,8 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.system.part import Part
+from ibdata.system.files import part_of
+from ibdata.system.part import Part, refusals
 
 USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
 
@@ -33,14 +34,25 @@ def refuse_place(target: Path, place: Path) -> None:
         raise UsageError(f"{place}: is the current folder or around it; choose another --out")
     if os.path.ismount(target):
         raise UsageError(f"{place}: is a mount point, which cannot be replaced; choose a folder in it")
-    if os.path.lexists(target) and not target.is_dir():
-        raise UsageError(f"{place}: is a file, not a folder; choose another --out")
+    there = next(path for path in (target, *target.parents) if os.path.lexists(path))
+    if not there.is_dir():
+        where = "is" if there == target else "lies in"
+        raise UsageError(f"{place}: {where} a file, not a folder; choose another --out")
+    through = (Path(*place.parts[:i]) for i, part in enumerate(place.parts) if part == "..")
+    if missing := next((path for path in through if not path.is_dir()), None):
+        raise UsageError(f"{place}: leads through {missing}, which is no folder; choose another --out")
+
+
+def is_free(target: Path, place: Path) -> bool:
+    """Whether there is nothing at a place but perhaps an empty folder."""
+    with refusals(place):
+        return not target.is_dir() or not any(target.iterdir())
 
 
 def refuse_taken(target: Path, place: Path) -> None:
     """Raise UsageError if there is anything at a place but an empty folder."""
     refuse_place(target, place)
-    if target.is_dir() and any(target.iterdir()):
+    if not is_free(target, place):
         raise UsageError(f"{place}: exists already; choose another --out")
 
 
@@ -52,12 +64,15 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
         TakenError: The dataset of another experiment is there, which --overwrite would replace.
     """
     refuse_place(target, place)
-    if not target.is_dir() or not any(target.iterdir()):
+    if is_free(target, place):
         return None
     try:
         listed = manifest.read(target)
     except DatasetError as error:
-        raise UsageError(f"{place}: not a dataset of ibdata, left as it is ({error})") from None
+        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
+        raise UsageError(
+            f"{place}: not a dataset of ibdata, left as it is{why}; choose another --out"
+        ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
         return None
@@ -97,6 +112,7 @@ def refuse_immovable(part: Part, place: Path) -> None:
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
+    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
     for path in sorted(target.iterdir()):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         manifest.refuse_replaced(path, listed)
         if is_edited(path / manifest.CARD):
             kept = f"{manifest.CARD}.old"
-            (path / manifest.CARD).replace(path / kept)
+            shutil.copy(path / manifest.CARD, path / kept)
             told = f"ibdata: {path / manifest.CARD}: was edited, and is now {kept}"
             print(printable(told), file=sys.stderr, flush=True)
         write(path, manifest.CARD, made)

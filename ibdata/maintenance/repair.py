@@ -11,12 +11,11 @@ from ibdata.dataset.models import Manifest
 from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.custom_code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec, spec_in
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.target import strangers
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.workers import run
 from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
@@ -24,6 +23,7 @@ from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url, storage
+from ibdata.validation.files import unlisted_files
 from ibdata.validation.rows import check_shard
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
@@ -59,11 +59,11 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     place = Path(folder)
     listed = _manifest(place)
     _refuse_strangers(place, listed)
+    spec = _spec(place, listed)
+    refuse_other_plan(spec, listed)
     broken = _broken(place, listed)
     if not broken:
         return []
-    spec = _spec(place, listed)
-    refuse_other_plan(spec, listed)
     with in_one_folder(spec), locked_part(resolved(place), place) as part:
         manifest.refuse_replaced(part.target, listed)
         try:
@@ -78,26 +78,31 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
 def _manifest(place: Path) -> Manifest:
     try:
         return manifest.read(place)
-    except manifest.NoDatasetError as error:
+    except DatasetError as error:
         again = f"ibdata generate --config {place / manifest.EXPERIMENT} --out NEW makes the dataset again"
-        known = (place / manifest.EXPERIMENT).is_file()
+        known = os.path.isfile(place / manifest.EXPERIMENT)
         raise DatasetError(f"{error}; {again}" if known else str(error)) from None
 
 
 def _refuse_strangers(place: Path, listed: Manifest) -> None:
-    for path in strangers(place, listed):
-        if path.parent != place:  # others at the top mislead no reader
-            raise UsageError(f"{path}: found something that is not the dataset's; move it away, then repair")
+    for problem in unlisted_files(storage(place), listed):
+        raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
 
 
 def _broken(folder: Path, listed: Manifest) -> list[str]:
     """The paths of the files that are missing, or not as the manifest lists them."""
     broken = [path for path, entry in listed.entries().items() if _entry(folder, path) != entry]
-    try:
-        read_splits(folder, listed)
-    except DatasetError:
+    if not _has_its_splits(folder, listed):
         broken.append(manifest.SPLITS)
     return broken
+
+
+def _has_its_splits(folder: Path, listed: Manifest) -> bool:
+    """Whether the splits can be read, and each later one has the episodes of its definition."""
+    try:
+        return read_splits(folder, listed) == metadata.splits(spec_in(folder, listed))
+    except DatasetError:
+        return False
 
 
 def _entry(folder: Path, path: str) -> FileEntry | None:

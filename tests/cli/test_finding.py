@@ -169,7 +169,7 @@ def test_a_config_may_be_an_argument_and_a_dry_run_beside_its_dataset_ends_well(
     assert "1 in 1 episode of 1 step\n" in out
     code, out, _ = run("generate", *tiny, "--dry-run")
     assert code == 0
-    assert "folder    generate would stop with: data/random: exists already; choose another --out, " in out
+    assert "folder    exists; generate would find the dataset finished, and write nothing\n" in out
     assert "with 1 worker (" in out
     assert "1 row," in run("config", "validate", *tiny)[1].replace("row\n", "row,")
 

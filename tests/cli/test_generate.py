@@ -42,26 +42,29 @@ def test_seed_and_set_reach_the_experiment(ibdata, tmp_path):
     assert set(pq.read_table(tmp_path / "data/random/data")["obs_setpoint"].to_pylist()) == {70.0}
 
 
-def test_an_existing_folder_is_refused_and_kept(ibdata, tmp_path):
+@pytest.mark.parametrize("overwrite", [(), ("--overwrite",)])
+def test_a_folder_of_somebody_is_refused_and_kept(ibdata, tmp_path, overwrite):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/notes.txt").write_text("keep me")
-    done = ibdata("generate", "--config", "random", *SMALL, "--out", "mine")
+    done = ibdata("generate", "--config", "random", *SMALL, "--out", "mine", *overwrite)
     assert done.returncode == 2
-    assert done.stderr == "mine: exists already; choose another --out, or --overwrite to replace a dataset\n"
+    assert done.stderr == "mine: not a dataset of ibdata, left as it is; choose another --out\n"
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    assert list(tmp_path.iterdir()) == [tmp_path / "mine"]
 
 
-def test_overwrite_replaces_a_dataset_but_nothing_else(ibdata, tmp_path):
+def test_overwrite_replaces_a_dataset_but_no_file_of_somebody(ibdata, tmp_path):
     ibdata("generate", "--config", "random", *SMALL)
-    (tmp_path / "data/random/notes.txt").write_text("keep me")
-    again = ibdata("generate", "--config", "random", *SMALL, "--seed", "1", "--overwrite", "--json")
-    assert again.returncode == 0
-    assert (tmp_path / "data/random/notes.txt").read_text() == "keep me"
-    (tmp_path / "foreign").mkdir()
-    (tmp_path / "foreign/notes.txt").write_text("keep me")
-    refused = ibdata("generate", "--config", "random", *SMALL, "--out", "foreign", "--overwrite")
-    assert refused.returncode == 2
-    assert "not a dataset of ibdata" in refused.stderr
+    notes = tmp_path / "data/random/notes.txt"
+    notes.write_text("keep me")
+    other = ("generate", "--config", "random", *SMALL, "--seed", "1", "--overwrite")
+    done = ibdata(*other)
+    message = "data/random/notes.txt: found a file that is not the dataset's; move it away\n"
+    assert (done.returncode, done.stderr.removeprefix(f"{tmp_path}/")) == (2, message)
+    assert notes.read_text() == "keep me"
+    notes.unlink()
+    assert ibdata(*other).returncode == 0
+    assert "seed: 1" in (tmp_path / "data/random/meta/experiment.yaml").read_text()
 
 
 def test_a_dry_run_says_what_would_be_made_and_writes_nothing(ibdata, tmp_path):

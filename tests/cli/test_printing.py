@@ -15,12 +15,11 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.forging import seal
 
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import main
-from ibdata.dataset import manifest
-from ibdata.system.atomic_files import file_sha256
 from ibdata.system.signals import STOPPING
 from ibdata.writing.metadata import as_json
 
@@ -84,16 +83,6 @@ def relabelled(path):
     pq.write_table(table.set_column(place, table.schema.field(place), texts), path)
 
 
-def sealed(folder, **changes):
-    """Change the manifest, and give it the right hashes."""
-    path = Path(folder, manifest.PATH)
-    data = {**json.loads(path.read_bytes()), **changes}
-    for entry in data["files"]:
-        file = Path(folder, entry["path"])
-        entry |= {"bytes": file.stat().st_size, "sha256": file_sha256(file)}
-    path.write_bytes(as_json({**data, "checksum": manifest.checksum(data)}))
-
-
 @pytest.fixture
 def crafted(made):
     """A dataset with texts for the terminal wherever it holds any, and every hash right."""
@@ -105,7 +94,8 @@ def crafted(made):
         relabelled(path)
     code = [{"target": EVIL, "version": EVIL, "sha256": None}]
     experiments = [{**PLAIN, "name": EVIL, "extra": {EVIL: EVIL}, "steps": EVIL}]
-    sealed("d", versions={EVIL: EVIL}, code=code, experiments=experiments, content_root="0" * 64)
+    changes = {"versions": {EVIL: EVIL}, "code": code, "experiments": experiments, "content_root": "0" * 64}
+    seal(Path("d"), lambda listed: listed.update(changes))
     return "d"
 
 

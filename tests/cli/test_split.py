@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
 import ibdata
 from ibdata import Experiment
-from ibdata.experiment import as_yaml
 
 PLAIN = {
     "name": "tiny",
@@ -52,33 +50,11 @@ def test_what_is_replaced_or_removed_is_said(made, run):
     assert taken == {"removed": ["careful"]}
 
 
-@pytest.mark.slow
-def test_a_report_that_showed_the_old_splits_is_removed_and_named(made, run):
-    pytest.importorskip("matplotlib")
-    run("card", "d")
-    out = run("split", "d", "--by", "policy", "--name", "safe=careful")[1]
-    assert out.startswith("removed report.html, which showed the old splits; ibdata card d makes it again\n")
-    for args in (("card", "d"), ("plot", "d"), ("stats", "d", "--split", "careful"), ("validate", "d")):
-        assert run(*args)[0] == 0
-    report = Path("d/report.html").read_text(encoding="utf-8")
-    assert "careful" in report
-    assert Path("figures/d/splits.png").is_file()
-
-
-@pytest.mark.slow
-def test_a_replaced_dataset_takes_its_report_along_and_says_so(made, run, tmp_path):
-    pytest.importorskip("matplotlib")
-    run("card", "d")
-    (tmp_path / "x.yaml").write_bytes(as_yaml(Experiment.model_validate(PLAIN)))
-    out = run("generate", "x.yaml", "--out", "d", "--overwrite")[1]
-    assert out.endswith("\nremoved report.html, which showed the old dataset; ibdata card d makes it again\n")
-
-
 def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
-    before = ibdata.open("d").manifest_model
+    before = ibdata.open("d").split_entries
     assert run("split", "d", "--list")[:2] == (0, "low  12 rows in 4 episodes (whole files)\n")
     code, out, err = run("split", "d", "--list", "--shots", "1")
     assert (code, out) == (2, "")
     assert "--list changes nothing, but found --shots too" in err
-    assert ibdata.open("d").manifest_model == before
+    assert ibdata.open("d").split_entries == before
     assert "expected two names such as source=at-50" in run("split", "d", "--by", "policy", "--name", "x")[2]

@@ -9,6 +9,7 @@ A case begins with `== title`. The lines after it begin with a mark:
     % 2: …    the same in a shell, in which $IBDATA is the command
     > …       an expected line on stderr; these are all lines, but a bare mark allows any
     >> …      an expected line on stdout, likewise
+    & NAME: … stands for the lines below `== & NAME`, with what follows in the place of ⟨⟩
 
 In a line, … stands for any text, data/part-00000.parquet for the file of the first shard of d, \xff for a
 byte, \u2603 for a character, and ⟦a×3⟧ for aaa. A case without a run validates x.yaml and generates from it.
@@ -38,7 +39,7 @@ HERE = Path(__file__).parent
 SMALL = "name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n"
 CONFIG_RUNS = ("config validate x.yaml", "generate --config x.yaml --out out --workers 1")
 ESCAPE = re.compile(r"⟦(.*?)×(\d+)⟧|\\(x[0-9a-f]{2}|u[0-9a-f]{4}|.)")
-READING = {"info", "head", "stats", "validate", "repair", "reproduce", "diff"}
+READING = {"info", "head", "stats", "validate", "reproduce", "diff"}
 DATA = ("manifests.txt", "shards.txt", "metadata.txt")
 UNPRINTABLE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
@@ -83,8 +84,19 @@ def expanded(line: str) -> list[str]:
     return [name + found[2] for name in found[1].split(",")] if found else [line]
 
 
-def parsed(block: str) -> Case:
-    title, *lines = block.splitlines()
+def expanded_lines(lines: list[str], shared: dict[str, list[str]]) -> list[str]:
+    """The lines, with those that `& NAME: …` stands for."""
+    found = []
+    for line in lines:
+        name, _, said = line.removeprefix("& ").partition(": ")
+        own = expanded_lines(shared[name], shared) if line.startswith("& ") else [line]
+        found += [each.replace("⟨⟩", said) for each in own] if line.startswith("& ") else own
+    return found
+
+
+def parsed(block: str, shared: dict[str, list[str]]) -> Case:
+    title, *written = block.splitlines()
+    lines = expanded_lines(written, shared)
     config, encoding, damage, runs, last = "", "utf-8", [], [], []
     for line in lines:
         mark, _, rest = line.partition(" ")
@@ -112,7 +124,8 @@ def parsed(block: str) -> Case:
 
 def cases(name: str) -> list[Case]:
     blocks = re.split(r"^== ", (HERE / name).read_text(), flags=re.MULTILINE)[1:]
-    return [parsed(block) for block in blocks]
+    shared = {block.split("\n")[0][2:]: block.split("\n")[1:] for block in blocks if block.startswith("& ")}
+    return [parsed(block, shared) for block in blocks if not block.startswith("& ")]
 
 
 CASES = {path.name: cases(path.name) for path in sorted(HERE.glob("*.txt"))}

@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from helpers.tiny import FOUR_SHARDS
 
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import UsageError
-from ibdata.experiment import as_yaml
 from ibdata.maintenance.listing import datasets_in
 
 EXPERIMENT = Experiment.model_validate(
@@ -18,36 +18,33 @@ EXPERIMENT = Experiment.model_validate(
 )
 
 
-def test_datasets_are_found_in_all_states_and_nothing_else(tmp_path, monkeypatch):
+def test_finished_unfinished_and_damaged_datasets_are_found_and_nothing_else(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = ibdata.generate(EXPERIMENT, "data/set/b", workers=1)
-    ibdata.generate(EXPERIMENT, "data/a", workers=1)
     ibdata.generate(EXPERIMENT, "data/damaged", workers=1)
     Path("data/damaged/meta/manifest.json").write_text("{}")
-    Path("begun/.run").mkdir(parents=True)
-    Path("begun/.run/experiment.yaml").write_bytes(as_yaml(EXPERIMENT))
-    ibdata.generate(EXPERIMENT, "swapped", workers=1)
-    Path("swapped/.new").mkdir()
-    Path("swapped/.new/.ibdata-replacement").touch()
-    Path("other/meta").mkdir(parents=True)
+    ibdata.generate_shards(FOUR_SHARDS, "1/4", "data/begun", workers=1)
+    ibdata.generate_shards(FOUR_SHARDS, "3/4", "data/lost", workers=1)
+    Path("data/.lost.part/experiment.yaml").unlink()
+    Path("other/.x.part").mkdir(parents=True)
     os.symlink("data", "link")
     ibdata.generate(EXPERIMENT, ".hidden/a", workers=1)
     found = {str(each.path): each for each in datasets_in(".")}
     assert {path: each.state for path, each in found.items()} == {
-        "begun": "unfinished",
-        "data/a": "finished",
+        "data/begun": "unfinished, 1 of 4 shards",
         "data/damaged": "damaged",
+        "data/lost": "unfinished, damaged",
         "data/set/b": "finished",
-        "swapped": "unsettled",
     }
     assert list(found) == sorted(found)
-    finished, begun = found["data/set/b"], found["begun"]
+    finished, begun = found["data/set/b"], found["data/begun"]
     assert (finished.name, finished.rows, finished.setpoints, finished.policies, finished.content_root) == (
         "x", 12, [20.0, 70.0], ["random", "safe"], made.content_root
     )  # fmt: skip
     assert finished.bytes == sum(file["bytes"] for file in made.manifest["files"])
-    assert (begun.rows, begun.setpoints, begun.content_root, begun.bytes) == (None, [20.0, 70.0], None, 0)
-    assert [each.path for each in datasets_in("data/a")] == [Path("data/a")]
+    assert (begun.name, begun.rows, begun.setpoints, begun.content_root) == ("tiny", None, [20.0, 70.0], None)
+    assert begun.bytes > 0
+    assert [each.path for each in datasets_in("data/set/b")] == [Path("data/set/b")]
     assert datasets_in("other") == []
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
+from helpers.forging import seal
 from helpers.tiny import PLAIN
 
 import ibdata
@@ -13,7 +12,6 @@ from ibdata.dataset import manifest
 from ibdata.dataset.difference import difference
 from ibdata.errors import UsageError
 from ibdata.maintenance.reproduce import reproduce
-from ibdata.writing.metadata import as_json
 
 
 @pytest.mark.parametrize(("episodes", "count"), [(None, 12), ("5", 5), ("3-7", 5), ("100", 12), ("11-11", 1)])
@@ -22,10 +20,7 @@ def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
 
 
 def test_an_episode_that_is_not_reproduced_is_named(copied, file):
-    listed = json.loads((copied / manifest.PATH).read_bytes())
-    listed["experiments"][0]["seed"] = 1
-    listed["checksum"] = manifest.checksum(listed)
-    (copied / manifest.PATH).write_bytes(as_json(listed))
+    seal(copied, lambda listed: listed["experiments"][0].update(seed=1))
     count, problems = reproduce(copied, "4-5")
     assert count == 2
     assert [(p.path, p.row, p.message) for p in problems] == [

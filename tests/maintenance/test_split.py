@@ -11,10 +11,12 @@ import pytest
 
 import ibdata
 from ibdata import Experiment
-from ibdata.errors import DatasetError, UsageError
+from ibdata.dataset import manifest
+from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.experiment import split_schemes
 from ibdata.maintenance import split_options
 from ibdata.maintenance.repair import repair
+from ibdata.system.part import locked_part
 
 SETPOINTS = [10.0, 30.0, 50.0, 75.0, 90.0]
 
@@ -42,6 +44,11 @@ def made(experiment, tmp_path):
 def members(dataset, name):
     """The numbers of a split's episodes."""
     return [e for e, names in enumerate(dataset.episodes["splits"]) if name in names]
+
+
+def files_of(dataset, name):
+    """The files that a declared split consists of."""
+    return [shard["path"] for shard in dataset.manifest["shards"] if name in shard["splits"]]
 
 
 def conditions(dataset, name):
@@ -126,14 +133,29 @@ def test_close_setpoints_have_folds_of_their_own_and_are_told_apart(experiment, 
     assert "found setpoint 50, expected one of 50.0000001, 50.0000002, 60" in str(error.value)
 
 
-def test_labels_change_no_row_and_no_root(made):
-    before = {path.name: path.read_bytes() for path in (made.path / "data").iterdir()}
+def test_labels_replace_one_file_and_need_no_row(made):
+    before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
+    rows = made.path / "data"
+    rows.rename(made.path.parent / "away")
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
-    assert {path.name: path.read_bytes() for path in (made.path / "data").iterdir()} == before
+    (made.path.parent / "away").rename(rows)
+    after = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
+    assert {path for path in after if after[path] != before.get(path)} == {made.path / manifest.SPLITS}
+    assert after.keys() == before.keys()
+    assert split.splits["target"] == {"episodes": 4, "rows": 16, "declared": False}
     assert split.content_root == made.content_root
-    assert split.splits["target"] == {"episodes": 4, "rows": 16, "files": None}
-    assert "config_name: target" not in (made.path / "README.md").read_text()
-    assert not list(made.path.rglob(".next*"))
+    assert ibdata.validate(made.path) == []
+
+
+def test_a_dataset_that_is_written_or_was_replaced_is_not_split(made, experiment):
+    before = (made.path / manifest.SPLITS).read_bytes()
+    with locked_part(made.path), pytest.raises(BusyError, match="another process is writing here"):
+        ibdata.split(made, by="policy")
+    assert (made.path / manifest.SPLITS).read_bytes() == before
+    ibdata.generate(experiment, made.path, workers=1, seed=1, overwrite=True)
+    with pytest.raises(BusyError, match="replaced while it was read; open it again"):
+        ibdata.split(made, by="policy")
+    assert list(ibdata.split(made.path, by="policy").splits) == ["low", "random", "safe"]
 
 
 def test_a_labelled_split_is_read_by_every_reader_and_no_other_row(made):
@@ -178,28 +200,14 @@ def test_splits_add_up_and_one_of_the_same_name_is_replaced(made):
     assert ibdata.validate(made.path) == []
 
 
-@pytest.mark.parametrize(
-    "damage",
-    ["meta/statistics.json", "meta/episodes.parquet", "meta/dataset.json", "README.md", "shard"],
-)
-def test_what_a_split_changed_is_repaired_with_it(made, shard_file, damage):
-    split = ibdata.split(made.path, source=[50], target=[75], shots=2)
-    file = shard_file(split.path, 2) if damage == "shard" else damage
-    path = split.path / file
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    assert repair(split.path, workers=1) == [file]
-    assert path.read_bytes() == whole
-    assert ibdata.validate(split.path) == []
-
-
 def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, tmp_path):
     ibdata.split(made.path, by="policy")
     copy = ibdata.split(made.path, source=[50], target=[75], shots=2, materialize=tmp_path / "copy")
     assert copy.content_root == made.content_root
     assert list(ibdata.open(made.path).splits) == ["low", "random", "safe"]
     for name, split in copy.splits.items():
-        frames = [pq.read_table(copy.path / file).to_pandas() for file in split["files"]]
+        files = [shard["path"] for shard in copy.manifest["shards"] if name in shard["splits"]]
+        frames = [pq.read_table(copy.path / file).to_pandas() for file in files]
         assert sum(map(len, frames)) == split["rows"]
         own = copy.episodes.iloc[members(copy, name)]
         assert {e for frame in frames for e in frame["episode"]} == set(own["episode"])
@@ -213,7 +221,7 @@ def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, t
 def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_path):
     ibdata.split(made.path, by="policy")
     copy = ibdata.split(made.path, None, materialize=tmp_path / "copy")
-    assert copy.splits["safe"]["files"]
+    assert copy.splits["safe"]["declared"]
 
 
 @pytest.mark.parametrize(
@@ -321,7 +329,7 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
     merged = ibdata.merge([made.path, tmp_path / "other"], tmp_path / "both")
     assert list(merged.splits) == names
     assert merged.splits["near-target"]["episodes"] == 4
-    assert merged.splits["near-target"]["files"]
+    assert merged.splits["near-target"]["declared"]
     assert ibdata.validate(merged.path) == []
 
 
@@ -362,13 +370,11 @@ def test_every_scheme_has_a_function_with_its_options():
         assert tuple(taken) == ("spec", *options)
 
 
-def test_rows_that_are_not_those_listed_are_refused_and_nothing_is_changed(made, shard_file, tmp_path):
+def test_rows_that_are_not_those_listed_are_not_copied(made, shard_file, tmp_path):
     path = made.path / shard_file(made.path, 1)
     table = pq.read_table(path)
     pq.write_table(table.take(list(range(len(table)))[::-1]), path)
-    before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
-    for materialize in (None, tmp_path / "copy"):
-        with pytest.raises(DatasetError, match="found other content than it lists; see ibdata validate"):
-            ibdata.split(made.path, by="policy", materialize=materialize)
-    assert {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()} == before
-    assert not (tmp_path / "copy").exists()
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(DatasetError, match="found other content than it lists; see ibdata validate"):
+        ibdata.split(made.path, by="policy", materialize=tmp_path / "copy")
+    assert sorted(tmp_path.rglob("*")) == before
