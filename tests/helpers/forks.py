@@ -59,8 +59,10 @@ class Forks:
         request |= {"mode": mode, "log": str(log), "user": user, "megabytes": megabytes, "exchange": exchange}
         answer = self._ask(request)
         while answer == "stopped":
-            meanwhile()
-            answer = self._ask(None)
+            try:
+                meanwhile()
+            finally:
+                answer = self._ask(None)
         return Answer(**answer)
 
     def _ask(self, request: dict[str, Any] | None) -> Any:

@@ -11,6 +11,11 @@ MANIFEST, LABELS = "meta/manifest.json", "meta/splits.json"
 NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the splits by episode and by policy
 
 
+def options(by: str) -> list[str]:
+    """Those of the command `split`."""
+    return ["--by", by, *(["--fractions", "0.5,0.5"] if by == "episode" else [])]
+
+
 class Part(NamedTuple):
     """An unfinished run: its experiment, and how many shards are finished; None and 0 if nobody needs it."""
 
