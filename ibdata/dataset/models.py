@@ -106,8 +106,7 @@ class Manifest(JsonObject):
     @property
     def data_bytes(self) -> int:
         """The bytes of all shards."""
-        entries = self.entries()
-        return sum(entries[shard.path].bytes for shard in self.shards)
+        return sum(file.bytes for file in self.files if file.path.startswith("data/"))
 
 
 class Counts(JsonObject):

@@ -189,7 +189,6 @@ def test_a_mutation_that_fits_its_hashes_is_answered_or_refused(part, whole, run
             "all.reward.quantiles: found {'0.5': 1.0}, ",
         ),
         ("meta/statistics.json", "all", {"\x1b[2J": {}}, r"all.\x1b[2J"),
-        ("meta/dataset.json", "groups action", ["reward"], "groups: found {"),
         ("meta/dataset.json", "columns 18 dtype", "string", "columns: found ["),
     ],
 )
