@@ -47,7 +47,7 @@ def _formats() -> list[tuple[str, str]]:
     required=True,
     type=LocalPath(),
     metavar="PATH",
-    help="The file or folder to write; it must not exist.",
+    help="The file or folder to write.",
 )
 @click.option("--split", metavar="NAME", shell_complete=splits, help="Export only this split.")
 @click.option(
@@ -59,7 +59,7 @@ def _formats() -> list[tuple[str, str]]:
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
 @view_options
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
-@click.option("--verify", is_flag=True, help="Read everything back and compare it with the dataset.")
+@click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
 @quiet_option
 @json_option
 def command(
@@ -74,7 +74,7 @@ def command(
     reward: str,
     imperfections: str | None,
     id: str | None,
-    verify: bool,
+    overwrite: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -99,7 +99,7 @@ def command(
         history=history,
         reward_scale=reward_scale,
         id=id,
-        verify=verify,
+        overwrite=overwrite,
         progress=False if quiet else None,
         **as_keywords(observe, actions, reward, imperfections),
     )

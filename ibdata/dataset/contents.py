@@ -12,7 +12,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, SplitEntry
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.dataset.selection import Mask, Policy, Setpoint, known_of, selected
+from ibdata.dataset.selection import Mask, Policy, Setpoint, Split, known_of, selected
 from ibdata.dataset.splits import Splits, read_splits, runs_of, with_later
 from ibdata.dataset.tabular import Table, as_html
 from ibdata.errors import UsageError, printable
@@ -126,7 +126,7 @@ class Contents:
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
-    def selected(self, split: str | None = None, setpoint: Setpoint = None, policy: Policy = None) -> Mask:
+    def selected(self, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Mask:
         """Whether each episode is in a split, at these setpoints and of these policies.
 
         Raises UsageError if the dataset has no such split, setpoint or policy.

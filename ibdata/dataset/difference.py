@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from ibdata.dataset.reader import Dataset, Place, opened
@@ -24,81 +24,79 @@ def difference(a: Place, b: Place) -> list[str]:
     Raises:
         DatasetError: A file is missing or damaged, or a folder holds no dataset.
     """
-    a, b = map(opened, (a, b))
-    if a.content_root == b.content_root:
+    first, second = opened(a), opened(b)
+    if first.content_root == second.content_root:
         return []
-    lines = [f"content root: {a.content_root[:12]}… and {b.content_root[:12]}…"]
-    ours, theirs = (x.manifest_model.experiments for x in (a, b))
+    lines = [f"content root: {first.content_root[:12]}… and {second.content_root[:12]}…"]
+    ours, theirs = first.manifest_model.experiments, second.manifest_model.experiments
     if len(ours) != len(theirs):
         lines.append(f"experiments: {len(ours)} and {len(theirs)}")
-    for i, pair in enumerate(zip(ours, theirs, strict=False)):
-        lines += _experiments(*pair, "experiment" if len(ours) == 1 else f"experiments.{i}")
+    for i, (one, other) in enumerate(zip(ours, theirs, strict=False)):
+        lines += _options(one, other, "experiment" if len(ours) == 1 else f"experiments.{i}")
     for key in ("rows", "episodes", "steps", "cells"):
-        one, other = (getattr(x.info_model.counts, key) for x in (a, b))
+        one, other = getattr(first.info_model.counts, key), getattr(second.info_model.counts, key)
         if one != other:
             lines.append(f"{key}: {one} and {other}")
-    types = [{c.name: c.dtype for c in x.info_model.columns} for x in (a, b)]
-    for name in dict.fromkeys([*types[0], *types[1]]):
-        if types[0].get(name) != types[1].get(name):
-            lines.append(f"column {name}: {types[0].get(name, 'none')} and {types[1].get(name, 'none')}")
-    return [*lines, *_episodes(a, b, [name for name in types[0] if name in types[1]])]
+    types, others = ({c.name: c.dtype for c in x.info_model.columns} for x in (first, second))
+    for name in dict.fromkeys([*types, *others]):
+        if types.get(name) != others.get(name):
+            lines.append(f"column {name}: {types.get(name, 'none')} and {others.get(name, 'none')}")
+    return [*lines, *_episodes(first, second, [name for name in types if name in others])]
 
 
-def _experiments(a: Any, b: Any, key: str) -> list[str]:
+def _options(a: Any, b: Any, key: str) -> list[str]:
     """One line for each option that differs, with its path."""
     if isinstance(a, dict) and isinstance(b, dict):
         names = dict.fromkeys([*a, *b])
-        return [line for k in names for line in _experiments(a.get(k), b.get(k), f"{key}.{k}")]
+        return [line for k in names for line in _options(a.get(k), b.get(k), f"{key}.{k}")]
     return [] if a == b else [f"{key}: {a} and {b}"]
 
 
 def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
     """Lines about the episodes that only one has, and about the first episode that differs."""
-    of = [_by_address(x) for x in (a, b)]
+    ours, theirs = _by_address(a), _by_address(b)
     lines: list[str] = []
-    differing: list[tuple[int, int]] = []
-    for x, y, which in ((of[0], of[1], "first"), (of[1], of[0], "second")):
-        only = sum(len(x[address]) for address in x.keys() - y.keys())
+    for own, other, which in ((ours, theirs, "first"), (theirs, ours, "second")):
+        only = sum(len(own[address]) for address in own.keys() - other.keys())
         if only:
             lines.append(f"episodes with a cell and index that only the {which} has: {only}")
-    for address in of[0].keys() & of[1].keys() if of[0] != of[1] else ():
-        ours, theirs = of[0][address], of[1][address]
-        only_ours = [ours[digest] for digest in ours if digest not in theirs]
-        only_theirs = [theirs[digest] for digest in theirs if digest not in ours]
-        differing += list(zip(only_ours, only_theirs, strict=False))
-    for mine, other in sorted(differing)[:1]:
-        found = _first_difference(_rows(a, mine, names), _rows(b, other, names))
-        lines.append(f"episode {mine} and {other}: {found}")
+    differing: list[tuple[int, int]] = []
+    for address in ours.keys() & theirs.keys():
+        one, another = ours[address], theirs[address]
+        only_ours = [one[digest] for digest in one if digest not in another]
+        only_theirs = [another[digest] for digest in another if digest not in one]
+        differing += zip(only_ours, only_theirs, strict=False)
+    if differing:
+        mine, other_one = min(differing)
+        found = _first_difference(_rows(a, mine, names), _rows(b, other_one, names))
+        lines.append(f"episode {mine} and {other_one}: {found}")
     return lines
 
 
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
     """Map each cell and index to its episodes by digest. A merged dataset may have one for each seed."""
-    columns = ("cell", "index", "digest", "episode")
-    table = dataset.episode_table
+    columns = (dataset.episode_table[name].to_pylist() for name in ("cell", "index", "digest", "episode"))
     found: dict[tuple[str, int], dict[bytes, int]] = {}
-    for cell, index, digest, episode in zip(*(table[name].to_pylist() for name in columns), strict=True):
+    for cell, index, digest, episode in zip(*columns, strict=True):
         found.setdefault((cell, index), {})[digest] = episode
     return found
 
 
-def _rows(dataset: Dataset, episode: int, names: list[str]) -> dict[str, list[Any]]:
-    shard, start, stop = (
-        dataset.episode_table[name][episode].as_py() for name in ("shard", "row_start", "row_stop")
-    )
-    part = pa.Table.from_batches(dataset.shard_batches(shard, names, stop - start, start, stop))
-    return {name: part[name].to_pylist() for name in names if name != "episode"}
+def _rows(dataset: Dataset, episode: int, names: list[str]) -> pa.Table:
+    table = dataset.episode_table
+    shard, start, stop = (table[name][episode].as_py() for name in ("shard", "row_start", "row_stop"))
+    return pa.Table.from_batches(dataset.shard_batches(shard, names, stop - start, start, stop))
 
 
-def _first_difference(a: dict[str, list[Any]], b: dict[str, list[Any]]) -> str | None:
+def _first_difference(a: pa.Table, b: pa.Table) -> str | None:
     """Describe the first step at which a column differs; None if there is none."""
-    found: tuple[int, str] | None = None
-    for name in a:
-        for step, (x, y) in enumerate(zip(a[name], b[name], strict=False)):
-            if x != y and not (isinstance(x, float) and np.isnan(x) and np.isnan(y)):
-                found = min(found, (step, name)) if found else (step, name)
+    found: list[tuple[int, str, Any, Any]] = []
+    for name in a.column_names:
+        for step, (x, y) in enumerate(zip(a[name].to_pylist(), b[name].to_pylist(), strict=False)):
+            if name != "episode" and x != y and not (x != x and y != y):  # two NaN are equal
+                found.append((step, name, x, y))
                 break
-    if found is None:
+    if not found:
         return None
-    step, name = found
-    return f"step {step}: {name}: {a[name][step]} and {b[name][step]}"
+    step, name, x, y = min(found, key=itemgetter(0))
+    return f"step {step}: {name}: {x} and {y}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 import re
 from collections.abc import Mapping
@@ -12,22 +11,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ibdata.dataset.models import SAFE_PATH as SAFE_PATH_PATTERN
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
-from ibdata.system.storage import MAX_BYTES as MAX_BYTES
 from ibdata.system.storage import Storage, damaged, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 SPLITS = "meta/splits.json"
-METADATA = ("meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json", EXPERIMENT)
 CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
 DATA_VERSION: Final = 2  # raised whenever some experiment gives other rows
-SAFE_PATH = re.compile(SAFE_PATH_PATTERN)
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 PARTITION = re.compile(r"(episode|step|policy|reward|terminated|truncated|(action|obs|act|next|latent)_\w+)=")
 
@@ -50,7 +45,10 @@ def read(place: Any) -> Manifest:
         ) from None
     except OSError as error:
         raise damaged(files, PATH, f"cannot be read: {reason(error)}") from None
-    return parsed(files.where(PATH), data)
+    try:
+        return _parsed(data)
+    except ValueError as error:
+        raise damaged(files, PATH, str(error)) from None
 
 
 def _near(files: Storage) -> str:
@@ -66,19 +64,8 @@ def _near(files: Storage) -> str:
     return "" if near is None else f"; did you mean {str(found[near])!r}?"
 
 
-def parsed(where: str | Path, data: bytes) -> Manifest:
-    """Parse a manifest; `where` is the name of its file. Raises DatasetError as `read`."""
-    try:
-        found = loads(data)
-        _refuse_other_version(found)
-        if found.get("checksum") != checksum(found):
-            raise ValueError("found content that does not fit its checksum; the file has been changed")
-        return parse(Manifest, found)
-    except ValueError as error:
-        raise DatasetError(f"{where}: {error}") from None
-
-
-def _refuse_other_version(found: Any) -> None:
+def _parsed(data: bytes) -> Manifest:
+    found = loads(data)
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise ValueError(f"found another format, expected {FORMAT}")
     for key, expected in (("version", VERSION), ("data_version", DATA_VERSION)):
@@ -87,6 +74,9 @@ def _refuse_other_version(found: Any) -> None:
             name = key.replace("_", " ")
             todo = "make the dataset again with this ibdata"
             raise ValueError(f"found {name} {shown}, expected {expected}; {todo}")
+    if found.get("checksum") != checksum(found):
+        raise ValueError("found content that does not fit its checksum; the file has been changed")
+    return parse(Manifest, found)
 
 
 def read_json(place: Any, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
@@ -142,27 +132,11 @@ def refuse_replaced(place: Any, listed: Manifest) -> None:
 
 
 def loads(data: bytes) -> Any:
-    """Parse JSON. Raises ValueError if it is none, or no JSON that can be written again."""
+    """Parse JSON. Raises ValueError if it is none."""
     try:
-        found = json.loads(data, parse_constant=_no_constant, parse_float=_finite)
-        json.dumps(found, ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        half = error.object[error.start]
-        raise ValueError(f"found no valid JSON ({half!r} is half a surrogate pair)") from None
+        return json.loads(data)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"found no valid JSON ({error})") from None
-    return found
-
-
-def _no_constant(name: str) -> None:
-    raise ValueError(f"{name} is not a JSON number")
-
-
-def _finite(digits: str) -> float:
-    number = float(digits)
-    if math.isinf(number):
-        raise ValueError(f"{digits[:40]} is too large a number")
-    return number
 
 
 def refuse_inside(out: Path) -> None:

@@ -4,22 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    RootModel,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    field_validator,
-)
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError
 
 from ibdata.errors import printable
 from ibdata.system.files import FileEntry
 
-SAFE_PATH = r"^(README\.md|report\.html|(data|meta)/[a-z0-9][a-z0-9._-]{0,100})$"
+SAFE_PATH = r"^(data|meta)/[a-z0-9][a-z0-9._-]{0,100}$"
 SHA256 = "^[0-9a-f]{64}$"
 MEANT = {SAFE_PATH: "a path in data/ or meta/", SHA256: "64 hex digits"}
 
@@ -28,18 +18,8 @@ Sha256 = Annotated[str, Field(pattern=SHA256)]
 Path = Annotated[str, Field(pattern=SAFE_PATH)]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
-ROLES = {"observation", "action", "reward", "next_observation"}  # every dataset has columns of these
-FLOAT_ROLES = ROLES | {"latent", "next_latent", "log_prob"}
 Unchecked = dict[str, Any]  # a JSON object of an experiment, which `ibdata.experiment` checks
 Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
-
-
-def _unconverted(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
-    check(value)
-    return value
-
-
-Number = Annotated[float, WrapValidator(_unconverted)]  # an int stays an int
 
 
 class JsonObject(BaseModel):
@@ -145,8 +125,8 @@ class Column(JsonObject):
     role: Annotated[str, Field(pattern="^[a-z_]{1,63}$")]
     dtype: Literal["int64", "int32", "float32", "float64", "bool", "string"]
     unit: str
-    low: Number | None
-    high: Number | None
+    low: float | None
+    high: float | None
     description: str
 
 
@@ -161,16 +141,6 @@ class Info(JsonObject):
     start: str | Unchecked | None
     counts: Counts
     columns: Annotated[list[Column], Field(min_length=1)]
-
-    @field_validator("columns")
-    @classmethod
-    def _complete(cls, columns: list[Column]) -> list[Column]:
-        if ROLES - {column.role for column in columns}:
-            raise PydanticCustomError("columns", "columns of the roles " + ", ".join(sorted(ROLES)))
-        for column in columns:
-            if column.role in FLOAT_ROLES and not column.dtype.startswith("float"):
-                raise PydanticCustomError("columns", "float columns, except for indices, flags and labels")
-        return columns
 
     def names(self, role: str) -> list[str]:
         """The names of the columns of a role."""

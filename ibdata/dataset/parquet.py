@@ -23,18 +23,10 @@ def read(
     rows: int | None = None,
     data: bytes | None = None,
 ) -> pa.Table:
-    """Read a table.
+    """Read these columns, or all, of a file at a place: a dataset, its folder or its URL.
 
-    Args:
-        place: The dataset, its folder or URL.
-        path: The path of the file in it.
-        names: The columns to read; by default all.
-        rows: The expected number of rows. It is compared before anything is read, so that a small file
-            cannot fill the memory.
-        data: The bytes of the file, if they were read already.
-
-    Raises:
-        DatasetError: The file cannot be read, lacks a column, or has another number of rows.
+    `data` are the bytes of the file, if they were read already. Raises DatasetError if the file cannot be
+    read, lacks a column, or has another number of rows than expected.
     """
     with opened(place, path, data, names, rows) as file:
         return file.read(columns=None if names is None else list(names))

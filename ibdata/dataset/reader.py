@@ -8,14 +8,13 @@ from contextlib import contextmanager
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
 from ibdata.dataset.models import Statistics
-from ibdata.dataset.selection import Policy, Runs, Setpoint, known_of, rows_in, rows_of
+from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_in, rows_of
 from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, batches_of, checked_history, windows_of
 from ibdata.dataset.windows import Windows
@@ -46,8 +45,8 @@ class Dataset(Contents):
 
     def table(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
@@ -65,18 +64,21 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         names = self._columns(columns)
-        parts = []
+        parts: list[pa.Table] = []
         for number, runs in self._shards(split, setpoint, policy):
             whole = self.read_shard(number, names)
-            parts += [whole] if runs is None else [whole.slice(a, b - a) for a, b in runs]
+            if runs is None:
+                parts.append(whole)
+            else:
+                parts.extend(whole.slice(start, stop - start) for start, stop in runs)
         if not parts:  # the split has no episode at this setpoint, or of this policy
             return self.read_shard(0, names).slice(0, 0)
         return pa.concat_tables(parts).unify_dictionaries()
 
     def to_pandas(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
@@ -88,8 +90,8 @@ class Dataset(Contents):
 
     def iter_batches(
         self,
-        columns: Sequence[str] | None = None,
-        split: str | None = None,
+        columns: Columns = None,
+        split: Split = None,
         batch_rows: int = 65_536,
         *,
         setpoint: Setpoint = None,
@@ -108,9 +110,7 @@ class Dataset(Contents):
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
         if view:
             if columns is not None:
-                raise UsageError(
-                    "columns: found columns beside a view, which has its own; leave one of them out"
-                )
+                raise UsageError("columns: found columns beside a view, which has its own; leave one out")
             options = view_options(**view)
             blocks = self._blocks(options, split, setpoint, policy, batch_rows)
             return batches_of(blocks, options.frame(self.info_model.drifting), batch_rows)
@@ -118,7 +118,7 @@ class Dataset(Contents):
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
 
-    def read_shard(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
+    def read_shard(self, number: int, columns: Columns = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
@@ -144,7 +144,7 @@ class Dataset(Contents):
     def arrays(
         self,
         history: int = 1,
-        split: str | None = None,
+        split: Split = None,
         pad: str = "repeat",
         columns: Sequence[str] = (),
         *,
@@ -175,17 +175,15 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_options(**view)
-        names = needed(self.info_model, options)
         more = self._columns(columns) if len(columns) else []
-        table = self.table(
-            [*names, *(x for x in more if x not in names)], split, setpoint=setpoint, policy=policy
-        )
+        names = list(dict.fromkeys([*needed(self.info_model, options), *more]))
+        table = self.table(names, split, setpoint=setpoint, policy=policy)
         return arrays_of(table, self.info_model, options, history, drop, more)
 
     def windows(
         self,
         history: int = 1,
-        split: str | None = None,
+        split: Split = None,
         pad: str = "repeat",
         folder: str | os.PathLike[str] | None = None,
         *,
@@ -217,7 +215,7 @@ class Dataset(Contents):
         root = self.content_root
         return windows_of(blocks, episodes, self.info_model, options, root, folder, history, drop)
 
-    def statistics(self, split: str | None = None) -> dict[str, Any]:
+    def statistics(self, split: Split = None) -> dict[str, Any]:
         """Statistics of the float columns. Those of a later split are computed from its rows.
 
         Args:
@@ -231,30 +229,18 @@ class Dataset(Contents):
             DatasetError: A file is missing or damaged.
         """
         if split is not None and not self.split_entry(split).declared:
-            return self._computed_statistics(split)
-        path = "meta/statistics.json"
-        stored = manifest.read_json(self.storage, self.manifest_model, path, Statistics)
-        columns = stored.all if split is None else stored.splits[split]
-        return {name: column.plain() for name, column in columns.items()}
+            from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
 
-    def _computed_statistics(self, split: str) -> dict[str, Any]:
-        from ibdata.dataset.statistics import RowStatistics, described  # compiles, which few readers need
-
-        rows = self.split_entry(split).rows
-        names = [column.name for column in self.info_model.columns if column.dtype.startswith("float")]
-        found = RowStatistics(rows, rows)
-        for batch in self.iter_batches(names, split):
-            found.add(np.stack([column.to_numpy() for column in batch.columns]))
-        columns = described(names, found.moments, [found.sample], [rows])
+            names = [column.name for column in self.info_model.columns if column.dtype.startswith("float")]
+            columns = of_batches(self.iter_batches(names, split), names, self.split_entry(split).rows)
+        else:
+            path = "meta/statistics.json"
+            stored = manifest.read_json(self.storage, self.manifest_model, path, Statistics)
+            columns = stored.all if split is None else stored.splits[split]
         return {name: column.plain() for name, column in columns.items()}
 
     def _blocks(
-        self,
-        options: ViewOptions,
-        split: str | None,
-        setpoint: Setpoint,
-        policy: Policy,
-        rows: int = BLOCK_ROWS,
+        self, options: ViewOptions, split: Split, setpoint: Setpoint, policy: Policy, rows: int = BLOCK_ROWS
     ) -> Iterator[Transitions]:
         """The transitions in order, those of whole episodes with about `rows` rows at a time.
 
@@ -264,7 +250,7 @@ class Dataset(Contents):
         batches = self.iter_batches(needed(info, options), split, rows, setpoint=setpoint, policy=policy)
         return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
 
-    def _columns(self, columns: Sequence[str] | None) -> list[str]:
+    def _columns(self, columns: Columns) -> list[str]:
         known = [column.name for column in self.info_model.columns]
         if columns is None:
             return known
@@ -272,7 +258,7 @@ class Dataset(Contents):
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
         return known_of("column", columns, known)
 
-    def _shards(self, split: str | None, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
+    def _shards(self, split: Split, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
         """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
         if setpoint is None and policy is None:
             shards = list(enumerate(self.manifest_model.shards))

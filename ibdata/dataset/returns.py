@@ -55,7 +55,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
 
     Args:
         episodes: The table of episodes.
-        info: The dataset's info.json.
+        info: The description of the dataset.
 
     Returns:
         A result for each cell and length, in the order of the episodes.
@@ -99,9 +99,6 @@ def averages(results: Sequence[Result]) -> list[Average]:
 
     Means and scores are those of the setpoints, averaged. A standard error is None if a setpoint has none, a
     score is None if a setpoint has none.
-
-    Args:
-        results: At least one result of `behaviour_returns`.
     """
     own: dict[tuple[str, int], list[Result]] = {}
     for result in results:

@@ -15,30 +15,23 @@ from ibdata.numerics.naming import exact
 
 Runs = list[tuple[int, int]]
 Mask = npt.NDArray[np.bool_]
+Columns = Sequence[str] | None
+Split = str | None
 Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
 Policy = str | Sequence[str] | None
 MOST_NAMES = 40  # in a message
 
 
 def selected(
-    episodes: pa.Table, split: Iterable[Sequence[int]] | None, setpoint: Setpoint, policy: Policy
+    episodes: pa.Table, split: Sequence[Sequence[int]] | None, setpoint: Setpoint, policy: Policy
 ) -> Mask:
-    """Whether each episode is selected.
+    """Whether each episode is in the runs [first, stop] of a split, at a setpoint, and of a policy.
 
-    Args:
-        episodes: The table of episodes.
-        split: The episodes of a split, as runs [first, stop]; None for all.
-        setpoint: One or several setpoints; None for all.
-        policy: One or several labels; None for all.
-
-    Raises:
-        UsageError: The dataset has no such setpoint or policy.
+    Raises UsageError if the dataset has no such setpoint or policy.
     """
-    inside = np.ones(len(episodes), dtype=bool)
-    if split is not None:
-        inside[:] = False
-        for first, stop in split:
-            inside[first:stop] = True
+    inside = np.full(len(episodes), split is None)
+    for first, stop in split or ():
+        inside[first:stop] = True
     if setpoint is not None:
         values = episodes["setpoint"].to_numpy()
         inside &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -81,18 +81,14 @@ class RowStatistics:
 
     def __init__(self, rows: int, total: int) -> None:
         self._stride, self._seen = sample_stride(rows, total), 0
-        self._keeps_parts = self._stride == 1 and total <= SAMPLE_ROWS
         self._moments: Moments | None = None
         self._samples: list[Table] = []
 
     def add(self, table: Table) -> Moments:
-        """Add rows; return their moments. If all rows are sampled, the table is kept instead of a copy."""
+        """Add rows; return their moments."""
         own = moments(np.ascontiguousarray(table))
         self._moments = own if self._moments is None else merged(self._moments, own)
-        if self._keeps_parts:
-            self._samples.append(table)
-        else:
-            self._samples.append(np.ascontiguousarray(table[:, -self._seen % self._stride :: self._stride]))
+        self._samples.append(table[:, -self._seen % self._stride :: self._stride].copy())
         self._seen += table.shape[1]
         return own
 
@@ -106,6 +102,14 @@ class RowStatistics:
     def sample(self) -> Table:
         """The sample."""
         return np.concatenate(self._samples, axis=1)
+
+
+def of_batches(batches: Iterable[Any], names: Sequence[str], rows: int) -> dict[str, Statistic]:
+    """The statistics of Arrow batches, which have these columns and so many rows in all."""
+    found = RowStatistics(rows, rows)
+    for batch in batches:
+        found.add(np.stack([column.to_numpy() for column in batch.columns]))
+    return described(names, found.moments, [found.sample], [rows])
 
 
 def described(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import zlib
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -74,7 +73,7 @@ def in_folder(
 ) -> Stored:
     """Map the values from files in a folder, which are written first if they are not there.
 
-    Raises UsageError if the folder holds anything else, or other values than were written.
+    Raises UsageError if the folder holds anything else.
     """
     if not sizes.rows:  # nothing to keep in files
         return in_memory(sizes, blocks)
@@ -90,43 +89,36 @@ def in_folder(
             raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
     try:
         described = json.loads((folder / DESCRIPTION).read_bytes())
-        known = described.pop("crc32", None)
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (OSError, ValueError):
         described = None
     if described != json.loads(json.dumps(description)):
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
     try:
         stored = Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
-        if [(array.shape, array.dtype) for array in stored] != _forms(sizes) or _sums(stored) != known:
-            raise ValueError("found other values than were written")
+        if [(array.shape, array.dtype) for array in stored] != _forms(sizes):
+            raise ValueError("found arrays of other sizes")
         return stored
     except Exception as error:  # whatever numpy and zipfile raise for other bytes
-        raise UsageError(
-            f"folder: {folder} is damaged ({error}); remove it, or choose another folder"
-        ) from None
+        todo = "remove it, or choose another folder"
+        raise UsageError(f"folder: {folder} is damaged ({error}); {todo}") from None
 
 
 def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
-    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _forms(sizes))
-    with (folder / DESCRIPTION).open("xb") as file:  # a full disk would end the process that fills a map
-        disk.reserve(file.fileno(), size)
+    forms = dict(zip(Stored._fields, _forms(sizes), strict=True))
+    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in forms.values())
+    with (folder / DESCRIPTION).open("w") as file:
+        disk.reserve(file.fileno(), size)  # a full disk would end the process that fills a map
         file.truncate(0)
+        json.dump(description, file, sort_keys=True)
     maps = [
         np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
-        for name, (shape, dtype) in zip(Stored._fields, _forms(sizes), strict=True)
+        for name, (shape, dtype) in forms.items()
     ]
-    stored = Stored(*maps)
-    stored.fill(blocks)
+    Stored(*maps).fill(blocks)
     for each in maps:
         each.flush()
-    (folder / DESCRIPTION).write_text(json.dumps({**description, "crc32": _sums(stored)}, sort_keys=True))
-
-
-def _sums(stored: Stored) -> dict[str, int]:
-    """The checksum of each array."""
-    return {name: zlib.crc32(array.data) for name, array in stored._asdict().items()}
 
 
 def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:

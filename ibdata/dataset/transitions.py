@@ -81,12 +81,8 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     """Make the transitions of whole episodes.
 
     The next frame of a row comes from the columns `next_…` or from the row after it. If that does not give
-    the last one of an episode, the last row is left out, and the episode is truncated one step before.
-
-    Args:
-        table: the columns that `needed` names.
-        info: the description of the dataset.
-        options: the view.
+    the last one of an episode, the last row is left out, and the episode is truncated one step before. The
+    table has the columns that `needed` names.
     """
     index = {name: table[name].to_numpy() for name in INDICES}
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)

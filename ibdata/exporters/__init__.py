@@ -3,10 +3,9 @@
 The docstring of a format is its help. A format has `export(view, path, target)`, which writes the file or
 folder `path` and returns the Python code that loads it from `target`, its final name. It may also have
 
-- `verify(view, path)`, which compares the written file or folder with the data;
 - `HISTORY`, its default history;
-- `place(view, out)`, which returns the target for the option `--out`;
-- options of its own, as keyword arguments of `export` and `place`.
+- `place(view, out)`, which returns the target for the option `--out`. Such a format may have ids, which both
+  functions then take as the keyword `id`.
 
 Other packages add formats by entry points in the group `ibdata.exporters`: the name of an entry point is that
 of the format, its value is the module. The module is imported only when its format is used.
@@ -14,7 +13,6 @@ of the format, its value is the module. The module is imported only when its for
 
 from __future__ import annotations
 
-import inspect
 import os
 import pkgutil
 from collections.abc import Mapping, Sequence
@@ -25,7 +23,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Place
-    from ibdata.exporters._view import Block as Block
     from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
@@ -54,7 +51,7 @@ def export(
     history: int | None = None,
     reward_scale: float = 1.0,
     id: str | None = None,
-    verify: bool = False,
+    overwrite: bool = False,
     progress: bool | None = False,
     observe: str | Sequence[str] = "classic",
     actions: bool = False,
@@ -70,12 +67,12 @@ def export(
     Args:
         dataset: A `Dataset`, or the path of one.
         to: The format: one of `FORMATS`, or one that an installed package adds.
-        out: A path that does not exist; for `minari` the root folder, which gets a folder named `id`.
+        out: The file or folder to write; for `minari` the root folder, which gets a folder named `id`.
         split: Only this split; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
         reward_scale: The factor by which rewards are multiplied.
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
-        verify: Whether to read the export back and compare it with the dataset, value by value.
+        overwrite: Whether to replace a file, or a folder with the files of such an export, at `out`.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         observe: What a frame shows; this and the following are options of a view, see docs/views.md.
         actions: Whether a frame also shows the action of the step before.
@@ -89,14 +86,14 @@ def export(
         UsageError: An argument is invalid, or the format cannot hold these data.
         MissingError: A library is not installed.
         DatasetError: The dataset is damaged.
-        IbdataError: The system refuses to write, or `verify` reads other values than were written.
+        BusyError: Another process exports to this path.
+        IbdataError: The system refuses to write.
     """
     from ibdata.dataset.reader import opened
     from ibdata.dataset.viewed import checked_length
     from ibdata.errors import UsageError
-    from ibdata.exporters._target import stoppable, whole
+    from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
-    from ibdata.system.memory import refuse_too_much
     from ibdata.system.storage import refuse_url
     from ibdata.views.options import view_options
 
@@ -106,25 +103,27 @@ def export(
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
     options = view_options(observe, actions, reward, reward_scale, imperfections)
-    if verify and not hasattr(format, "verify"):
-        raise UsageError(f"the format {to} has no function to verify an export; leave out --verify")
     source = opened(dataset)
     view = View(source, split, history, options, progress)
-    refuse_too_much("history", view.history_bytes)
     if view.rows == 0:
         raise UsageError(f"split: {split!r} has no rows; choose another split")
-    more: dict[str, Any] = {}
-    if id is not None:
-        if "id" not in inspect.signature(format.export).parameters:
-            raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-        more["id"] = id
+    more = {} if id is None else {"id": id}
+    if more and not hasattr(format, "place"):
+        raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
     target = Path(format.place(view, Path(out), **more) if hasattr(format, "place") else out)
-    with stoppable(target), whole(target) as path:
+    with whole(target, overwrite) as path:
         snippet = format.export(view, path, target, **more)
-        if verify:
-            format.verify(view, path)
-    sizes = view.episodes, view.rows, history, reward_scale
-    return Exported(to, str(target), *sizes, snippet, view.frame, view.left_out)
+    return Exported(
+        format=to,
+        path=str(target),
+        episodes=view.episodes,
+        rows=view.rows,
+        history=history,
+        reward_scale=reward_scale,
+        snippet=snippet,
+        frame=view.frame,
+        left_out=view.left_out,
+    )
 
 
 def added_formats() -> EntryPoints:
@@ -133,10 +132,10 @@ def added_formats() -> EntryPoints:
 
 
 def __getattr__(name: str) -> Any:
-    """`View` and `Block`, for formats of other packages; imported when first used."""
-    if name not in ("Block", "View"):
+    """`View`, for formats of other packages; imported when first used."""
+    if name != "View":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}._view"), name)
+    return import_module(f"{__name__}._view").View
 
 
 def _format(to: str) -> Any:

@@ -1,74 +1,81 @@
-"""Writing an export beside its target, and renaming it when it is complete."""
+"""Writing an export in a hidden part beside its target, from which it gets its name when it is complete."""
 
 from __future__ import annotations
 
 import os
-import secrets
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset.manifest import refuse_inside
-from ibdata.errors import IbdataError, Interrupted, MissingError, UsageError
+from ibdata.dataset import manifest
+from ibdata.errors import IbdataError, MissingError, UsageError
 from ibdata.system import disk, signals
-from ibdata.system.files import sync_folder
-
-TEMPORARY = ".tmp-"
+from ibdata.system.part import locked_part, resolved
 
 
 @contextmanager
-def whole(target: Path) -> Iterator[Path]:
+def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Yield a path to write to, which is renamed to the target if the block succeeds; else nothing is left.
 
-    Raises UsageError for a target that exists or lies within a dataset.
+    Raises:
+        UsageError: The target exists, or may not be replaced, or lies within a dataset.
+        BusyError: Another process exports to this target.
+        IbdataError: The system refuses to write.
     """
-    refuse(target)
-    scratch = target.parent / f"{TEMPORARY}{secrets.token_hex(6)}-{target.name}"
-    missing = [path for path in target.parents if not path.exists()]
-    try:
-        scratch.mkdir(parents=True)
-        result = scratch / target.name
-        yield result
-        signals.check()
-        _sync(result)
-        refuse(target)
-        result.rename(target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        for path in missing:
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
-    sync_folder(target.parent)
+    _refuse(target, overwrite)
+    place = resolved(target)
+    with locked_part(place, target) as part:
+        if part.receipts:
+            raise UsageError(f"{target}: an unfinished run of generate has this name; choose another --out")
+        part.clear()
+        made = part.folder / "export" / target.name  # a name of its own, because Minari looks at the folder
+        made.parent.mkdir()
+        try:
+            yield made
+        except MemoryError:
+            raise IbdataError(f"{target}: out of memory; use a smaller --history, or --split") from None
+        signals.check()  # HDF5 loses exceptions
+        _sync(made)
+        _refuse(target, overwrite)
+        _refuse_others(place, made)
+        part.place(made)
 
 
-def refuse(target: Path) -> None:
-    """Raise UsageError for a target that exists or lies within a dataset."""
-    if os.path.lexists(target):
-        raise UsageError(f"{target}: exists already; choose another --out")
-    refuse_inside(target)
+def _refuse(target: Path, overwrite: bool) -> None:
+    """Raise UsageError for a target that lies within a dataset, or exists and is not to be replaced."""
+    manifest.refuse_inside(target)
+    if os.path.lexists(target) and not overwrite:
+        raise UsageError(
+            f"{target}: exists already; choose another --out, or --overwrite to replace an export"
+        )
+    if os.path.exists(target / manifest.PATH):
+        raise UsageError(f"{target}: is a dataset, which no export replaces; choose another --out")
 
 
-@contextmanager
-def stoppable(target: Path) -> Iterator[None]:
-    """Turn signals and errors of the system into errors of one line."""
-    try:
-        with signals.stoppable():
-            yield
-    except Interrupted as error:
-        raise Interrupted(error.signal_number, "nothing of the export is left behind") from None
-    except OSError as error:
-        raise IbdataError(f"{target}: cannot be written: {error.strerror or error}") from error
-    except MemoryError:
-        raise IbdataError(f"{target}: out of memory; use a smaller --history") from None
+def _refuse_others(place: Path, made: Path) -> None:
+    """Raise UsageError if the folder to replace holds anything that the export does not have."""
+    for path in place.rglob("*"):
+        name = path.relative_to(place)
+        if not (made / name).exists():
+            raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
+
+
+def _sync(made: Path) -> None:
+    """Wait until a file, or a folder with its files, is on the disk."""
+    for path in [made, *made.rglob("*")]:
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            disk.sync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def reserve(path: Path, size: int) -> None:
     """Raise OSError unless there is room for this number of bytes.
 
-    If a write fails, HDF5 ends the process with a segmentation fault, after which nothing could be removed.
+    When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
     """
     with path.open("xb") as file:
         disk.reserve(file.fileno(), size)
@@ -81,18 +88,3 @@ def needed(module: str, format: str, extra: str, package: str | None = None) -> 
         return import_module(module)
     except ImportError:
         raise MissingError(f"exporting to {format}", package or module, extra) from None
-
-
-def differs(what: str) -> IbdataError:
-    """The error for an export whose values differ when they are read back."""
-    return IbdataError(f"{what}: read back other values than were written; the disk or a library is at fault")
-
-
-def _sync(result: Path) -> None:
-    """Wait until a file, or all files of a folder, are on the disk."""
-    for path in [result, *result.rglob("*")]:
-        if path.is_dir():
-            sync_folder(path)
-        else:
-            with path.open("rb") as file:
-                disk.sync(file.fileno())

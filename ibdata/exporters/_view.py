@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.history import stacked
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.transitions import Transitions, left_out, needed, transitions, whole_episodes
-from ibdata.dataset.viewed import BLOCK_ROWS, identity
-from ibdata.system.progress import Advance, bar
-from ibdata.views.options import PLAIN, ViewOptions
-
-if TYPE_CHECKING:
-    import pandas as pd
+from ibdata.dataset.transitions import left_out, needed, whole_episodes
+from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
+from ibdata.system.progress import bar
+from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 
 Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
 
-EXTRAS = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
+BESIDE = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
 
 
 class Block(NamedTuple):
@@ -40,156 +35,94 @@ class Block(NamedTuple):
     step: Array  # (n,) int32
     extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values
 
-    def split(self) -> Iterator[Block]:
-        """Yield the episodes, one block each."""
-        ends = np.flatnonzero(self.terminated | self.truncated) + 1
-        for start, stop in zip([0, *ends[:-1]], ends, strict=True):
-            arrays = {name: getattr(self, name)[start:stop] for name in self._fields[:-1]}
-            extras = {name: array[start:stop] for name, array in self.extras.items()}
-            yield Block(**arrays, extras=extras)
+
+ARRAYS = Block._fields[:-1]
 
 
-@dataclass(frozen=True)
 class View:
-    """A dataset or a split of it, with stacked frames and the rewards of a view."""
+    """A dataset or a split of it, with stacked frames and the rewards of a view.
 
-    dataset: Dataset
-    split: str | None = None
-    history: int = 1
-    options: ViewOptions = PLAIN
-    progress: bool | None = False
+    Raises UsageError for an unknown split, and for columns that the dataset does not have.
+    """
 
-    def __post_init__(self) -> None:
-        needed(self.dataset.info_model, self.options)
-        self.dataset.iter_batches(["step"], self.split)  # reads nothing yet, but refuses an unknown split
+    def __init__(
+        self,
+        dataset: Dataset,
+        split: str | None = None,
+        history: int = 1,
+        options: ViewOptions = PLAIN,
+        progress: bool | None = False,
+    ) -> None:
+        self.dataset = dataset
+        self.split = split
+        self.history = history
+        self.options = options
+        self.progress = progress
+        self.info = info = dataset.info_model
+        self.frame = options.frame(info.drifting)  # the names of the numbers of a frame
+        self.beside = [column.name for column in info.columns if column.role in BESIDE]
+        # Columns that are measured imperfectly, whose true values are exported too.
+        self.clean = [x for x in options.columns(info.drifting) if x in options.imperfections.columns]
 
-    @property
-    def reward_scale(self) -> float:
-        """The factor by which rewards are multiplied."""
-        return self.options.reward_scale
-
-    @cached_property
-    def lengths(self) -> Array:
-        """The numbers of transitions of the episodes, in order; an episode without any is not exported."""
-        info = self.dataset.info_model
-        lengths: Array = self.described()["length"].to_numpy() - left_out(info, self.options)
-        return lengths[lengths > 0]
-
-    @property
-    def rows(self) -> int:
-        """The number of transitions."""
-        return int(self.lengths.sum())
-
-    @property
-    def episodes(self) -> int:
-        """The number of episodes."""
-        return len(self.lengths)
-
-    @property
-    def left_out(self) -> int:
-        """The number of transitions that are left out, because their next frames are not in the dataset."""
-        return int(self.described()["length"].sum()) - self.rows
-
-    @property
-    def frame(self) -> tuple[str, ...]:
-        """The names of the numbers of a frame."""
-        return self.options.frame(self.dataset.info_model.drifting)
+        self._needed = needed(info, options)
+        dataset.iter_batches(["step"], split)  # reads nothing yet, but refuses an unknown split
+        self._chosen = dataset.selected(split)
+        self.table = dataset.episodes[self._chosen]  # one row per episode that is exported
+        lengths: Array = self.table["length"].to_numpy() - left_out(info, options)
+        self.lengths = lengths[lengths > 0]  # transitions per episode; one without any is not exported
+        self.episodes = len(self.lengths)
+        self.rows = int(self.lengths.sum())  # transitions
+        self.left_out = int(self.table["length"].sum()) - self.rows  # their next frames are not known
 
     @property
     def bytes(self) -> int:
-        """The size of the arrays of all blocks, uncompressed."""
-        floats = 2 * len(self.frame) * self.history + len(self.group("action")) + 1
-        floats += sum(len(self.group(role)) for role in EXTRAS) + len(self.clean)
+        """The size of the arrays of all blocks."""
+        floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
-
-    @property
-    def history_bytes(self) -> int:
-        """The size of the histories of the longest episode, which are in memory at once."""
-        longest = int(self.dataset.episodes["length"].max())
-        return 2 * 4 * len(self.frame) * self.history * longest
-
-    @property
-    def clean(self) -> tuple[str, ...]:
-        """The columns that the view measures imperfectly, whose true values are exported beside."""
-        observed = self.options.columns(self.dataset.info_model.drifting)
-        return tuple(name for name in observed if name in self.options.imperfections.columns)
-
-    def group(self, role: str) -> list[str]:
-        """The names of the columns of a role."""
-        return self.dataset.info_model.names(role)
 
     def plain(self) -> dict[str, Any]:
         """What the export shows, as JSON data for its own metadata.
 
         Imperfections depend on the numbers of the episodes, so with them `episodes` is a hash of their order.
         """
-        order = (
-            {"episodes": identity(self.dataset.episode_table.filter(self._exported))}
-            if self.options.imperfections
-            else {}
-        )
-        return {
+        shown: dict[str, Any] = {
             "content_root": self.dataset.content_root,
             "split": self.split,
             "history": self.history,
-            **order,
-            **self.options.plain(self.dataset.info_model.drifting),
         }
+        if self.options.imperfections:
+            shown["episodes"] = identity(self.dataset.episode_table.filter(self._chosen))
+        return shown | self.options.plain(self.info.drifting)
 
-    @property
-    def _exported(self) -> Array:
-        return self.dataset.selected(self.split)
+    def tables(self, columns: list[str]) -> Iterator[pa.Table]:
+        """Yield the rows in order, in tables of whole episodes, with these columns and those of the view."""
+        names = list(dict.fromkeys([*columns, *self._needed]))
+        batches = self.dataset.iter_batches(names, self.split, max(1, BLOCK_ROWS // self.history))
+        with bar(self.progress, self.rows + self.left_out, "rows") as advance:
+            for table in whole_episodes(batches, self.dataset.place):
+                yield table
+                advance(table.num_rows)
 
-    def described(self) -> pd.DataFrame:
-        """The rows of `Dataset.episodes` that are exported."""
-        return self.dataset.episodes[self._exported]
+    def blocks(self) -> Iterator[Block]:
+        """Yield the transitions in order."""
+        columns = [*self.beside, *self.clean]
+        for table in self.tables(columns):
+            arrays = arrays_of(table, self.info, self.options, self.history, False, columns)
+            arrays = {name: _float32(array) for name, array in arrays.items()}
+            extras = {name: arrays[name] for name in self.beside}
+            extras |= {f"clean_{name}": arrays[name] for name in self.clean}
+            if len(arrays["step"]):
+                yield Block(**{name: arrays[name] for name in ARRAYS}, extras=extras)
 
-    def tables(self, columns: list[str], what: str) -> Iterator[pa.Table]:
-        """Yield the rows in order, in tables of whole episodes; `what` is the label of the progress bar."""
-        rows = max(1, BLOCK_ROWS // self.history)
-        names = list(dict.fromkeys([*columns, *needed(self.dataset.info_model, self.options)]))
-        with bar(self.progress, self._all_rows, "rows", what) as advance:
-            batches = self.dataset.iter_batches(names, self.split, rows)
-            yield from whole_episodes(_counted(batches, advance), self.dataset.place)
-
-    def blocks(self, what: str) -> Iterator[Block]:
-        """Yield the transitions in order; `what` is the label of the progress bar."""
-        columns = [name for role in EXTRAS for name in self.group(role)]
-        for table in self.tables(columns, what):
-            made = transitions(table, self.dataset.info_model, self.options)
-            if len(made.rewards):
-                yield self._block(table, made, columns)
-
-    def _block(self, table: pa.Table, made: Transitions, columns: list[str]) -> Block:
-        def float32(array: Array) -> Array:
-            return array.astype(np.float32, copy=False)
-
-        def beside(name: str) -> Array:
-            return float32(table[name].to_numpy())[made.rows]
-
-        now, after = stacked(float32(made.frames), float32(made.next_frames), made.step, self.history)
-        return Block(
-            now,
-            float32(made.actions),
-            float32(made.rewards),
-            after,
-            made.terminated,
-            made.truncated,
-            made.episode,
-            made.step,
-            {
-                **{name: beside(name) for name in columns},
-                **{f"clean_{name}": beside(name) for name in self.clean},
-            },
-        )
-
-    @property
-    def _all_rows(self) -> int:
-        """The number of rows that are read."""
-        return self.rows + self.left_out
+    def episode_blocks(self) -> Iterator[Block]:
+        """Yield the transitions in order, those of each episode in a block."""
+        for block in self.blocks():
+            ends = np.flatnonzero(block.terminated | block.truncated) + 1
+            for start, stop in pairwise([0, *ends.tolist()]):
+                arrays = {name: getattr(block, name)[start:stop] for name in ARRAYS}
+                extras = {name: array[start:stop] for name, array in block.extras.items()}
+                yield Block(**arrays, extras=extras)
 
 
-def _counted(batches: Iterator[pa.RecordBatch], advance: Advance) -> Iterator[pa.RecordBatch]:
-    for batch in batches:
-        advance(batch.num_rows)
-        yield batch
+def _float32(array: Array) -> Array:
+    return array.astype(np.float32) if array.dtype == np.float64 else array

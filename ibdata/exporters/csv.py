@@ -7,7 +7,7 @@ in constant memory.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,17 +15,17 @@ from pyarrow import csv
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.transitions import Transitions, as_batch, transitions
-from ibdata.exporters._tables import Rows
-from ibdata.exporters._target import differs
 from ibdata.exporters._view import View
+
+OBSERVED = ("observation", "next_observation")  # roles of columns for which there are frames
 
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the CSV file."""
-    with pa.output_stream(path) as file, ExitStack() as stack:
-        writer: csv.CSVWriter | None = None
-        for table in _tables(view, "write"):
-            writer = writer or stack.enter_context(csv.CSVWriter(file, table.schema))
+    tables = _tables(view)
+    first = next(tables)
+    with pa.output_stream(path) as file, csv.CSVWriter(file, first.schema) as writer:
+        for table in chain([first], tables):
             writer.write_table(table)
     return f"""\
 from pyarrow import csv
@@ -35,19 +35,25 @@ data = csv.read_csv({str(target)!r}, convert_options=text).to_pandas()
 """
 
 
-def _tables(view: View, what: str) -> Iterator[pa.Table]:
-    """All columns in a form that CSV can hold: labels as text instead of dictionary numbers."""
-    columns = [column.name for column in view.dataset.info_model.columns]
-    shown = {*view.frame, *view.group("observation"), *view.group("next_observation")}
-    for table in view.tables(columns, what):
-        made = transitions(table, view.dataset.info_model, view.options)
-        out, rows = pa.Table.from_batches([as_batch(made, view.frame)]), table.take(made.rows)
-        beside = [name for name in columns if name not in {*out.column_names, *shown}]
-        for name, source in [*zip(beside, beside, strict=True), *((f"clean_{x}", x) for x in view.clean)]:
-            column = rows[source]
-            text = pa.types.is_dictionary(column.type)
-            out = out.append_column(name, column.cast(pa.string()) if text else column)
+def _tables(view: View) -> Iterator[pa.Table]:
+    """The transitions, the columns beside them, the clean values, and the histories."""
+    columns = [column.name for column in view.info.columns]
+    observed = [column.name for column in view.info.columns if column.role in OBSERVED]
+    for table in view.tables(columns):
+        made = transitions(table, view.info, view.options)
+        rows = table.take(made.rows)
+        out = pa.Table.from_batches([as_batch(made, view.frame)])
+        for name in columns:
+            if name not in observed and name not in out.column_names:
+                out = out.append_column(name, _without_dictionary(rows[name]))
+        for name in view.clean:
+            out = out.append_column(f"clean_{name}", rows[name])
         yield _with_history(view, out, made)
+
+
+def _without_dictionary(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Labels as text, because CSV has no dictionaries."""
+    return column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column
 
 
 def _with_history(view: View, table: pa.Table, made: Transitions) -> pa.Table:
@@ -60,23 +66,3 @@ def _with_history(view: View, table: pa.Table, made: Transitions) -> pa.Table:
             lag, place = divmod(i, len(view.frame))
             table = table.append_column(f"{prefix}{view.frame[place]}_lag_{lag}", pa.array(history[:, i]))
     return table
-
-
-def verify(view: View, path: Path) -> None:
-    """Compare the file with the data."""
-    found: Rows | None = None
-    for expected in _tables(view, "check"):
-        if found is None:
-            options = csv.ConvertOptions(column_types=expected.schema, null_values=[])
-            reader = csv.open_csv(path, convert_options=options)
-            found = Rows(reader, reader.schema)
-        if not _same(found.take(expected.num_rows), expected):
-            raise differs(str(path))
-
-
-def _same(a: pa.Table, b: pa.Table) -> bool:
-    """Whether two tables hold the same values; NaN equals NaN."""
-    return a.num_rows == b.num_rows and all(
-        x.to_numpy().tobytes() == y.to_numpy().tobytes() if pa.types.is_floating(y.type) else x.equals(y)
-        for x, y in zip(a.columns, b.columns, strict=True)
-    )

@@ -8,14 +8,11 @@ or 1 for discrete ones. Written in constant memory, but d3rlpy loads the whole f
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ibdata.exporters._arrays import same
-from ibdata.exporters._target import differs, needed, reserve
+from ibdata.exporters._target import needed, reserve
 from ibdata.exporters._view import Arrays, Block, View
 
 VERSION = "2.1"  # of d3rlpy's file format
@@ -47,30 +44,12 @@ def export(view: View, path: Path, target: Path) -> str:
         file.create_dataset("num_episodes", data=view.episodes)
         file.create_dataset("version", data=VERSION)
         file.attrs["view"] = json.dumps(view.plain())
-        for name, array in _datasets(view, "write"):
-            file.create_dataset(name, data=array)
+        for number, block in enumerate(view.episode_blocks()):
+            for key, array in episode(block).items():
+                file.create_dataset(f"{key}_{number}", data=array)
     return f"""\
 from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
 
 with open({str(target)!r}, "rb") as file:
     dataset = ReplayBuffer.load(file, InfiniteBuffer())
 """
-
-
-def verify(view: View, path: Path) -> None:
-    """Compare the file with the data."""
-    with needed("h5py", "d3rlpy", "hdf5").File(path, "r") as file:
-        for name, array in _datasets(view, "check"):
-            found = np.asarray(file[name][()])
-            if found.dtype != array.dtype or found.shape != array.shape or not same(found, array):
-                raise differs(f"{path}: {name}")
-
-
-def _datasets(view: View, what: str) -> Iterator[tuple[str, Any]]:
-    """The name and the values of each HDF5 dataset."""
-    number = 0
-    for block in view.blocks(what):
-        for one in block.split():
-            for key, array in episode(one).items():
-                yield f"{key}_{number}", array
-            number += 1

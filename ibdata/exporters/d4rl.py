@@ -10,9 +10,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ibdata.exporters._arrays import check, transitions
+from ibdata.exporters._arrays import transitions
 from ibdata.exporters._target import needed, reserve
-from ibdata.exporters._view import Array, View
+from ibdata.exporters._view import View
 from ibdata.version import __version__
 
 CHUNK_ROWS = 4096
@@ -25,9 +25,9 @@ def export(view: View, path: Path, target: Path) -> str:
     reserve(path, view.bytes + OVERHEAD)
     with h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__
-        file.attrs["name"] = view.dataset.info_model.name
+        file.attrs["name"] = view.info.name
         file.attrs["content_root"] = view.dataset.content_root
-        file.attrs["reward_scale"] = view.reward_scale
+        file.attrs["reward_scale"] = view.options.reward_scale
         file.attrs["view"] = json.dumps(view.plain())
         file.attrs["history"] = view.history
         _write(view, file)
@@ -40,23 +40,9 @@ with h5py.File({str(target)!r}) as file:
 """
 
 
-def verify(view: View, path: Path) -> None:
-    """Compare the file with the data."""
-    with needed("h5py", "d4rl", "hdf5").File(path, "r") as file:
-        done: dict[str, int] = {}
-
-        def read(name: str, rows: int) -> Array:
-            start = done.get(name, 0)
-            done[name] = start + rows
-            array: Array = file[name][start : start + rows]
-            return array
-
-        check(view, transitions, read, path)
-
-
 def _write(view: View, file: Any) -> None:
     start = 0
-    for block in view.blocks("write"):
+    for block in view.blocks():
         stop = start + len(block.rewards)
         for name, array in transitions(block).items():
             if start == 0:

@@ -1,7 +1,7 @@
 """An NPZ for NeoRL's loader: obs, next_obs, action, reward (N, 1), done (N, 1) and index, for one setpoint.
 The history is 30 by default, which gives 180 columns, newest frame first. `done` also marks the time limit,
 as in NeoRL's own files. `index` holds the ends of the episodes, because the loader puts a 0 in front of it.
-The loader reads it as float32, so more than 16,777,216 rows are refused. Written in constant memory.
+The loader reads it as float32, so more than 16,777,216 rows are refused. All arrays are in memory at once.
 """
 
 from __future__ import annotations
@@ -11,16 +11,31 @@ from pathlib import Path
 import numpy as np
 
 from ibdata.errors import UsageError
-from ibdata.exporters._arrays import check_npz, same, write_npz
-from ibdata.exporters._target import differs
-from ibdata.exporters._view import Array, Arrays, Block, View
+from ibdata.exporters._arrays import write_npz
+from ibdata.exporters._view import Arrays, Block, View
 from ibdata.numerics.naming import counted, exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
 
 
-def form(block: Block) -> Arrays:
+def export(view: View, path: Path, target: Path) -> str:
+    """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
+    if view.rows > MAX_ROWS:
+        raise UsageError(
+            f"neorl: found {counted(view.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
+        )
+    _refuse_other_setpoints(view)
+    write_npz(view, _arrays, path, index=np.cumsum(view.lengths))
+    return f"""\
+import numpy as np
+
+data = dict(np.load({str(target)!r}))
+data["index"] = np.insert(data["index"], 0, 0)[:-1]  # first rows, as NeoRL's loader gives them
+"""
+
+
+def _arrays(block: Block) -> Arrays:
     """The arrays of NeoRL, except the index."""
     return {
         "obs": block.observations,
@@ -31,37 +46,13 @@ def form(block: Block) -> Arrays:
     }
 
 
-def export(view: View, path: Path, target: Path) -> str:
-    """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
-    if view.rows > MAX_ROWS:
-        raise UsageError(
-            f"neorl: found {counted(view.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
-        )
-    write_npz(view, form, path, index=_index(view))
-    return f"""\
-import numpy as np
-
-data = dict(np.load({str(target)!r}))
-data["index"] = np.insert(data["index"], 0, 0)[:-1]  # first rows, as NeoRL's loader gives them
-"""
-
-
-def verify(view: View, path: Path) -> None:
-    """Compare the NPZ with the data."""
-    check_npz(view, form, path)
-    with np.load(path) as archive:
-        if not same(archive["index"], _index(view)):
-            raise differs(f"{path}: index")
-
-
-def _index(view: View) -> Array:
-    """The end of each episode. Raises UsageError if there are several setpoints."""
-    if view.dataset.info_model.drifting:
+def _refuse_other_setpoints(view: View) -> None:
+    """Raise UsageError unless there is one setpoint that is constant."""
+    if view.info.drifting:
         raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
-    setpoints = sorted(view.described()["setpoint"].unique().tolist())
+    setpoints = sorted(view.table["setpoint"].unique().tolist())
     if len(setpoints) > 1:
         found = ", ".join(exact(p) for p in setpoints[:5])
         raise UsageError(
             f"neorl: found the setpoints {found}, expected one setpoint; use --split, see ibdata split"
         )
-    return np.cumsum(view.lengths)

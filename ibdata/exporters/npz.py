@@ -1,13 +1,14 @@
 """NumPy's NPZ, with the keys of D4RL: observations, actions, rewards, next_observations, terminals, timeouts,
 and infos/… with episode, step, latent state and action_log_prob. Not compressed. Includes the last transition
-of each episode, with its next observation. Written in constant memory; np.load reads a whole array at a time.
+of each episode, with its next observation. All arrays are in memory at once, as they are when np.load reads
+them.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ibdata.exporters._arrays import check_npz, transitions, write_npz
+from ibdata.exporters._arrays import transitions, write_npz
 from ibdata.exporters._view import View
 
 
@@ -20,8 +21,3 @@ import numpy as np
 data = np.load({str(target)!r})
 data["observations"], data["actions"], data["rewards"], data["next_observations"], data["terminals"]
 """
-
-
-def verify(view: View, path: Path) -> None:
-    """Compare the NPZ with the data."""
-    check_npz(view, transitions, path)

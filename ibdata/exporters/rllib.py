@@ -7,15 +7,13 @@ it. The command prints the configuration that RLlib needs. Written in constant m
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.exporters._tables import Rows
-from ibdata.exporters._target import differs
 from ibdata.exporters._view import Array, Block, View
 
 ROW_GROUP_ROWS = 100_000
@@ -36,16 +34,14 @@ SCHEMA = {
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the Parquet file."""
-    file = path
     if path.suffix != SUFFIX:
         path.mkdir()
-        file = path / FILE
-        target = target / FILE
-    with ExitStack() as stack:
-        writer: pq.ParquetWriter | None = None
-        for block in view.blocks("write"):
-            table = _table(block).replace_schema_metadata({"view": json.dumps(view.plain())})
-            writer = writer or stack.enter_context(pq.ParquetWriter(file, table.schema, **OPTIONS))
+        path, target = path / FILE, target / FILE
+    metadata = {"view": json.dumps(view.plain())}
+    tables = (_table(block).replace_schema_metadata(metadata) for block in view.blocks())
+    first = next(tables)
+    with pq.ParquetWriter(path, first.schema, **OPTIONS) as writer:
+        for table in chain([first], tables):
             writer.write_table(table, row_group_size=ROW_GROUP_ROWS)
     return f"""\
 schema = {{
@@ -62,33 +58,20 @@ config = config.offline_data(
 
 def _table(block: Block) -> pa.Table:
     """The columns of SCHEMA."""
-    arrays = {
-        "episode": block.episode,
-        "step": block.step,
-        "observation": block.observations,
-        "action": block.actions,
-        "reward": block.rewards,
-        "next_observation": block.next_observations,
-        "terminated": block.terminated,
-        "truncated": block.truncated,
-    }
-    return pa.table({name: _column(array) for name, array in arrays.items()})
-
-
-def _column(array: Array) -> pa.Array:
-    if array.ndim == 1:
-        return pa.array(array)
-    return pa.FixedSizeListArray.from_arrays(
-        pa.array(np.ascontiguousarray(array).reshape(-1)), array.shape[1]
+    return pa.table(
+        {
+            "episode": block.episode,
+            "step": block.step,
+            "observation": _vectors(block.observations),
+            "action": _vectors(block.actions),
+            "reward": block.rewards,
+            "next_observation": _vectors(block.next_observations),
+            "terminated": block.terminated,
+            "truncated": block.truncated,
+        }
     )
 
 
-def verify(view: View, path: Path) -> None:
-    """Compare the file with the data."""
-    file = path / FILE if path.is_dir() else path
-    # By default (pre_buffer=True), all that was read would stay in memory.
-    with pq.ParquetFile(file, page_checksum_verification=True, pre_buffer=False) as parquet:
-        found = Rows(parquet.iter_batches(ROW_GROUP_ROWS), parquet.schema_arrow)
-        for block in view.blocks("check"):
-            if not found.take(len(block.rewards)).equals(_table(block)):
-                raise differs(str(file))
+def _vectors(array: Array) -> pa.Array:
+    values = pa.array(np.ascontiguousarray(array).reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(values, array.shape[1])

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, Interrupted, UsageError
+from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Config, Overrides, load, refuse_unreadable
 from ibdata.experiment.custom_code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -21,9 +21,9 @@ from ibdata.generation import origin, receipt
 from ibdata.generation.engine import select_engine
 from ibdata.generation.generate import (
     already_there,
+    counted_if_stopped,
     default_folder,
     finished,
-    left,
     make,
     prepare,
     rows_of,
@@ -31,8 +31,9 @@ from ibdata.generation.generate import (
 )
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
-from ibdata.generation.target import refuse_immovable, refuse_taken
+from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
 from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.signals import stoppable
 from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
 
@@ -121,15 +122,13 @@ def generate_shards(
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
         return Made(place, len(mine), rows_of(spec, mine), 0)
-    with in_one_folder(spec), locked_part(target, place, shared=True) as part:
-        refuse_immovable(part, place)
-        _begin(part, spec, origin.observe(spec, place), place)
-        try:
+    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), "--shards"):
+        here = origin.observe(spec, place)  # compiles for up to a minute, while other hosts need the lock
+        with locked_part(target, place, shared=True) as part:
+            refuse_immovable(part, place)
+            _begin(part, spec, here, place)
             make(spec, mine, part, run, progress)
-        except Interrupted as error:
-            error.left = left(part, "--shards")
-            raise
-        missing = len(spec.shards) - len(part.receipts)
+            missing = len(spec.shards) - len(part.receipts)
     return Made(place, len(mine), rows_of(spec, mine), missing)
 
 
@@ -159,9 +158,9 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     refuse_url(folder)
     place, target = Path(folder), resolved(folder)
     if origin.read(Part(target).folder) is None:
-        if target.is_dir() and any(target.iterdir()):
-            return Dataset(place)
-        raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+        if is_free(target, place):
+            raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+        return Dataset(place)
     with locked_part(target, place) as part:
         settle(part)
         begun = origin.read(part.folder)

@@ -18,7 +18,7 @@ from ibdata.experiment.plan import Shard, plan
 from ibdata.generation import origin
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import already_there, default_folder, unfinished
-from ibdata.generation.target import TakenError
+from ibdata.generation.target import TakenError, is_free
 from ibdata.generation.warm_up import warm_up
 from ibdata.generation.workers import divide
 from ibdata.simulation.rollout import rollout
@@ -117,7 +117,7 @@ def outlook(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> st
         if not overwrite and not (same and resume):
             raise unfinished(out, None if same else "of another experiment", resume)
         return f"generate would {'go on with' if same else 'discard'} the unfinished run in it"
-    if target.is_dir() and any(target.iterdir()):
+    if not is_free(target, out):
         return "exists; generate would replace the dataset in it"
     return None
 

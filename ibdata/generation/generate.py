@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ibdata.dataset.reader import Dataset
@@ -22,7 +24,8 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import TakenError, present, refuse_immovable
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import Advance, bar
-from ibdata.system.storage import is_url
+from ibdata.system.signals import stoppable
+from ibdata.system.storage import url_of
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -78,12 +81,12 @@ def generate(
     if resume and overwrite:
         raise UsageError("--resume and --overwrite exclude each other; give one of them")
     require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    if is_url(out):
-        work, remote = upload.places(str(out), experiment)
+    if (url := url_of(out)) is not None:
+        work, remote = upload.places(url, experiment)
         if not upload.is_there(remote, experiment, work, resume, overwrite):
-            make_dataset(experiment, work, Path(remote.name), run, resume=True, progress=progress)
+            make_dataset(experiment, work, Path(remote.name), run, resume, not resume, progress)
             upload.upload(remote, work)
-        return Dataset(str(out))
+        return Dataset(url)
     place = default_folder(experiment) if out is None else Path(out)
     make_dataset(experiment, resolved(place), place, run, resume, overwrite, progress)
     return Dataset(place)
@@ -108,21 +111,20 @@ def make_dataset(
     if already_there(experiment, target, place, resume, overwrite):
         say_there(place)
         return
-    with in_one_folder(spec), locked_part(target, place) as part:
-        settle(part)
-        if already_there(experiment, target, place, resume, overwrite):
-            return
-        refuse_immovable(part, place)
+    option = "--overwrite" if overwrite else "--resume"
+    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), option):
         here = origin.observe(spec, place)
-        prepare(part, spec, here, place, resume, overwrite)
-        try:
+        with locked_part(target, place) as part:
+            settle(part)
+            if already_there(experiment, target, place, resume, overwrite):
+                return
+            refuse_immovable(part, place)
+            prepare(part, spec, here, place, resume, overwrite)
             make(spec, spec.shards, part, run, progress)
             written = finished(spec, part)
             finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
+            present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
             publish(part)
-        except Interrupted as error:
-            error.left = left(part, "--overwrite" if overwrite else "--resume")
-            raise
 
 
 def already_there(experiment: Experiment, target: Path, place: Path, resume: bool, overwrite: bool) -> bool:
@@ -173,9 +175,7 @@ def prepare(
 def unfinished(place: Path, other: str | None, resume: bool) -> UsageError:
     """The error for an unfinished run that the options do not fit; `other` says how it differs."""
     if other is None:
-        return TakenError(
-            f"{place}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
-        )
+        return TakenError(f"{place}: holds an unfinished run; --resume to go on with it")
     kind = UsageError if resume else TakenError
     return kind(
         f"{place}: holds an unfinished run {other}; --overwrite to start again, or choose another --out"
@@ -214,11 +214,16 @@ def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
     return written
 
 
-def left(part: Part, option: str) -> str:
-    """What a run that was stopped leaves behind, in words; `option` is the one that goes on with it."""
-    count = len(part.receipts)
-    shards = "1 shard is" if count == 1 else f"{count} shards are"
-    return f"{shards} finished; {option} goes on" if count else "nothing unfinished is left behind"
+@contextmanager
+def counted_if_stopped(part: Part, option: str) -> Iterator[None]:
+    """Let a signal's exception say what is left behind; `option` is the one that goes on with it."""
+    try:
+        yield
+    except Interrupted as error:
+        if count := len(part.receipts):
+            shards = "1 shard is" if count == 1 else f"{count} shards are"
+            error.left = f"{shards} finished; {option} goes on"
+        raise
 
 
 class _Counted:

@@ -125,7 +125,7 @@ def agree(root: Path, spec: DatasetSpec) -> None:
     if began is None or [began] == _agreed:
         return
     forget_modules(customs(spec))  # of another run of Ray's
-    code = _imported(spec, began.code, root)
+    code = _imported(spec, provenance(customs(spec)), root)
     if changed := changed_code(began.code, code):
         raise UsageError(f"a worker found other code than the run began with, in {listed(changed)}")
     if began.known_answer != self_check.answer():

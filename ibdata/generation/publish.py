@@ -13,14 +13,11 @@ from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, printable
 from ibdata.generation import origin
 from ibdata.generation.receipt import DATASET
-from ibdata.system.exchange import exchanged
 from ibdata.system.files import keep_access, sync_folder, write, write_new
 from ibdata.system.part import Part
 from ibdata.system.signals import held
 from ibdata.writing.card import is_edited
 from ibdata.writing.metadata import as_json
-
-OLD = "old"  # the folder of a part that holds the replaced dataset, where two folders cannot change places
 
 
 def publish(part: Part) -> None:
@@ -36,7 +33,7 @@ def publish(part: Part) -> None:
         sync_folder(folder)
     _note(part)
     with held():
-        _move(part)
+        part.place(part.folder / DATASET)
     part.clear()
 
 
@@ -49,18 +46,8 @@ def settle(part: Part) -> None:
         part.clear()
     elif not part.target.exists() and _checksum(part.folder / DATASET) == began.manifest:
         with held():
-            _move(part)
+            part.place(part.folder / DATASET)
         part.clear()
-
-
-def _move(part: Part) -> None:
-    made, target = part.folder / DATASET, part.target
-    replaces = target.is_dir() and any(target.iterdir())
-    if not replaces or not exchanged(made, target):
-        if replaces:
-            target.rename(part.folder / OLD)  # readers find no folder for a moment
-        made.rename(target)
-    sync_folder(target.parent)
 
 
 def _checksum(folder: Path) -> str | None:

@@ -6,7 +6,7 @@ A receipt holds the entry of the shard's file and a summary of its rows: arrays,
 from __future__ import annotations
 
 import json
-import os
+import secrets
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ def put(root: Path, written: WrittenShard) -> None:
     ]
     path = path_of(root, written.shard)
     path.parent.mkdir(exist_ok=True)
-    temporary = root / f".tmp-{os.getpid()}-{path.name}"
+    temporary = root / f".tmp-{secrets.token_hex(6)}-{path.name}"  # hosts may have equal process ids
     with new_file(temporary) as file:
         for array in arrays:
             np.save(file, array)

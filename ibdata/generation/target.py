@@ -11,7 +11,8 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.system.part import Part
+from ibdata.system.files import part_of
+from ibdata.system.part import Part, refusals
 
 USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
 
@@ -42,10 +43,16 @@ def refuse_place(target: Path, place: Path) -> None:
         raise UsageError(f"{place}: leads through {missing}, which is no folder; choose another --out")
 
 
+def is_free(target: Path, place: Path) -> bool:
+    """Whether there is nothing at a place but perhaps an empty folder."""
+    with refusals(place):
+        return not target.is_dir() or not any(target.iterdir())
+
+
 def refuse_taken(target: Path, place: Path) -> None:
     """Raise UsageError if there is anything at a place but an empty folder."""
     refuse_place(target, place)
-    if target.is_dir() and any(target.iterdir()):
+    if not is_free(target, place):
         raise UsageError(f"{place}: exists already; choose another --out")
 
 
@@ -57,7 +64,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
         TakenError: The dataset of another experiment is there, which --overwrite would replace.
     """
     refuse_place(target, place)
-    if not target.is_dir() or not any(target.iterdir()):
+    if is_free(target, place):
         return None
     try:
         listed = manifest.read(target)
@@ -105,6 +112,7 @@ def refuse_immovable(part: Part, place: Path) -> None:
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
+    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
     for path in sorted(target.iterdir()):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)

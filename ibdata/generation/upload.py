@@ -11,9 +11,10 @@ import shutil
 from pathlib import Path
 
 from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.system.cache_folders import cache_base
+from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
 from ibdata.system.storage import Remote, reason
 
@@ -22,7 +23,7 @@ def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
     """The folder in which a dataset is made before it is uploaded, the same in each try, and the URL."""
     remote = Remote(url)
     identity = hashlib.sha256(remote.url.encode() + as_yaml(experiment)).hexdigest()[:24]
-    return Path(cache_base(), "uploads", identity, "dataset"), remote
+    return Path(cache_folders().folders[-1], "uploads", identity, "dataset"), remote
 
 
 def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, overwrite: bool) -> bool:
@@ -40,8 +41,8 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
         found = set(remote.sizes())
     except OSError as error:
         raise DatasetError(f"{remote.name}: cannot be read: {reason(error)}") from None
-    if manifest.PATH in found:
-        listed = manifest.read(remote)
+    listed = _manifest(remote, resume) if manifest.PATH in found else None
+    if listed is not None:
         recorded = listed.entries().get(manifest.EXPERIMENT)
         if recorded is None or recorded.sha256 != hashlib.sha256(as_yaml(experiment)).hexdigest():
             raise UsageError(f"{remote.name}: holds the dataset of another experiment; choose another --out")
@@ -52,6 +53,16 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
             "upload that failed on this machine; otherwise remove them, or choose another --out"
         )
     return False
+
+
+def _manifest(remote: Remote, resume: bool) -> Manifest | None:
+    """The manifest at the URL. With `resume`, one that is damaged counts as part of an upload that failed."""
+    try:
+        return manifest.read(remote)
+    except DatasetError:
+        if not resume:
+            raise
+        return None
 
 
 def _files(work: Path) -> set[str]:

@@ -77,8 +77,10 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
 
     def make(shard: Shard) -> int:
         maker = makers.get()
-        maker(shard, tell)
-        makers.put(maker)
+        try:
+            maker(shard, tell)
+        finally:
+            makers.put(maker)  # for those that wait, which are about to be stopped if this one failed
         return shard.number
 
     with ExitStack() as stack:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +15,9 @@ from ibdata.environment.simulation import Indices, Simulation
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment, load, shipped
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.numerics.compiled import PLACES
 from ibdata.numerics.philox import Raw
 from ibdata.policies import POLICIES
+from ibdata.system.cache_folders import cache_folders
 
 # Options that change which functions an experiment needs.
 VARIATIONS = (
@@ -47,10 +46,9 @@ def compile_all() -> Compiled:
         IbdataError: There is no folder in which later processes would find the machine code.
     """
     start = time.perf_counter()
-    if not PLACES.lasting:
+    if not cache_folders().lasting:
         raise IbdataError(
-            "there is no cache folder that only this user can write to, so nothing would be kept; set "
-            "IBDATA_CACHE_DIR to one"
+            "no cache folder can be written to, so nothing would be kept; set IBDATA_CACHE_DIR to one"
         )
     for experiment in _experiments():
         warm_up(experiment)
@@ -61,8 +59,7 @@ def compile_all() -> Compiled:
             lane = Lane(settings(setpoint=setpoint, start=form))
             _play(lane)
             lane.move((0.0, 0.0, 0.0), _zeros(np.arange(1), lane.draws)[0])
-    folder = next(folder for folder in PLACES.folders if os.access(folder, os.W_OK))
-    return Compiled(Path(folder), time.perf_counter() - start)
+    return Compiled(Path(cache_folders().folders[-1]), time.perf_counter() - start)
 
 
 def _experiments() -> Iterator[Experiment]:

@@ -16,7 +16,6 @@ from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.target import strangers
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.workers import run
 from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
@@ -24,6 +23,7 @@ from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url, storage
+from ibdata.validation.files import unlisted_files
 from ibdata.validation.rows import check_shard
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
@@ -85,9 +85,8 @@ def _manifest(place: Path) -> Manifest:
 
 
 def _refuse_strangers(place: Path, listed: Manifest) -> None:
-    for path in strangers(place, listed):
-        if path.parent != place:  # others at the top mislead no reader
-            raise UsageError(f"{path}: found something that is not the dataset's; move it away, then repair")
+    for problem in unlisted_files(storage(place), listed):
+        raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
 
 
 def _broken(folder: Path, listed: Manifest) -> list[str]:

@@ -54,7 +54,6 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     place, target = Path(out), resolved(out)
     refuse_taken(target, place)
     with locked_part(target, place) as part:
-        refuse_taken(target, place)
         refuse_immovable(part, place)
         if part.receipts:
             raise UsageError(f"{place}: holds an unfinished run of generate; choose another --out")
@@ -69,6 +68,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         code = [each for one in listed for each in one.code]
         clipped = sum(one.clipped_actions for one in listed)
         finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
+        refuse_taken(target, place)  # somebody may have put files there meanwhile
         publish(part)
     return Dataset(place)
 

@@ -80,7 +80,7 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
 
     Args:
         episodes: At least one row of the table of episodes.
-        info: The dataset's info.json.
+        info: The description of the dataset.
     """
     setpoints, lengths, returns = (episodes[name].to_numpy() for name in ("setpoint", "length", "return"))
     ends, improvements, weights = [], [], []

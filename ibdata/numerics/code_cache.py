@@ -1,9 +1,11 @@
-"""A version of numba's cache of machine code that verifies each file before it loads it.
+"""The machine code of ibdata's functions, kept between processes in numba's own cache.
 
-numba's own cache trusts every file that it finds, and fails on a file that it cannot read. This cache
-compiles a function again if its file is missing, damaged or owned by another user. It relies on three details
-of numba: the key, the serialized form of machine code, and that the compiler calls `load_overload` before it
-compiles and `save_overload` afterwards.
+numba only compares a function's own file, so it misses changes in the functions that this one calls. Here
+the names of the files hold a hash of the module of the function and of those that it imports, without lines
+and comments, so that outdated code is never found. Copies of ibdata in other folders share the machine code.
+
+This relies on two details of numba: that its classes of caches take a locator, and that the compiler calls
+`load_overload` before it compiles and `save_overload` afterwards.
 """
 
 from __future__ import annotations
@@ -11,108 +13,136 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cache
+from functools import cache, cached_property
 from importlib.util import find_spec
-from pathlib import Path
+from types import CodeType
 from typing import Any
 
-from numba.core.caching import Cache, CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+import numba
+from numba.core.caching import Cache, CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 
-from ibdata.errors import IbdataError
 from ibdata.numerics.announcement import Announcement
-from ibdata.system.cache_folders import Places
-from ibdata.system.private_files import verified
+from ibdata.system.cache_folders import cache_folders
 
+ROOMS = (
+    "numerics",
+    "dynamics",
+    "simulation",
+    "policies",
+    "dataset.statistics",
+)  # that hold compiled functions
 ANNOUNCEMENT = Announcement()
 _load = Cache.load_overload  # numba's own, also while `compile_others_anew` replaces it
 
 
-class _Locator(_CacheLocator):
-    """Identifies a function by its file and line. numba reads `_py_file` for a warning."""
+class CodeCache(NullCache):
+    """The cache of one function: that of numba in each of the cache folders."""
 
-    def __init__(self, function: Any, file: str) -> None:
-        self._py_file, self._line = file, function.__code__.co_firstlineno
+    def __init__(self, function: Callable[..., object]) -> None:
+        self._function = function
 
-    @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
-        return cls(py_func, py_file)
-
-    def get_cache_path(self) -> str:
-        return os.path.dirname(os.path.abspath(self._py_file))
-
-    def get_source_stamp(self) -> str:
-        return _sha256_of(self._py_file)
-
-    def get_disambiguator(self) -> str:
-        return str(self._line)
-
-    def ensure_cache_path(self) -> None:
-        """Do nothing, because `Places` creates the folders."""
-
-
-class _Impl(CompileResultCacheImpl):
-    """Serializes machine code."""
-
-    _locator_classes = [_Locator]  # noqa: RUF012  # declared like this in numba's base class
-
-
-class _CodeFiles(IndexDataCacheFile):
-    """One file per key, instead of numba's index and numbered files."""
-
-    def __init__(self, impl: _Impl, places: Places) -> None:
-        super().__init__(impl.locator.get_cache_path(), impl.filename_base, impl.locator.get_source_stamp())
-        self._prefix, self._places = impl.filename_base, places
-
-    def save(self, key: Any, data: Any) -> None:
-        self._places.keep(self._name(key), self._dump((self._source_stamp, key, data)))
-
-    def load(self, key: Any) -> Any:
-        for folder in self._places.folders:
-            with suppress(OSError), verified(folder, self._name(key)) as descriptor:
-                stamp, found, data = self._load_data(descriptor)
-                if (stamp, found) == (self._source_stamp, key):
-                    return data
-        return None
-
-    def _data_path(self, name: int) -> int:
-        """What numba opens: a descriptor of the verified file, so that no other file can take its place."""
-        return os.dup(name)
-
-    def _name(self, key: Any) -> str:
-        address = hashlib.sha256(repr((self._cache_path, key)).encode()).hexdigest()[:16]
-        return f"{self._prefix}.{address}.nbc"
-
-
-class CodeCache(FunctionCache):
-    """The cache of one compiled function."""
-
-    _impl_class = _Impl
-
-    def __init__(self, function: Callable[..., object], places: Places) -> None:
-        super().__init__(function)
-        self._places = places
-        self._cache_file = _CodeFiles(self._impl, places)
+    @cached_property
+    def _caches(self) -> list[FunctionCache]:
+        """Made when first needed, because the function's module must be complete."""
+        return [_cache_in(folder)(self._function) for folder in cache_folders().folders]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
         _leave_scipy_out()
-        found = None
-        try:
-            found = _load(self, sig, target_context)
-        except IbdataError:  # raised by a signal handler
-            raise
-        except Exception:  # compile again, whatever the reason
-            pass
-        if found is None:
-            ANNOUNCEMENT.begin(self._places)
-        return found
+        for each in self._caches:
+            try:
+                found = _load(each, sig, target_context)
+            except Exception:  # whatever a damaged file leads to
+                with suppress(OSError):
+                    each.flush()
+                continue
+            if found is not None:
+                return found
+        ANNOUNCEMENT.begin()
+        return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the machine code for a signature, which has been compiled since `load_overload`."""
-        super().save_overload(sig, data)
+        with suppress(OSError):
+            for each in self._caches[-1:]:
+                each.save_overload(sig, data)
         ANNOUNCEMENT.end()
+
+
+@cache
+def _cache_in(folder: str) -> type[FunctionCache]:
+    """numba's cache in a folder."""
+
+    class Locator(_CacheLocator):
+        def __init__(self, function: Callable[..., object], file: str) -> None:
+            self._module, self._py_file = function.__module__, file  # the latter for a warning of numba's
+
+        @classmethod
+        def from_function(cls, py_func: Callable[..., object], py_file: str) -> Locator:
+            return cls(py_func, py_file)
+
+        def get_cache_path(self) -> str:
+            return os.path.join(folder, "numba")
+
+        def get_source_stamp(self) -> str:
+            return _hash(self._module)
+
+        def get_disambiguator(self) -> str:
+            return _hash(self._module)[:16]
+
+    class Impl(CompileResultCacheImpl):
+        _locator_classes = [Locator]  # noqa: RUF012  # declared like this in numba's base class
+
+    class InFolder(FunctionCache):
+        _impl_class = Impl
+
+    return InFolder
+
+
+@cache
+def _hash(module: str) -> str:
+    """The hash of a module's code, and of that of all modules of `ROOMS` that it imports."""
+    hasher = hashlib.sha256(f"{numba.__version__} {sys.implementation.cache_tag} {module}".encode())
+    for name in sorted(_imported(module, set())):
+        hasher.update(repr(_plain(_code(name))).encode())
+    return hasher.hexdigest()
+
+
+def _imported(module: str, known: set[str]) -> set[str]:
+    """Add the name of a module, and of those that it imports."""
+    if module not in known:
+        known.add(module)
+        for name in _names(_code(module)):
+            if name.startswith(tuple(f"ibdata.{room}" for room in ROOMS)) and name in sys.modules:
+                _imported(name, known)
+    return known
+
+
+@cache
+def _code(module: str) -> CodeType:
+    spec = sys.modules[module].__spec__
+    return spec.loader.get_code(module)  # type: ignore[union-attr,no-any-return]
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _names(value)
+
+
+def _plain(code: CodeType) -> tuple[Any, ...]:
+    """What code does, without its file and lines."""
+    consts = tuple(map(_plain_constant, code.co_consts))
+    return code.co_name, code.co_code, code.co_names, code.co_varnames, consts
+
+
+def _plain_constant(value: Any) -> Any:
+    if isinstance(value, CodeType):
+        return _plain(value)
+    return sorted(map(repr, value)) if isinstance(value, frozenset) else value  # which has no order
 
 
 def compile_others_anew(anew: bool) -> None:
@@ -122,11 +152,6 @@ def compile_others_anew(anew: bool) -> None:
     of which a number was compiled in or a function is called.
     """
     setattr(Cache, "load_overload", (lambda *_: None) if anew else _load)  # noqa: B010  # mypy refuses an assignment
-
-
-@cache
-def _sha256_of(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 @cache

@@ -39,13 +39,28 @@ class Columns(NamedTuple):
     clipped: int  # number of actions that were clipped
 
 
-def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
+class Memory:
+    """The memory of one table, which each `rollout` of a thread uses again."""
+
+    def __init__(self) -> None:
+        self._bytes = np.empty(0, np.uint8)
+
+    def table(self, shape: tuple[int, int], dtype: str) -> Table:
+        """A table with any content; the one before it is gone."""
+        size = shape[0] * shape[1] * np.dtype(dtype).itemsize
+        if size > len(self._bytes):
+            self._bytes = np.empty(size, np.uint8)
+        return self._bytes[:size].view(dtype).reshape(shape)
+
+
+def rollout(experiment: Experiment, first: int, stop: int, memory: Memory | None = None) -> Columns:
     """Simulate episodes first … stop - 1 of a dataset.
 
     Args:
         experiment: the experiment.
         first: the first episode.
         stop: the episode after the last.
+        memory: for the table; by default its own.
 
     Returns:
         The float columns, whose rows are ordered by (episode, step).
@@ -54,7 +69,8 @@ def rollout(experiment: Experiment, first: int, stop: int) -> Columns:
         PolicyError: a policy returned no valid action; the message names policy, episode and step.
     """
     places = layout(experiment)
-    table = np.empty((len(places.names), (stop - first) * experiment.steps), dtype=experiment.output.dtype)
+    shape = len(places.names), (stop - first) * experiment.steps
+    table = (memory or Memory()).table(shape, experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
         clipped += Block(experiment, start, end).fill(table, (start - first) * experiment.steps, places)

@@ -6,7 +6,6 @@ import errno
 import hashlib
 import io
 import os
-import secrets
 import shutil
 import stat
 from collections.abc import Iterator
@@ -89,10 +88,10 @@ def write_new(folder: Path, path: str, data: bytes) -> FileEntry:
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
     """Write folder/path in place of an older file, whose mode and group it gets.
 
-    Readers find the old file or the new one, never a part of it.
+    Readers find the old file or the new one, never a part of it. Nobody else may write it at the same time.
     """
     target = folder / path
-    temporary = target.with_name(f".tmp-{secrets.token_hex(6)}-{target.name}")
+    temporary = part_of(target)
     entry = write_new(temporary.parent, temporary.name, data)
     try:
         keep_access(target, temporary)
@@ -102,6 +101,11 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
         raise
     sync_folder(target.parent)
     return entry._replace(path=path)
+
+
+def part_of(target: Path) -> Path:
+    """The hidden name beside a place, under which what is to appear there is made."""
+    return target.with_name(f".{target.name}.part")
 
 
 def keep_access(old: Path, new: Path) -> None:

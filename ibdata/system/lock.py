@@ -11,7 +11,7 @@ import fcntl
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError
@@ -65,7 +65,8 @@ def _acquired(path: Path, kind: int, patience: float) -> int | None:
     """A descriptor with the lock, or None if another process still holds it after `patience` seconds."""
     until = time.monotonic() + patience
     while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):  # raised too if the folder is removed at this moment
+            path.parent.mkdir(parents=True, exist_ok=True)
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         except FileNotFoundError:  # its folder was removed meanwhile
@@ -74,6 +75,10 @@ def _acquired(path: Path, kind: int, patience: float) -> int | None:
             got = _flock(path, descriptor, kind)
             if got and _is_file_of(path, descriptor):
                 return descriptor
+        except IbdataError:  # a file system without locks, so that nobody else has this one
+            os.close(descriptor)
+            path.unlink(missing_ok=True)
+            raise
         except BaseException:
             os.close(descriptor)
             raise

@@ -13,11 +13,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
-from ibdata.system.files import remove, sync_folder
+from ibdata.system.exchange import exchanged
+from ibdata.system.files import part_of, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
-LOCK, RECEIPTS = "lock", "receipts"
+LOCK, RECEIPTS, OLD = "lock", "receipts", "old"
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
@@ -33,7 +34,7 @@ class Part:
 
     def __init__(self, target: Path) -> None:
         self.target = target
-        self.folder = target.with_name(f".{target.name}.part")
+        self.folder = part_of(target)
         self.lock: Lock  # while this process holds the part
 
     @property
@@ -49,9 +50,21 @@ class Part:
                 raise BusyError(f"{self.target}: another process is writing here; wait for it")
             time.sleep(0.02)
 
+    def place(self, made: Path) -> None:
+        """Give what was made in the part its name. What has the name is in the part afterwards.
+
+        A file or folder that is replaced changes places with the new one in one system call, if there is one.
+        """
+        replaces = self.target.is_file() or (self.target.is_dir() and any(self.target.iterdir()))
+        if not replaces or not exchanged(made, self.target):
+            if replaces:
+                self.target.rename(self.folder / OLD)  # readers find nothing for a moment
+            made.rename(self.target)
+        sync_folder(self.target.parent)
+
     def clear(self) -> None:
-        """Remove all that is in it, except the lock."""
-        for path in self.folder.iterdir():
+        """Remove all that is in it but the lock: the receipts first, so that nobody goes on with the rest."""
+        for path in sorted(self.folder.iterdir(), key=lambda path: (path.name != RECEIPTS, path.is_file())):
             if path.name != LOCK:
                 remove(path)
 
@@ -72,7 +85,11 @@ def resolved(out: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def locked_part(
-    target: Path, place: str | os.PathLike[str] | None = None, *, shared: bool = False
+    target: Path,
+    place: str | os.PathLike[str] | None = None,
+    *,
+    shared: bool = False,
+    patience: float = 0.0,
 ) -> Iterator[Part]:
     """Hold the part of an output; its folder and the folders around it are made.
 
@@ -80,6 +97,7 @@ def locked_part(
         target: The place of the output, without links.
         place: Its name in messages; by default its path.
         shared: Whether other hosts may hold the part too. The first one is alone until it calls `share`.
+        patience: How many seconds to wait while another process holds the part.
 
     Raises:
         BusyError: Another process holds the part.
@@ -88,7 +106,7 @@ def locked_part(
     """
     name, part = Path(place or target), Part(target)
     with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
-        part.lock = _lock(stack, part, name, shared)
+        part.lock = _lock(stack, part, name, shared, patience)
         try:
             yield part
         finally:
@@ -96,13 +114,17 @@ def locked_part(
                 part.remove()
 
 
-def _lock(stack: ExitStack, part: Part, name: Path, shared: bool) -> Lock:
+def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
     path = part.folder / LOCK
     try:
-        return stack.enter_context(locked(path, place=name))
+        return stack.enter_context(locked(path, patience, place=name))
     except BusyError:
         if not shared:
             raise
+    except BaseException:
+        with suppress(OSError):  # its folder is there already, or cannot be made
+            part.folder.rmdir()
+        raise
     return stack.enter_context(locked(path, PATIENCE, shared=True, place=name))
 
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 BLOCK = 2**23
-MAX_BYTES = 2**32  # of a file that is read whole
 
 
 class Storage:
@@ -61,11 +60,9 @@ class Storage:
             os.close(descriptor)
         return pa.OSFile(os.fsencode(place))
 
-    def read(self, path: str, most: int = MAX_BYTES) -> bytes:
-        """Read a whole file. Raises OSError if it is larger than `most` bytes."""
+    def read(self, path: str) -> bytes:
+        """Read a whole file."""
         with self.open(path) as file:
-            if file.size() > most:
-                raise OSError(errno.EFBIG, f"larger than {most} bytes")
             data: bytes = file.read()
             return data
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -14,9 +15,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.episodes import PATH as EPISODES
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Statistics
+from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
@@ -62,6 +64,20 @@ def metadata_problems(
             yield Problem.of(error, path, place.where(path), "metadata")
 
 
+def splits_problems(place: Storage, listed: Manifest) -> Iterator[Problem]:
+    """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
+    try:
+        found = read_splits(place, listed)
+        expected = metadata.splits(spec_in(place, listed))
+    except DatasetError as error:
+        yield Problem.of(error, manifest.SPLITS, place.where(manifest.SPLITS), "splits")
+        return
+    given = {name: entry.plain() for name, entry in found.items()}
+    right = {name: entry.plain() for name, entry in expected.items()}
+    if message := first_difference(given, right):
+        yield Problem(manifest.SPLITS, None, "splits", message)
+
+
 def _info(place: Storage, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
     found = _facts(manifest.read_json(place, listed, INFO, Info))
     expected = _facts(metadata.info(spec))
@@ -99,14 +115,14 @@ def _episodes(
     numbers = expected["episode"].to_numpy()
     found = table.take(numbers)
     for name in expected.column_names:
-        given, right = _plain(found[name]), _plain(expected[name])
-        wrong = _differing(given, right)
-        if len(wrong):
-            i = int(wrong[0])
+        given = _plain(found[name])
+        right = _plain(expected[name])
+        if wrong := _differing(given, right):
+            first = wrong[0]
             rule = name if name in ("digest", "return") else "episodes"
-            message = f"{name}: found {_shown(given[i])}, expected {_shown(right[i])}"
+            message = f"{name}: found {_shown(given[first])}, expected {_shown(right[first])}"
             count = f" ({len(wrong)} such rows)" if len(wrong) > 1 else ""
-            yield Problem(EPISODES, int(numbers[i]), rule, message + count)
+            yield Problem(EPISODES, int(numbers[first]), rule, message + count)
 
 
 def _plain(column: pa.ChunkedArray) -> pa.Array:
@@ -115,10 +131,10 @@ def _plain(column: pa.ChunkedArray) -> pa.Array:
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 
 
-def _differing(found: pa.Array, expected: pa.Array) -> Any:
+def _differing(found: pa.Array, expected: pa.Array) -> list[int]:
     """The rows in which two columns differ, but for rounding."""
     if pa.types.is_floating(found.type):
-        return np.flatnonzero(~np.isclose(found, expected, rtol=1e-9, atol=1e-9, equal_nan=True))
+        return np.flatnonzero(~np.isclose(found, expected, rtol=1e-9, atol=1e-9)).tolist()
     if found.equals(expected):
         return []
     pairs = zip(found.to_pylist(), expected.to_pylist(), strict=True)
@@ -152,8 +168,20 @@ def _names(statistics: Statistics) -> dict[str, Any]:
 def _numbers(found: Statistic, expected: Statistic) -> Iterator[str]:
     """Compare the statistics of a column, but for rounding; versions of numpy choose other quantiles."""
     spread = (expected.max or 0.0) - (expected.min or 0.0)
-    given, right = ({**of.model_dump(exclude={"quantiles"}), **of.quantiles} for of in (found, expected))
-    for key, y in right.items():
-        x, near = given[key], 0.01 * spread if key in expected.quantiles else 1e-9
-        if x != y and (x is None or y is None or not np.isclose(x, y, rtol=1e-9, atol=near)):
-            yield f"{key}: found {x}, expected {y}"
+    given = _by_name(found)
+    for name, right in _by_name(expected).items():
+        tolerance = 0.01 * spread if name in expected.quantiles else 1e-9
+        if not _near(given[name], right, tolerance):
+            yield f"{name}: found {given[name]}, expected {right}"
+
+
+def _by_name(statistic: Statistic) -> dict[str, float | None]:
+    plain = statistic.plain()
+    quantiles: dict[str, float | None] = plain.pop("quantiles")
+    return {**plain, **quantiles}
+
+
+def _near(x: float | None, y: float | None, tolerance: float) -> bool:
+    if x is None or y is None:
+        return x is y
+    return math.isclose(x, y, rel_tol=1e-9, abs_tol=tolerance)

@@ -31,7 +31,7 @@ def check_shard(
     spec: DatasetSpec,
     shard: Shard,
     place: Any,
-    listed: str,
+    path: str,
     advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
@@ -40,22 +40,22 @@ def check_shard(
         spec: The experiments and splits of the dataset.
         shard: The shard.
         place: The dataset's folder or storage.
-        listed: The path of the file in it.
+        path: The path of the shard's file in it.
         advance: Called with the number of rows of each part.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
-    experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(listed)
+    experiment, account, found = spec.of_shard(shard), ShardSummarizer(spec, shard), _Found(path)
     try:
-        schema, rows = parquet.described(place, listed)
+        schema, rows = parquet.described(place, path)
         expected = (shard.stop - shard.first) * experiment.steps
         if wrong := _schema(schema, columns(experiment)):
-            return None, [Problem(listed, None, "schema", wrong)]
+            return None, [Problem(path, None, "schema", wrong)]
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
-            return None, [Problem(listed, None, "rows", message)]
-        batches = parquet.batches(place, listed, None, PART_ROWS, threads=False)
+            return None, [Problem(path, None, "rows", message)]
+        batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
             for part in stored_parts(spec, shard, batches, PART_ROWS):
@@ -66,7 +66,7 @@ def check_shard(
             if before:
                 before.result()
     except DatasetError as error:
-        return None, [Problem.of(error, listed, storage(place).where(listed), "parquet")]
+        return None, [Problem.of(error, path, storage(place).where(path), "parquet")]
     problems = found.problems()
     return (None if problems else account.content()), problems
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
-from ibdata.experiment.dataset_spec import spec_in
+from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.system.progress import Advance, bar
 from ibdata.system.storage import Storage, storage
-from ibdata.validation.derived import metadata_problems
+from ibdata.validation.derived import metadata_problems, splits_problems
 from ibdata.validation.files import Hashing, check_files, unlisted_files
 from ibdata.validation.rows import check_shard
 from ibdata.validation.rules import Findings, Problem
@@ -30,14 +30,14 @@ def validate(
     2. Every row is checked by the rules: schema, no nulls, finite, bounds, indices, flags, policy,
        continuity, reward, setpoint, steering, shift register, density.
     3. The digests of the episodes and the content root are computed again from the rows, and compared.
-    4. So is what follows from the experiments and the rows: shards, columns, counts, table of episodes,
-       statistics. Values are compared, not bytes.
+    4. So is what follows from the experiments and the rows: shards, columns, counts, splits, table of
+       episodes, statistics. Values are compared, not bytes.
 
     README.md and report.html are yours to edit, and are not checked.
 
     Args:
         folder: A folder or a URL.
-        quick: Compare only the SHA-256 of the files.
+        quick: Compare only the SHA-256 of the files, and the splits, whose file has none.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
 
     Returns:
@@ -60,6 +60,7 @@ def validate(
 def _quickly(place: Storage, listed: Manifest, progress: bool | None) -> Iterator[Problem]:
     with bar(progress, len(listed.files), "files") as advance:
         yield from check_files(place, listed, advance)
+    yield from splits_problems(place, listed)
 
 
 def _fully(place: Storage, listed: Manifest, progress: bool | None) -> Iterator[Problem]:
@@ -73,7 +74,7 @@ def _fully(place: Storage, listed: Manifest, progress: bool | None) -> Iterator[
 def _contents(place: Storage, listed: Manifest, files: Hashing, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
     try:
-        spec = spec_in(place, listed)
+        spec = declared_spec(place, listed)
     except DatasetError as error:
         yield Problem.of(error, manifest.PATH, place.where(manifest.PATH), "manifest")
         return
@@ -97,3 +98,4 @@ def _contents(place: Storage, listed: Manifest, files: Hashing, advance: Advance
             message = f"found {listed.content_root}, expected {root}"
             yield Problem(manifest.PATH, None, "content root", message)
     yield from metadata_problems(place, listed, spec, written, files.is_whole)
+    yield from splits_problems(place, listed)

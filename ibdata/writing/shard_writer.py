@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, ParamSpec, TypeVar
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset.statistics import Moments
@@ -64,7 +63,6 @@ class ShardWriter:
         self._path, self._file, self._parquet, self._threads = path, file, parquet, threads
         self._summarizer = ShardSummarizer(spec, shard)
         self._waiting: deque[tuple[Future[None], Future[Moments]]] = deque()
-        self._rest: list[pa.Table] = []  # rows that do not fill a row group yet
 
     def add(self, part: Shard, floats: Columns) -> None:
         """Hand over the next part. To bound memory, this waits while two parts are in progress.
@@ -86,7 +84,7 @@ class ShardWriter:
         )
 
     def finish(self) -> WrittenShard:
-        """Write the remaining rows. The file is on the disk at the end of the context of `shard_writer`.
+        """Wait for all parts. The file is on the disk at the end of the context of `shard_writer`.
 
         Raises:
             IbdataError: A value is not finite.
@@ -94,8 +92,6 @@ class ShardWriter:
         """
         while self._waiting:
             self._wait()
-        for rows in self._rest:
-            self._write(rows)
         self._parquet.close()
         entry = FileEntry(self._path, self._file.size, self._file.sha256())
         return WrittenShard(self._shard, entry, self._summarizer.content())
@@ -106,15 +102,8 @@ class ShardWriter:
             future.result()
 
     def _encode(self, part: Shard, floats: Columns) -> None:
-        """Write the row groups that are full, and keep the rows that are left for the next part."""
-        rows = pa.concat_tables([*self._rest, arrow_table(self._experiment, part, floats)])
-        whole = len(rows) - len(rows) % ROW_GROUP_ROWS
-        for start in range(0, whole, ROW_GROUP_ROWS):
-            self._write(rows.slice(start, ROW_GROUP_ROWS))
-        self._rest = [rows.slice(whole)] if whole < len(rows) else []
-
-    def _write(self, rows: pa.Table) -> None:
-        self._parquet.write_table(rows.combine_chunks(), row_group_size=ROW_GROUP_ROWS)
+        """Write the row groups of a part. None holds rows of two parts, so nothing is copied or kept."""
+        self._parquet.write_table(arrow_table(self._experiment, part, floats), row_group_size=ROW_GROUP_ROWS)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns, parts, rollout
+from ibdata.simulation.rollout import Columns, Memory, parts, rollout
 from ibdata.simulation.self_check import keeps_denormals
 from ibdata.simulation.variables import Table, layout
 from ibdata.writing.arrow import digest_runs
@@ -46,20 +46,23 @@ def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Column
     return account.content()
 
 
-def simulated(spec: DatasetSpec, shard: Shard) -> Iterator[tuple[Shard, Columns]]:
-    """Simulate a shard part by part.
+def simulated(
+    spec: DatasetSpec, shard: Shard, memory: Memory | None = None
+) -> Iterator[tuple[Shard, Columns]]:
+    """Simulate a shard part by part. With `memory`, a part is gone when the next one is made.
 
     Raises IbdataError if code of a policy switches denormal numbers off or on, on which bits may depend.
     """
     experiment, kept = spec.of_shard(shard), keeps_denormals()
     for first, stop in parts(experiment, shard.first, shard.stop):
-        floats = rollout(experiment, first, stop)
+        made = rollout(experiment, first, stop, memory)
         if keeps_denormals() != kept:
             raise IbdataError(
                 f"{shard.stem}: a policy switched denormal numbers {'off' if kept else 'on'} in the middle "
                 "of a run; do it where the policy's module is imported"
             )
-        yield shard._replace(first=first, stop=stop), floats
+        yield shard._replace(first=first, stop=stop), made
+        del made  # so that it is not in memory beside the next
 
 
 class ShardSummarizer:

@@ -184,7 +184,7 @@ def sizes(scratch: Scratch) -> list[Row]:
     found: list[Row] = []
     for latent in (False, True, "full", "next"):
         experiment = described(100_000, output={"latent": latent})
-        size = scratch.generate(experiment).info["counts"]["data_bytes"] / 100_000
+        size = scratch.generate(experiment).manifest_model.data_bytes / 100_000
         name = json.dumps(latent).strip('"')
         found.append((f"bytes a row, latent: {name}", f"{size:.1f}", targets.get(latent, ""), ""))
     return found

@@ -38,7 +38,7 @@ def reading(scratch: Scratch) -> list[Row]:
             "zstd at its default level, with statistics of every column, as ibdata wrote files before",
         ),
         ("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
-        ("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/stats.json"),
+        ("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/statistics.json"),
         ("ibdata stats, against reading", f"{command / read:.1f} ×", "", f"{command:.2f} s: Python's start"),
         ("arrays(), against reading", f"{one / read:.1f} ×", "", ""),
         (

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from ibdata.dataset.digest import episode_digests
+from ibdata.dataset.statistics import moments
 from ibdata.experiment.plan import plan
 from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
@@ -17,7 +18,6 @@ from ibdata.simulation.noise import NOISE_ROWS, standard_noise
 from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
 from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
-from ibdata.dataset.statistics import moments
 from measuring.timing import MILLION, Row, described, paired
 
 

@@ -9,8 +9,8 @@ OPENING = """\
 
 A dataset has these columns. Those of the later tables stand between `latent_mu_g` and `policy`. `float` is
 `float32`, or `float64` with `output.dtype: float64`; the actions are rounded to float32 in both.
-`meta/info.json` of a dataset says the same of its own columns. [The format of a dataset](dataset-format.md)
-explains them.
+`meta/dataset.json` of a dataset says the same of its own columns.
+[The format of a dataset](dataset-format.md) explains them.
 """
 
 

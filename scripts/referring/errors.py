@@ -43,7 +43,7 @@ def page() -> str:
     for module in pkgutil.walk_packages(ibdata.__path__, "ibdata."):
         if module.name.removeprefix("ibdata.").startswith(rooms):
             import_module(module.name)
-    found: list[type[IbdataError]] = [IbdataError, *sorted(_below(IbdataError), key=_order)]
+    found: list[type[BaseException]] = [IbdataError, *sorted(_below(IbdataError), key=_order), Interrupted]
     rows = [
         f"| `{error.__name__}` | `{error.__module__}` | {_code(error)} | {_summary(error)} |\n"
         for error in found
@@ -60,9 +60,9 @@ def _order(error: type[IbdataError]) -> tuple[bool, str]:
     return error.__module__ != "ibdata.errors", error.__name__
 
 
-def _code(error: type[IbdataError]) -> str:
-    return "128 + signal" if error is Interrupted else str(error.exit_code)
+def _code(error: type[BaseException]) -> str:
+    return str(error.exit_code) if issubclass(error, IbdataError) else "128 + signal"
 
 
-def _summary(error: type[IbdataError]) -> str:
+def _summary(error: type[BaseException]) -> str:
     return inspect.cleandoc(error.__doc__ or "").partition("\n\n")[0].replace("\n", " ")

@@ -70,14 +70,13 @@ def rows_of(dataset: ibdata.Dataset, history: int = HISTORY) -> Rows:
     actions, rewards = np.empty((size, 3), np.float32), np.empty((size, 1), np.float32)
     transitions = np.ones(size, bool)
     stop = 0
-    for block in view.blocks("read"):
-        for one in block.split():
-            arrays = episode(one)
-            start, stop = stop, stop + len(arrays["actions"])
-            observations[start:stop] = arrays["observations"]
-            actions[start:stop] = arrays["actions"]
-            rewards[start:stop] = arrays["rewards"]
-            transitions[stop - 1] = False
+    for block in view.episode_blocks():
+        arrays = episode(block)
+        start, stop = stop, stop + len(arrays["actions"])
+        observations[start:stop] = arrays["observations"]
+        actions[start:stop] = arrays["actions"]
+        rewards[start:stop] = arrays["rewards"]
+        transitions[stop - 1] = False
     return Rows(observations, actions, rewards, np.flatnonzero(transitions))
 
 

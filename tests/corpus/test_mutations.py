@@ -17,6 +17,7 @@ import pytest
 
 from ibdata.cli import main
 from ibdata.dataset import manifest
+from ibdata.dataset.models import SAFE_PATH
 from ibdata.system.signals import STOPPING
 
 pytestmark = pytest.mark.corpus
@@ -112,7 +113,7 @@ def seal(folder: Path, data: Any) -> None:
     """Write a manifest with the hashes of the files as they are, and its checksum."""
     for entry in data["files"] if isinstance(data.get("files"), list) else ():
         path = entry.get("path") if isinstance(entry, dict) else None
-        if isinstance(path, str) and manifest.SAFE_PATH.fullmatch(path) and (folder / path).is_file():
+        if isinstance(path, str) and re.match(SAFE_PATH, path) and (folder / path).is_file():
             found = (folder / path).read_bytes()
             entry |= {"bytes": len(found), "sha256": hashlib.sha256(found).hexdigest()}
     data["checksum"] = manifest.checksum(json.loads(written(data).decode(errors="surrogatepass")))
@@ -173,15 +174,6 @@ def test_a_mutation_that_fits_its_hashes_is_answered_or_refused(part, whole, run
 @pytest.mark.parametrize(
     ("path", "place", "value", "said"),
     [
-        (manifest.PATH, "experiments 0 seed", HUGE, "found no valid JSON (1e999 is too large a number)"),
-        (manifest.PATH, "versions python", "\ud800", "found no valid JSON ("),
-        ("meta/dataset.json", "dynamics", "\ud800", "found no valid JSON ("),
-        (
-            "meta/statistics.json",
-            "all reward mean",
-            HUGE,
-            "found no valid JSON (1e999 is too large a number)",
-        ),
         (
             "meta/statistics.json",
             "all reward quantiles",
@@ -189,7 +181,7 @@ def test_a_mutation_that_fits_its_hashes_is_answered_or_refused(part, whole, run
             "all.reward.quantiles: found {'0.5': 1.0}, ",
         ),
         ("meta/statistics.json", "all", {"\x1b[2J": {}}, r"all.\x1b[2J"),
-        ("meta/dataset.json", "columns 18 dtype", "string", "columns: found ["),
+        ("meta/dataset.json", "columns 18 dtype", "number", "columns.18.dtype: found 'number', "),
     ],
 )
 def test_what_no_dataset_holds_is_said_of_its_file(whole, run, path, place, value, said):

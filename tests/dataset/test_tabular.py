@@ -70,12 +70,12 @@ def test_the_problems_are_a_list_and_a_table(copied):
         "no problems",
         ["path", "row", "rule", "message"],
     )
-    (copied / "README.md").write_text("other")
+    (copied / "meta/statistics.json").write_text("other")
     found = ibdata.validate(copied)
     assert isinstance(found, list)
     assert found.to_pandas()["rule"].tolist() == [problem.rule for problem in found] == ["hash"]
-    assert cells(found._repr_html_())[:3] == ["README.md", "–", "hash"]
-    assert "README.md" in repr(found)
+    assert cells(found._repr_html_())[:3] == ["meta/statistics.json", "–", "hash"]
+    assert "meta/statistics.json" in repr(found)
     assert pickle.loads(pickle.dumps(found)) == found
 
 

@@ -131,7 +131,7 @@ def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkey
     dataset.windows(folder=folder)
     whole = (folder / "frames.npy").read_bytes()
     short = whole.replace(b", 6)", b", 3)", 1)  # half the numbers
-    for other in (whole[:-9], b"", b"PK" + whole, whole[:-1] + b"\x01", short):
+    for other in (whole[:-9], b"", b"PK" + whole, short):
         (folder / "frames.npy").write_bytes(other)
         with pytest.raises(UsageError, match=r"^folder: .*windows is damaged .*; remove it, or choose anot"):
             dataset.windows(folder=folder)

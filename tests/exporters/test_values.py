@@ -1,4 +1,4 @@
-"""Every value in each format, read by the format's own reader or by its rules."""
+"""What is special in each format, read by the format's own reader or by its rules."""
 
 from __future__ import annotations
 
@@ -7,61 +7,32 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from exporters.reading import equal, hdf5, holds
 
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import UsageError
 from ibdata.exporters import d3rlpy, neorl
 
-CASES = [(None, 1, 1.0), ("target", 1, 0.01), (None, 4, 1.0)]
-cases = pytest.mark.parametrize(("split", "history", "scale"), CASES)
 
-
-def equal(found, expected):
-    found, expected = np.asarray(found), np.asarray(expected)
-    assert found.dtype == expected.dtype
-    assert found.shape == expected.shape
-    assert found.tobytes() == expected.tobytes()
-
-
-def arrays_of(made):
-    """The keys of an NPZ or HDF5 file, groups flattened."""
-    if made.format == "npz":
-        return dict(np.load(made.path))
-    found = {}
-    with h5py.File(made.path) as file:
-        file.visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "shape") else {}))
-    return found
-
-
-@cases
+@pytest.mark.parametrize("split", [None, "target"])
 @pytest.mark.parametrize("to", ["npz", "d4rl"])
-def test_npz_and_d4rl_hold_the_same_keys_and_every_transition(
-    dataset, plain, tmp_path, to, split, history, scale
-):
-    options = {"split": split, "history": history, "reward_scale": scale}
-    data = arrays_of(ibdata.export(dataset, to, tmp_path / "made", **options, verify=True))
-    expected = plain(split, history, scale)
-    rows = expected.pop("rows")
-    pairs = {
-        "terminals": "terminated",
-        "timeouts": "truncated",
-        "infos/episode": "episode",
-        "infos/step": "step",
-    }
-    for name in ("observations", "actions", "rewards", "next_observations", *pairs):
-        equal(data[name], expected[pairs.get(name, name)])
-    infos = {name for name in data if name.startswith("infos/")}
+def test_npz_and_d4rl_hold_the_same_keys(dataset, tmp_path, to, split):
+    made = ibdata.export(dataset, to, tmp_path / "made", split=split)
+    data = dict(np.load(made.path)) if to == "npz" else hdf5(made.path)
+    infos = {name.removeprefix("infos/"): array for name, array in data.items() if "/" in name}
     assert len(infos) == 2 + 14 + 14 + 1
-    for name in infos - {"infos/episode", "infos/step"}:
-        equal(data[name], np.float32([row[name.removeprefix("infos/")] for row in rows]))
-    assert len(data) == 6 + len(infos)
+    table = dataset.table(list(infos), split=split)
+    for name, array in infos.items():
+        equal(array, table[name].to_numpy())
+    keys = {"observations", "actions", "rewards", "next_observations", "terminals", "timeouts"}
+    assert {name for name in data if "/" not in name} == keys
 
 
 def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(dataset, tmp_path):
     """D4RL's sequence_dataset takes every key at every row; a scalar there ends it."""
-    made = ibdata.export(dataset, "d4rl", tmp_path / "made", reward_scale=0.01, verify=True)
-    data = arrays_of(made)
+    made = ibdata.export(dataset, "d4rl", tmp_path / "made", reward_scale=0.01)
+    data = hdf5(made.path)
     assert all(len(array) == 480 for array in data.values())
     assert data["rewards"].shape == data["terminals"].shape == (480,)
     with h5py.File(made.path) as file:
@@ -71,7 +42,7 @@ def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(da
 
 def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset, tmp_path):
     """qlearning_dataset shifts observations and leaves out rows that end by time; hence its warning."""
-    data = arrays_of(ibdata.export(dataset, "d4rl", tmp_path / "made", verify=True))
+    data = hdf5(ibdata.export(dataset, "d4rl", tmp_path / "made").path)
     kept = [i for i in range(len(data["rewards"]) - 1) if not data["timeouts"][i]]
     assert len(kept) == 480 - 12
     for i in kept:
@@ -79,18 +50,14 @@ def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset,
 
 
 @pytest.mark.parametrize("num", [1, 2, 4])
-def test_neorls_loader_finds_the_trajectories(dataset, plain, tmp_path, num):
+def test_neorls_loader_finds_the_trajectories(dataset, tmp_path, num):
     """By the rules of its loader: a 0 in front of index, then the rows before index[num]."""
-    made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True)
+    made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
+    holds(made, dataset, "target", history=30)
     data = dict(np.load(made.path))
-    expected = plain("target", 30)
     assert set(data) == {"obs", "next_obs", "action", "reward", "done", "index"}
     assert data["obs"].shape == data["next_obs"].shape == (160, 180)
-    equal(data["obs"], expected["observations"])
-    equal(data["next_obs"], expected["next_observations"])
-    equal(data["action"], expected["actions"])
-    equal(data["reward"], expected["rewards"][:, None])
-    equal(data["done"], expected["truncated"][:, None].astype(np.float32))
+    assert data["reward"].shape == data["done"].shape == (160, 1)
     index = np.insert(data["index"], 0, 0)
     samples = {key: array[: int(index[num])] for key, array in data.items() if key != "index"}
     assert index[:num].tolist() == [0, 40, 80, 120][:num]
@@ -100,7 +67,7 @@ def test_neorls_loader_finds_the_trajectories(dataset, plain, tmp_path, num):
 
 def test_neorls_reward_is_that_of_its_own_reward_function(dataset, tmp_path):
     """-(3·fatigue + consumption) of the newest frame of the next observation, entries 4 and 5."""
-    data = np.load(ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True).path)
+    data = np.load(ibdata.export(dataset, "neorl", tmp_path / "made", split="target").path)
     fatigue, consumption = data["next_obs"][:, 4].astype(float), data["next_obs"][:, 5].astype(float)
     bound = 2.0**-23 * (abs(consumption) + 3 * abs(fatigue) + abs(data["reward"][:, 0]))
     assert (abs(data["reward"][:, 0] + 3 * fatigue + consumption) <= bound).all()
@@ -109,64 +76,46 @@ def test_neorls_reward_is_that_of_its_own_reward_function(dataset, tmp_path):
 
 def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_path, monkeypatch):
     with pytest.raises(UsageError, match="neorl: found the setpoints 20, 70, expected one setpoint; use"):
-        ibdata.export(dataset, "neorl", tmp_path / "made", verify=True)
+        ibdata.export(dataset, "neorl", tmp_path / "made")
     monkeypatch.setattr(neorl, "MAX_ROWS", 159)
     with pytest.raises(UsageError, match="neorl: found 160 rows, expected at most 159"):
-        ibdata.export(dataset, "neorl", tmp_path / "made", split="target", verify=True)
+        ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
     assert np.float32(2**24) == np.float32(2**24 + 1)
     assert list(tmp_path.iterdir()) == []
 
 
-@cases
-def test_d3rlpys_file_has_a_row_more_an_episode(dataset, plain, tmp_path, split, history, scale):
-    options = {"split": split, "history": history, "reward_scale": scale}
-    made = ibdata.export(dataset, "d3rlpy", tmp_path / "made", **options, verify=True)
-    expected = plain(split, history, scale)
+def test_d3rlpys_file_has_a_row_more_an_episode(dataset, tmp_path):
+    made = ibdata.export(dataset, "d3rlpy", tmp_path / "made")
     with h5py.File(made.path) as file:
-        assert file["num_episodes"][()] == made.episodes
+        assert file["num_episodes"][()] == 12
         assert [key.decode() for key in file["columns"][()]] == list(d3rlpy.KEYS)
-        assert len(file) == 3 + 4 * made.episodes
-        for i in range(made.episodes):
-            rows = slice(40 * i, 40 * i + 40)
-            observations = file[f"observations_{i}"][()]
-            equal(observations[:-1], expected["observations"][rows])
-            equal(observations[1:], expected["next_observations"][rows])
-            equal(file[f"actions_{i}"][:-1], expected["actions"][rows])
-            equal(file[f"rewards_{i}"][:-1, 0], expected["rewards"][rows])
+        assert len(file) == 3 + 4 * 12
+        for i in range(12):
+            assert file[f"observations_{i}"].shape == (41, 6)
+            assert file[f"actions_{i}"][-1].tolist() == [0.5] * 3
             assert file[f"rewards_{i}"].shape == (41, 1)
             assert file[f"rewards_{i}"][-1] == 0
             assert file[f"terminated_{i}"][()] is np.False_
 
 
-@cases
-def test_rllibs_file_has_vectors_and_no_text(dataset, plain, tmp_path, split, history, scale):
-    options = {"split": split, "history": history, "reward_scale": scale}
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", **options, verify=True)
-    table = pq.read_table(tmp_path / "made" / "arrays.parquet")
-    expected = plain(split, history, scale)
-    for name, key, width in (
-        ("observation", "observations", 6 * history),
-        ("action", "actions", 3),
-        ("next_observation", "next_observations", 6 * history),
-    ):
-        assert str(table.schema.field(name).type) == f"fixed_size_list<element: float>[{width}]"
-        equal(np.stack(table[name].to_numpy()), expected[key])
-    for name in ("episode", "step", "terminated", "truncated"):
-        equal(table[name].to_numpy(), expected[name])
-    equal(table["reward"].to_numpy(), expected["rewards"])
-    assert len(table.column_names) == 8
-    assert not any("string" in str(field.type) for field in table.schema)
+def test_rllibs_file_has_vectors_and_no_text(dataset, tmp_path):
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", history=4)
+    schema = pq.read_schema(tmp_path / "made" / "arrays.parquet")
+    for name, width in (("observation", 24), ("action", 3), ("next_observation", 24)):
+        assert str(schema.field(name).type) == f"fixed_size_list<element: float>[{width}]"
+    assert len(schema.names) == 8
+    assert not any("string" in str(field.type) for field in schema)
     assert f"input_=['{tmp_path}/made/arrays.parquet']" in made.snippet
 
 
 def test_rllibs_file_may_be_named(dataset, tmp_path):
-    ibdata.export(dataset, "rllib", tmp_path / "mine.parquet", verify=True)
-    assert pq.read_metadata(tmp_path / "mine.parquet").num_rows == 480
+    holds(ibdata.export(dataset, "rllib", tmp_path / "mine.parquet"), dataset)
+    assert (tmp_path / "mine.parquet").is_file()
 
 
 @pytest.mark.parametrize("name", ["made", "made.csv", "made.csv.gz"])
 def test_csv_gives_every_float_again(dataset, tmp_path, name):
-    made = ibdata.export(dataset, "csv", tmp_path / name, verify=True)
+    made = ibdata.export(dataset, "csv", tmp_path / name)
     found = pd.read_csv(made.path, engine="pyarrow")
     expected = dataset.to_pandas()
     assert list(found.columns) == list(expected.columns)
@@ -186,7 +135,7 @@ def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
     dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
     names: dict = {}
     for history in (1, 2):
-        made = ibdata.export(dataset, "csv", tmp_path / f"{history}.csv", history=history, verify=True)
+        made = ibdata.export(dataset, "csv", tmp_path / f"{history}.csv", history=history)
         exec(made.snippet, names)
         expected = dataset.to_pandas()
         assert names["data"]["policy"].tolist() == expected["policy"].tolist()
@@ -197,25 +146,18 @@ def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
 def test_csv_of_float32_gives_every_float_again_with_its_history(tmp_path):
     experiment = ibdata.load("random.yaml", ["setpoints=70", "steps=60"])
     dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
-    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, reward_scale=0.01, verify=True)
-    found = pd.read_csv(made.path, engine="pyarrow")
-    expected = dataset.to_pandas()
+    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, reward_scale=0.01)
+    holds(made, dataset, history=3, reward_scale=0.01)
+    found, expected = pd.read_csv(made.path, engine="pyarrow"), dataset.to_pandas()
+    lags = [f"{prefix}{name}_lag_{lag}" for prefix in ("", "next_") for lag in (1, 2) for name in made.frame]
+    assert list(found.columns) == [*expected.columns, *lags]
     for column in expected.columns.drop(["reward", "policy", "terminated", "truncated"]):
         equal(found[column].astype(expected[column].dtype), expected[column])
-    equal(found["reward"].astype("float32"), (expected["reward"].astype(float) * 0.01).astype("float32"))
-    history = dataset.arrays(history=3)
-    for i, lagged in enumerate(found.columns[-24:]):
-        group = "observations" if i < 12 else "next_observations"
-        assert lagged.startswith("obs_" if i < 12 else "next_obs_")
-        assert lagged.endswith(f"_lag_{1 + i % 12 // 6}")
-        equal(found[lagged].astype("float32"), history[group][:, 6 + i % 12])
 
 
 def test_the_snippets_of_files_run(dataset, tmp_path):
     for to, size in (("npz", 480), ("d4rl", 480), ("neorl", 160), ("csv", 480)):
-        made = ibdata.export(
-            dataset, to, tmp_path / to, split="target" if to == "neorl" else None, verify=True
-        )
+        made = ibdata.export(dataset, to, tmp_path / to, split="target" if to == "neorl" else None)
         names: dict = {}
         exec(made.snippet, names)
         data = names["data"]

@@ -1,349 +1,316 @@
-"""Array jobs: several hosts make one dataset in one folder, and one finishes it."""
+"""Array jobs: several hosts make one dataset in one part, and one finishes it."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 import re
-import shlex
-import shutil
 import signal
 import subprocess
 import time
 from pathlib import Path
 
 import pytest
-from helpers.tiny import TEN_SHARDS
+from helpers.folders import contents, is_right, part_of, receipts
+from helpers.tiny import TEN_SHARDS as TEN
 
 import ibdata
 from ibdata import IbdataError
-from ibdata.errors import BusyError, UsageError
+from ibdata.cli import main
+from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.experiment.plan import plan
-from ibdata.generation import origin, receipt
-from ibdata.generation.ranges import Range
+from ibdata.generation import make_shard
+from ibdata.generation.array_job import Range
 from ibdata.simulation import self_check
-from ibdata.system import lock
-
-pytestmark = pytest.mark.slow
+from ibdata.system import part as parts
 
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return ibdata.generate(TEN, tmp_path_factory.mktemp("plain") / "out", workers=1)
+
+
+def make(*ranges, **options):
+    return [ibdata.generate_shards(TEN, text, "out", workers=1, **options) for text in ranges]
 
 
 @pytest.fixture
-def tiny():
-    return TEN_SHARDS
+def interleaved(monkeypatch):
+    """Let something happen when the first shard of a run is begun, or finished."""
 
+    def arrange(action, after):
+        real, waiting = make_shard.make_shard, [action]
 
-def make(tiny, *ranges, out="out"):
-    return [ibdata.generate_shards(tiny, text, out, workers=1) for text in ranges]
+        def making(*args):
+            if after:
+                real(*args)
+            if waiting:
+                waiting.pop()()
+            if not after:
+                real(*args)
+
+        monkeypatch.setattr("ibdata.generation.workers.make_shard", making)
+
+    return arrange
 
 
 # --- ranges
 
 
-@pytest.mark.parametrize("parts", [1, 2, 3, 7, 10, 13])
-def test_the_parts_are_all_shards_once_in_order_and_of_nearly_equal_size(tiny, parts):
-    shards = plan(tiny)
-    own = [Range(i + 1, parts).of(shards) for i in range(parts)]
-    assert [shard for part in own for shard in part] == shards
-    assert {len(part) for part in own} <= {10 // parts, -(-10 // parts)}
+@pytest.mark.parametrize("n", [1, 2, 3, 7, 10, 13])
+def test_ranges_divide_the_shards_evenly(n):
+    """The ranges of a run are all its shards once, in order, and differ by at most one shard in size."""
+    shards = plan(TEN)
+    own = [Range(i + 1, n).of(shards) for i in range(n)]
+    assert [shard for each in own for shard in each] == shards
+    assert {len(each) for each in own} <= {10 // n, -(-10 // n)}
+
+
+@pytest.mark.parametrize("text", ["", "1", "0/3", "4/3", "-1/3", "1/3/3", "a/3", "1/ 3", "²/3", "1/999999"])
+def test_what_is_no_range_is_refused(text):
+    """A text that is no range is refused before anything is made."""
+    with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as 1/3"):
+        make(text)
+    assert contents() == {}
+
+
+MORE_THAN_SHARDS = tuple(f"{i}/12" for i in range(12, 0, -1))
 
 
 @pytest.mark.parametrize(
-    "text", ["", "1", "0/3", "4/3", "1/0", "-1/3", "1/3/3", "a/3", "1/ 3", "²/3", "1/999999"]
+    "order", [("1/3", "2/3", "3/3"), ("3/3", "1/2", "1/3", "2/3"), ("1/1",), MORE_THAN_SHARDS], ids=len
 )
-def test_what_is_no_range_is_refused_before_anything_is_made(tiny, text):
-    with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as 1/3"):
-        make(tiny, text)
-    assert list(Path().iterdir()) == []
-
-
-@pytest.mark.parametrize("order", [("1/3", "2/3", "3/3"), ("3/3", "1/2", "1/3", "2/3"), ("1/1",)])
-def test_ranges_in_any_order_make_the_files_of_a_plain_run(tiny, order, files):
-    made = make(tiny, *order)
+def test_ranges_in_any_order_make_one_dataset(plain, files, order):
+    """Ranges in any order, also such that overlap or hold no shard, make the files of a plain run."""
+    made = make(*order)
     assert (made[-1].missing, made[0].folder) == (0, Path("out"))
-    dataset = ibdata.finalize("out")
-    assert dataset.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
-    assert files("out") == files("plain")
+    assert [each.shards for each in made] == [len(Range.parse(text).of(plan(TEN))) for text in order]
+    assert not Path("out").exists()
+    assert ibdata.finalize("out").content_root == plain.content_root
+    assert is_right("out", plain.path, files)
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize(("first", "second"), [("1/2", "1/1"), ("1/1", "1/2"), ("1/1", "1/1")])
+def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved, first, second, after):
+    """While a range makes its first shard, another makes that shard too, and the dataset is right."""
+    others = []
+    interleaved(lambda: others.extend(make(second)), after)
+    (one,) = make(first)
+    (other,) = others
+    assert {one.shards, other.shards} == {len(Range.parse(text).of(plan(TEN))) for text in (first, second)}
+    make("2/2")
+    assert len(list((part_of("out") / "dataset/data").iterdir())) > 10
+    assert ibdata.finalize("out").content_root == plain.content_root
+    assert is_right("out", plain.path, files)
     assert ibdata.validate("out") == []
 
 
-def test_more_parts_than_shards_leave_some_with_nothing_to_make(tiny):
-    made = make(tiny, *(f"{i}/12" for i in range(1, 13)))
-    assert sorted(m.shards for m in made) == [0, 0] + [1] * 10
-    assert len(ibdata.finalize("out")) == 50
-
-
-def test_nothing_is_finished_before_it_is_finalized_and_nothing_is_made_twice(tiny, monkeypatch, files):
-    make(tiny, "1/2", "2/2")
-    with pytest.raises(IbdataError, match="no finished dataset here"):
-        ibdata.open("out")
-    monkeypatch.setattr("ibdata.generation.make_shard.shard_writer", None)
-    assert make(tiny, "1/2") == make(tiny, "2/2")
+def test_nothing_is_made_twice(monkeypatch, plain):
+    """A range or `finalize` that runs again makes nothing, before and after the dataset is finished."""
+    made = make("1/2", "2/2")
+    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
+    assert [each.rows for each in make("1/2", "2/2")] == [each.rows for each in made] == [25, 25]
     first = ibdata.finalize("out").manifest
     assert ibdata.finalize("out").manifest == first
-    assert make(tiny, "1/2")[0].missing == 0
-    assert not [path for path in files("out") if ".run" in path or ".lock" in path]
+    assert make("1/2")[0].missing == 0
 
 
-def test_a_plain_run_resumes_what_ranges_have_begun(tiny, files):
-    make(tiny, "2/3")
+def test_a_plain_run_goes_on_with_ranges(plain, files):
+    """`generate --resume` goes on with what ranges have made, and a range with what a plain run has."""
+    make("2/3")
     with pytest.raises(UsageError, match="holds an unfinished run; resume=True to go on with it"):
-        ibdata.generate(tiny, "out", workers=1)
-    resumed = ibdata.generate(tiny, "out", workers=1, resume=True)
-    assert resumed.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
-    assert files("out") == files("plain")
+        ibdata.generate(TEN, "out", workers=1)
+    ibdata.generate(TEN, "out", workers=1, resume=True)
+    assert is_right("out", plain.path, files)
 
 
 # --- what finalizing refuses
 
 
-def test_missing_and_damaged_shards_are_named_with_the_command_that_makes_them(
-    tiny, ibdata_command, shard_file
-):
-    make(tiny, "1/3")
-    Path("out", shard_file("out", 1)).write_bytes(b"damaged")
-    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, ") as error:
+def test_missing_and_damaged_shards_are_named(shard_file):
+    """`finalize` names the shards that are missing or damaged, and changes nothing."""
+    make("1/3")
+    Path(part_of("out"), "dataset", shard_file(part_of("out") / "dataset", 1)).write_bytes(b"damaged")
+    before = contents()
+    with pytest.raises(
+        IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, .*; make them"
+    ) as error:
         ibdata.finalize("out")
     assert error.value.exit_code == 1
-    assert not Path("out/meta").exists()
-    commands = 0
-    while not Path("out/meta").exists():
-        try:
-            ibdata.finalize("out")
-        except IbdataError as failed:
-            line = re.search(r"ibdata (generate --config .* --shards ./3)", str(failed))[1]
-            ibdata_command(*shlex.split(line), "--workers", "1")
-            commands += 1
-    assert commands == 3
-    assert ibdata.validate("out") == []
+    assert contents() == before
+    make("1/3", "2/3", "3/3")
+    assert ibdata.validate(ibdata.finalize("out").path) == []
 
 
-def test_of_a_plain_run_that_was_stopped_the_command_is_resume(tiny):
-    make(tiny, "1/2")
-    Path("out/.run/range-1-2.json").unlink()
-    with pytest.raises(IbdataError, match=r"missing: 5, 6, 7, 8, 9; make them .* --resume$"):
-        ibdata.finalize("out")
-
-
-@pytest.mark.parametrize("found", ["nothing", "file", "foreign"])
-def test_where_no_run_was_begun_there_is_nothing_to_finish(found):
+@pytest.mark.parametrize(
+    ("found", "error"), [("nothing", UsageError), ("file", UsageError), ("foreign", DatasetError)]
+)
+def test_where_no_run_was_begun_nothing_is_finished(found, error):
+    """`finalize` of a place without a run is an error of one line."""
     if found == "file":
         Path("out").write_text("mine")
     if found == "foreign":
         Path("out").mkdir()
         Path("out/notes.txt").write_text("mine")
-    with pytest.raises(UsageError, match=r"^out: holds no run to finish; begin one with ibdata generate"):
+    before = contents()
+    with pytest.raises(error, match=r"^out: (holds no run to finish; begin one with|no finished dataset)"):
         ibdata.finalize("out")
+    assert contents() == before
+
+
+def test_finalize_does_not_replace_a_folder():
+    """A folder that appears at the place while ranges run stays, and `finalize` names it."""
+    make("1/1")
+    Path("out").mkdir()
+    Path("out/notes.txt").write_text("mine")
+    with pytest.raises(UsageError, match=r"^out: exists already"):
+        ibdata.finalize("out")
+    assert Path("out/notes.txt").read_text() == "mine"
+
+
+# --- one origin
 
 
 OTHER_BITS = {
     "of the known run": ("digest", lambda run=self_check.EXPERIMENT: "0" * 64),
-    "of the other known run": (
-        "digest",
-        lambda run=self_check.EXPERIMENT: self_check.SHA256 if run is self_check.EXPERIMENT else "0" * 64,
-    ),
     "denormals": ("keeps_denormals", lambda: False),
 }
 
 
 @pytest.mark.parametrize("change", OTHER_BITS.values(), ids=OTHER_BITS)
-def test_a_machine_with_other_bits_than_the_first_is_refused_and_those_of_the_first_are_said(
-    tiny, monkeypatch, capsys, change
-):
+def test_a_machine_with_other_bits_is_refused(monkeypatch, capsys, change):
+    """A host that computes other bits than the first one makes no shard of the run."""
     with monkeypatch.context() as other:
         other.setattr(self_check, *change)
-        make(tiny, "1/2")
+        make("1/2")
     assert capsys.readouterr().err.count("the manifest says reproducible: false") == 1
-    with pytest.raises(UsageError, match=r"^out: this machine computes other bits than the one on"):
-        make(tiny, "2/2")
+    with pytest.raises(UsageError, match=r"^out: holds an unfinished run of a machine that computes other"):
+        make("2/2")
     monkeypatch.setattr(self_check, *change)
-    make(tiny, "2/2")
+    make("2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"{", b"[]", b'{"code": []}', b'{"known_answer": "1a2b3c", "code": []}', None],
-)
-def test_a_note_that_is_none_is_named_with_the_way_out(tiny, content, files):
-    make(tiny, "1/2")
-    note = Path("out", origin.PATH)
-    note.unlink()
-    note.write_bytes(content) if content is not None else os.mkfifo(note)
-    whole = files("out")
-    for run in (
-        lambda: make(tiny, "2/2"),
-        lambda: ibdata.finalize("out"),
-        lambda: ibdata.generate(tiny, "out", workers=1, resume=True),
-    ):
-        with pytest.raises(IbdataError, match=rf"^{note}: missing or damaged, so the code that made"):
-            run()
-    assert {path: data for path, data in files("out").items() if path in whole} == whole
-    made = ibdata.generate(tiny, "out", workers=1, overwrite=True)
-    assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
-    assert files("out") == files("plain")
-
-
-def forged(header, shard):
-    """A receipt of other content whose own hash is right."""
-    body = json.dumps(header).encode()
-    Path("out", receipt.path_of(shard)).write_bytes(hashlib.sha256(body).digest() + body)
-
-
-@pytest.mark.parametrize(
-    "damage", ["pipe", "empty", "a list", "no header", "no entry", "other content", "other path"]
-)
-def test_a_shard_whose_receipt_is_none_is_made_again(tiny, shard_file, damage, files):
-    make(tiny, "1/1")
-    shard = plan(tiny)[0]
-    path = Path("out", receipt.path_of(shard))
-    header = json.loads(path.read_bytes()[32:])
-    path.unlink()
-    if damage == "pipe":
-        os.mkfifo(path)
-    elif damage == "empty":
-        path.write_bytes(hashlib.sha256(b"").digest())
-    elif damage == "a list":
-        forged([header], shard)
-    elif damage == "no header":
-        forged({}, shard)
-    elif damage == "no entry":
-        forged({**header, "entry": None}, shard)
-    elif damage == "other content":
-        forged({**header, "content": header["identity"]}, shard)
-    else:
-        shutil.copy(Path("out", shard_file("out", 0)), "elsewhere")
-        header["entry"][0] = "../elsewhere"
-        forged(header, shard)
-    with pytest.raises(IbdataError, match="1 of 10 shards are missing: 0; make them"):
-        ibdata.finalize("out")
-    made = ibdata.generate(tiny, "out", workers=1, resume=True)
-    assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
-    assert files("out") == files("plain")
-
-
-# --- custom policies and what cannot be
+def test_another_experiment_is_refused():
+    """A range of another experiment, or one beside another dataset, changes nothing."""
+    make("1/2")
+    ibdata.generate(TEN, "done", seed=1, workers=1)
+    before = contents()
+    for out, line in (("out", "unfinished run of another experiment"), ("done", "dataset of another exp")):
+        with pytest.raises(UsageError, match=f"^{out}: holds the {line}|^{out}: holds an {line}"):
+            ibdata.generate_shards(TEN, "2/2", out, seed=2, workers=1)
+    assert contents() == before
 
 
 POLICY = "class Still:\n    def predict(self, observations):\n        return observations[:, :3] * {}\n"
 
 
-def test_custom_policies_need_leave_and_the_same_code_everywhere(tmp_path):
+def test_custom_policies_are_the_same_on_all_hosts():
+    """A range needs consent for custom code, and the code with which the run began."""
     Path("still.py").write_text(POLICY.format("0"))
-    custom = {**TEN_SHARDS.plain(), "policies": [{"kind": "custom", "target": "still:Still"}]}
+    custom = {**TEN.plain(), "policies": [{"kind": "custom", "target": "still:Still"}]}
     Path("mine.yaml").write_text(json.dumps(custom))
     with pytest.raises(UsageError, match="allow_code=True"):
         ibdata.generate_shards("mine.yaml", "1/2", "out", workers=1)
     for text in ("1/2", "2/2"):
         ibdata.generate_shards("mine.yaml", text, "out", workers=1, allow_code=True)
     Path("still.py").write_text(POLICY.format("0.0"))
-    with pytest.raises(UsageError, match=r"^out: found other code than the run began with, in still:Still; "):
+    with pytest.raises(UsageError, match=r"^out: holds an unfinished run with other code, in still:Still; "):
         ibdata.generate_shards("mine.yaml", "2/2", "out", workers=1, allow_code=True)
+    Path("still.py").unlink()
     made = ibdata.finalize("out").manifest
     assert made["reproducible"] == "same-environment"
     assert [code["target"] for code in made["code"]] == ["still:Still"]
 
 
-@pytest.mark.parametrize("more", [["--overwrite"], ["--dry-run"]])
-def test_options_for_the_whole_are_refused_in_one_line(ibdata_command, more):
-    done = ibdata_command("generate", "--config", "random", "--shards", "1/2", *more, code=2)
-    assert done.stderr == f"--shards: found {more[0]} too, but these cannot be combined\n"
-    assert list(Path().iterdir()) == []
-
-
-def test_a_folder_of_experiments_is_refused_in_one_line(ibdata_command):
-    done = ibdata_command("generate", "--config", "siemens-offline", "--shards", "1/2", code=2)
-    assert done.stderr.count("\n") == 1
-    assert "found a folder of experiments too, but these cannot" in done.stderr
-
-
 # --- at the same time
 
 
-def test_a_range_is_refused_where_it_or_the_whole_is_being_made(tiny):
-    Path("out").mkdir()
-    with lock.shared(Path("out")), lock.locked(Path("out"), ".lock-2-3"):
-        with pytest.raises(BusyError):
-            make(tiny, "2/3")
-        make(tiny, "1/3", "3/3")
-        for whole in (lambda: ibdata.generate(tiny, "out", workers=1), lambda: ibdata.finalize("out")):
-            with pytest.raises(BusyError):
-                whole()
-    with lock.locked(Path("out")), pytest.raises(BusyError):
-        make(tiny, "2/3")
-    make(tiny, "2/3")
-    assert len(ibdata.finalize("out")) == 50
+def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
+    """While a range runs, others may join, and a whole run or `finalize` may not; nor the other way round."""
+    monkeypatch.setattr(parts, "PATIENCE", 0.05)
+    wholes = [lambda: ibdata.generate(TEN, "out", workers=1, resume=True), lambda: ibdata.finalize("out")]
+
+    def excluded(*calls):
+        for call in calls:
+            with pytest.raises(
+                BusyError, match=r"^out: another process is writing here; wait for it"
+            ) as error:
+                call()
+            assert error.value.exit_code == 75
+
+    interleaved(lambda: excluded(*wholes), after=True)
+    make("1/2")
+    interleaved(lambda: excluded(lambda: make("1/2"), *wholes), after=False)
+    assert len(ibdata.generate(TEN, "out", workers=1, resume=True)) == 50
 
 
-def test_another_experiment_is_refused_and_the_first_stays(tiny, files):
-    make(tiny, "1/2")
-    before = files("out")
-    with pytest.raises(UsageError, match="holds an unfinished run of another experiment"):
-        ibdata.generate_shards(tiny, "2/2", "out", seed=1, workers=1)
-    assert files("out") == before
+def test_a_range_that_fails_leaves_the_shards_of_others(interleaved, monkeypatch):
+    """A range that fails removes nothing of the other ranges, whether they run or have ended."""
+
+    def failing():
+        with monkeypatch.context() as full:
+            full.setattr("ibdata.generation.workers.make_shard", refuse)
+            with pytest.raises(IbdataError, match=r"^out: cannot be written: No space left on device$"):
+                make("2/2")
+
+    def refuse(spec, shard, *rest):
+        if shard.number >= 5:
+            raise OSError(28, "No space left on device")
+        make_shard.make_shard(spec, shard, *rest)
+
+    failing()
+    assert contents() == {}
+    interleaved(failing, after=False)
+    make("1/2")
+    failing()
+    assert receipts("out") == [f"0000{i}.npy" for i in range(5)]
+    make("2/2")
+    assert ibdata.validate(ibdata.finalize("out").path) == []
 
 
-def test_a_range_that_fails_leaves_the_files_of_others(tiny, monkeypatch, files):
-    def fail(*args):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.make_shard.shard_writer", fail)
-        with pytest.raises(IbdataError, match=r"^out: cannot be written: No space left on device$"):
-            make(tiny, "2/2")
-        assert not Path("out").exists()
-    make(tiny, "1/2")
-    under_way = Path("out/.tmp-123456789abc-part-00000.part")  # a host with 1/2 writes it
-    under_way.write_bytes(b"part")
-    before = files("out")
-    with monkeypatch.context() as failing:
-        failing.setattr("ibdata.generation.make_shard.shard_writer", fail)
-        Path("out").joinpath(".lock").touch()
-        with lock.shared(Path("out")), pytest.raises(IbdataError, match="No space left"):
-            make(tiny, "2/2")
-    after = files("out")
-    assert set(after) - set(before) == {".run/range-2-2.json"}
-    assert after[under_way.name] == b"part"
-    make(tiny, "2/2")
-    assert len(ibdata.finalize("out")) == 50
-    assert not under_way.exists()
-
-
-MANY = {**TEN_SHARDS.plain(), "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
-
-
-def test_of_three_processes_at_once_one_is_killed_and_run_again(start, ibdata_command, files):
-    Path("many.yaml").write_text(json.dumps({**MANY, "output": {"shard_rows": 1000}}))
-    experiment = ibdata.load("many.yaml")
+@pytest.mark.slow
+def test_of_three_processes_one_is_killed(start, command, tmp_path):
+    """Three hosts at once, of which one is killed and started again, make the dataset of a plain run."""
+    many = {**TEN.plain(), "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
+    Path("many.yaml").write_text(json.dumps({**many, "output": {"shard_rows": 1000}}))
     runs = [start(f"{i}/3") for i in (1, 2, 3)]
-    second = Range(2, 3).of(plan(experiment))
+    second = f"{Range(2, 3).of(plan(ibdata.load('many.yaml')))[1].number:05d}.npy"
     deadline = time.monotonic() + 120
-    while not (Path("out") / receipt.path_of(second[1])).exists() and time.monotonic() < deadline:
+    while second not in receipts("out") and time.monotonic() < deadline:
         time.sleep(0.005)
     runs[1].send_signal(signal.SIGKILL)
     assert runs[1].wait() == -signal.SIGKILL
-    again = start("2/3")
-    said = [run.communicate(timeout=200) for run in (runs[0], again, runs[2])]
-    assert [run.returncode for run in (runs[0], again, runs[2])] == [0, 0, 0], said
+    runs[1] = start("2/3")
+    said = [run.communicate(timeout=200) for run in runs]
+    assert [run.returncode for run in runs] == [0, 0, 0], said
     assert all(re.match(r"out: part ./3 is complete: 40 shards with 40,000 rows\n", out) for out, _ in said)
-    done = ibdata_command("finalize", "out", "--json")
-    plain = ibdata.generate(experiment, "plain", workers=1)
+    done = subprocess.run(
+        [command, "finalize", "out", "--json"], capture_output=True, timeout=200, check=True
+    )
+    plain = ibdata.generate("many.yaml", "plain", workers=1)
     assert json.loads(done.stdout)["content_root"] == plain.content_root
-    assert files("out") == files("plain")
+    assert ibdata.validate("out") == []
 
 
-@pytest.fixture
-def ibdata_command(command):
-    """Run `ibdata …` to its end, which is to be that code."""
-
-    def run(*args, code=0):
-        done = subprocess.run([command, *args], capture_output=True, text=True, timeout=200)
-        assert done.returncode == code, done.stderr
-        return done
-
-    return run
+@pytest.mark.parametrize(
+    ("config", "more", "found"),
+    [
+        ("random", ["--overwrite"], "--overwrite"),
+        ("random", ["--dry-run"], "--dry-run"),
+        ("siemens-offline", [], "a folder of experiments"),
+    ],
+)
+def test_options_for_the_whole_are_refused(capsys, config, more, found):
+    """Options that make no sense for a range are refused in one line."""
+    with pytest.raises(SystemExit) as ended:
+        main(["generate", "--config", config, "--shards", "1/2", *more])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"--shards: found {found} too, but these cannot be combined\n"
+    assert contents() == {}

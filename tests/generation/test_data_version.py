@@ -13,7 +13,6 @@ from ibdata.evaluation.states import state_at
 USES = {
     "open": ibdata.open,
     "reproduce": ibdata.reproduce,
-    "repair": ibdata.repair,
     "split": lambda folder: ibdata.split(folder, by="policy"),
     "merge": lambda folder: ibdata.merge([folder, folder], folder.parent / "both"),
     "export": lambda folder: ibdata.export(folder, to="npz", out=folder.parent / "x.npz"),

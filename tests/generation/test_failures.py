@@ -1,158 +1,215 @@
-"""A failed run prints one line, and leaves only files that can be resumed."""
+"""A failed or interrupted run says so in one line, and leaves shards to go on with, or nothing."""
 
 from __future__ import annotations
 
 import json
+import signal
+import threading
+import time
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.tiny import FOUR_SHARDS
+from helpers.folders import contents, is_right, part_of, receipts
+from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import IbdataError
-from ibdata.errors import ConfigError
+from ibdata.errors import ConfigError, Interrupted
+from ibdata.generation import make_shard
 from ibdata.policies.checked import PolicyError
 
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: 1)  # shards in order
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
 
 
-@pytest.fixture
-def tiny():
-    return FOUR_SHARDS
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
 
 
-def contents(folder):
-    """Every file and folder below a folder, with the bytes of the files."""
-    paths = sorted(Path(folder).rglob("*"))
-    return {str(path): None if path.is_dir() else path.read_bytes() for path in paths}
-
-
-def failing_at(call, error):
+def failing_at(call, error, function=None):
     """A function that does what another does until its call of that number."""
+    calls = iter(range(10**6))
 
-    def wrap(function):
-        calls = iter(range(10**6))
+    def wrapped(*args, **options):
+        if next(calls) == call:
+            raise error
+        return function(*args, **options)
 
-        def wrapped(*args, **options):
-            if next(calls) == call:
-                raise error
-            return function(*args, **options)
-
-        return wrapped
-
-    return wrap
+    return wrapped
 
 
-PLACES = [
-    ("ibdata.generation.generate.finish", 0),
-    ("ibdata.writing.finish.write", 0),
-    ("ibdata.writing.finish.write", 5),
-    ("ibdata.generation.make_shard.shard_writer", 2),
-    ("ibdata.writing.shard_writer.arrow_table", 0),
-    ("ibdata.writing.shard_writer.ShardSummarizer", 3),
-    ("os.fsync", 1),
-    ("os.fsync", 9),
-]
+PLACES = {  # a function, the number of the call that fails, and how many shards are finished then
+    "first shard": ("ibdata.generation.make_shard.shard_writer", 0, 0),
+    "third shard": ("ibdata.generation.make_shard.shard_writer", 2, 2),
+    "encoding": ("ibdata.writing.shard_writer.arrow_table", 1, 1),
+    "summarizing": ("ibdata.writing.shard_writer.ShardSummarizer", 3, 3),
+    "receipt": ("ibdata.generation.receipt.put", 1, 1),
+    "metadata": ("ibdata.generation.generate.finish", 0, 4),
+    "manifest": ("ibdata.writing.finish.write_new", 5, 4),
+    "publishing": ("ibdata.generation.publish.sync_folder", 0, 4),
+    "sync of the run": ("os.fsync", 1, 0),
+    "sync of a shard": ("os.fsync", 9, None),
+}
 
 
-def assert_resumable_or_nothing(before, tiny, monkeypatch):
-    """What is left: nothing new, or shards with receipts, from which the same dataset comes out."""
-    left = contents(".")
-    assert not [path for path in left if ".tmp-" in path or ".lock" in path or path.endswith("manifest.json")]
-    if left == before:
-        return False
-    receipts = [path for path in left if path.endswith(".receipt")]
-    assert receipts
-    assert [path for path in left if path.endswith(".parquet")]
-    monkeypatch.undo()
-    resumed = ibdata.generate(tiny, "a/b", workers=1, resume=True)
-    assert resumed.content_root == ibdata.generate(tiny, "whole", workers=1).content_root
-    assert not Path("a/b/.run").exists()
-    return True
-
-
-@pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize(("place", "call"), PLACES)
-def test_a_failed_run_leaves_what_can_be_resumed_or_nothing(
-    monkeypatch, tmp_path, tiny, place, call, existing
+@pytest.mark.parametrize("existing", [False, True], ids=["new", "empty"])
+@pytest.mark.parametrize(("place", "call", "shards"), PLACES.values(), ids=PLACES)
+def test_a_full_disk_leaves_finished_shards_or_nothing(
+    monkeypatch, tmp_path, files, plain, place, call, shards, existing
 ):
+    """Wherever the system refuses, one line says why, and --resume makes the same dataset."""
     if existing:
         Path("a/b").mkdir(parents=True)
-    before = contents(".")
+    before = contents()
     module, _, name = place.rpartition(".")
-    original = getattr(import_module(module), name)
-    monkeypatch.setattr(place, failing_at(call, OSError(28, "No space left on device"))(original))
-    with pytest.raises(IbdataError) as error:
-        ibdata.generate(tiny, "a/b", workers=1)
-    assert str(error.value) == "a/b: cannot be written: No space left on device"
+    real = getattr(import_module(module), name)
+    with monkeypatch.context() as full:
+        full.setattr(place, failing_at(call, OSError(28, "No space left on device"), real))
+        with pytest.raises(IbdataError, match=r"^a/b: cannot be written: No space left on device$") as error:
+            ibdata.generate(TINY, "a/b", workers=1)
     assert error.value.exit_code == 1
-    left = assert_resumable_or_nothing(before, tiny, _Folder(monkeypatch, tmp_path))
-    assert left == (place.endswith("finish") or ".finish." in place or call > 1)
-
-
-class _Folder:
-    """Undoes the patches but stays in the folder of the test."""
-
-    def __init__(self, monkeypatch, folder):
-        self.monkeypatch, self.folder = monkeypatch, folder
-
-    def undo(self):
-        self.monkeypatch.undo()
-        self.monkeypatch.chdir(self.folder)
+    assert shards in (len(receipts("a/b")), None)
+    assert contents() == before or receipts("a/b")
+    ibdata.generate(TINY, "a/b", workers=1, resume=True)
+    assert is_right("a/b", plain.path, files)
 
 
 @pytest.mark.parametrize(
     ("error", "seen"),
-    [
-        (KeyboardInterrupt, KeyboardInterrupt),
-        (MemoryError, IbdataError),
-        (ZeroDivisionError, ZeroDivisionError),
-    ],
+    [(KeyboardInterrupt, KeyboardInterrupt), (MemoryError, IbdataError), (ZeroDivisionError,) * 2],
 )
-def test_other_exceptions_pass_and_leave_what_can_be_resumed(monkeypatch, tmp_path, tiny, error, seen):
-    monkeypatch.setattr("ibdata.generation.generate.finish", failing_at(0, error)(None))
+@pytest.mark.parametrize("shards", [0, 2])
+def test_any_exception_leaves_finished_shards_or_nothing(monkeypatch, tmp_path, error, seen, shards):
+    """Exceptions other than the system's pass as they are, but for a lack of memory."""
+    real = make_shard.shard_writer
+    monkeypatch.setattr("ibdata.generation.make_shard.shard_writer", failing_at(shards, error, real))
     with pytest.raises(seen):
-        ibdata.generate(tiny, "a/b", workers=1)
-    assert assert_resumable_or_nothing({}, tiny, _Folder(monkeypatch, tmp_path))
+        ibdata.generate(TINY, "a/b", workers=1)
+    assert len(receipts("a/b")) == shards
+    assert bool(contents()) == bool(shards)
 
 
-def test_a_policy_that_switches_denormal_numbers_off_during_a_run_ends_it(monkeypatch, tiny):
-    answers = iter([True, True, True, False])  # before and after each shard
-    monkeypatch.setattr("ibdata.writing.summary.keeps_denormals", lambda: next(answers))
-    found = r"^data/part-00001: a policy switched denormal numbers off in the middle"
-    with pytest.raises(IbdataError, match=found):
-        ibdata.generate(tiny, "a/b", workers=1)
-    monkeypatch.undo()
+def test_a_shard_that_fails_does_not_wait_for_others(monkeypatch):
+    """Where several threads make shards, the error of one ends the others between two pieces."""
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 4)
+    started, simulated = threading.Barrier(4, timeout=20), make_shard.simulated
+
+    def failing(spec, shard, *rest):
+        started.wait()  # until each of the four has its thread
+        if shard.number == 2:
+            raise OSError(28, "No space left on device")
+        for made in simulated(spec, shard, *rest):
+            time.sleep(0.3)  # until the other thread has failed
+            yield made
+
+    monkeypatch.setattr(make_shard, "simulated", failing)
+    with pytest.raises(IbdataError, match="No space left on device"):
+        ibdata.generate(TINY, "out")
+    assert not [each for each in threading.enumerate() if "ThreadPool" in each.name]
+    assert contents() == {}
 
 
-def test_a_failing_policy_is_an_error_and_leaves_the_shards_before_it(monkeypatch, tiny, shard_file):
-    """After the first run, which warms up, the second shard's policy fails at step 3."""
+# --- policies
+
+
+def test_a_failing_policy_is_named_with_its_step(monkeypatch):
+    """An action that is not a number ends the run at its episode and step; earlier shards stay."""
     calls = iter(range(1000))
 
     def act(self, history, u):
         action = 2.0 * u - 1.0
-        action[:, 1] = np.nan if next(calls) == 2 + 5 + 3 else 0.0
+        action[:, 1] = np.nan if next(calls) == 2 + 5 + 3 else 0.0  # two steps to warm up, then five a shard
         return action
 
     monkeypatch.setattr("ibdata.policies.random.Random.history_length", 1)
     monkeypatch.setattr("ibdata.policies.random.Random.act", act)
     monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 3: found action \[.* nan "):
-        ibdata.generate(tiny, "a/b", workers=1)
-    assert [Path(path).name for path in contents(".") if "part-" in path] == [
-        "part-00000.receipt",
-        Path(shard_file("a/b", 0)).name,
-    ]
+        ibdata.generate(TINY, "a/b", workers=1)
+    assert receipts("a/b") == ["00000.npy"]
 
 
-def test_a_config_with_errors_makes_nothing():
-    Path("bad.yaml").write_text(json.dumps({**FOUR_SHARDS.plain(), "steps": 0}))
+def test_a_policy_that_changes_the_processor_is_refused(monkeypatch):
+    """A policy that switches denormal numbers off during a run ends it."""
+    answers = iter([True, True, True, False])  # before and after each shard
+    monkeypatch.setattr("ibdata.writing.summary.keeps_denormals", lambda: next(answers))
+    with pytest.raises(IbdataError, match=r"^data/part-00001: a policy switched denormal numbers off in the"):
+        ibdata.generate(TINY, "a/b", workers=1)
+
+
+def test_an_invalid_experiment_makes_nothing():
+    """An error in the YAML is found before anything is made."""
+    Path("bad.yaml").write_text(json.dumps({**TINY.plain(), "steps": 0}))
     with pytest.raises(ConfigError, match=r"^bad\.yaml:1:"):
         ibdata.generate("bad.yaml", workers=1)
-    assert list(contents(".")) == ["bad.yaml"]
+    assert list(contents()) == ["bad.yaml"]
+
+
+# --- signals
+
+
+@pytest.fixture
+def signalled(monkeypatch):
+    """Let a signal arrive while the shard of a number is made."""
+
+    def arrange(number, at):
+        simulated = make_shard.simulated
+
+        def sending(spec, shard, *rest):
+            if shard.number == at:
+                signal.pthread_kill(threading.main_thread().ident, number)
+                time.sleep(0.5)  # the main thread looks five times a second
+            yield from simulated(spec, shard, *rest)
+
+        monkeypatch.setattr(make_shard, "simulated", sending)
+
+    return arrange
+
+
+@pytest.mark.parametrize(
+    ("number", "at", "left"),
+    [
+        (signal.SIGINT, 0, "nothing unfinished is left behind"),
+        (signal.SIGTERM, 1, "1 shard is finished; --resume goes on"),
+        (signal.SIGHUP, 2, "2 shards are finished; --resume goes on"),
+    ],
+)
+def test_a_signal_ends_a_loop_over_experiments(signalled, number, at, left):
+    """`except Exception` around each run does not swallow a signal, which says what is left behind."""
+    signalled(number, at)
+    tried = []
+    with pytest.raises(Interrupted) as stopped:
+        for name in ("a", "b"):
+            tried.append(name)
+            try:
+                ibdata.generate(TINY, name, workers=1)
+            except Exception:
+                continue
+    assert tried == ["a"]
+    assert isinstance(stopped.value, KeyboardInterrupt)
+    assert stopped.value.exit_code == 128 + number
+    assert str(stopped.value) == f"stopped by signal {int(number)}; {left}"
+    assert (len(receipts("a")), part_of("a").exists()) == (at, at > 0)
+
+
+def test_a_signal_before_the_first_shard_names_what_is_there(monkeypatch):
+    """A run that is resumed and stopped while it compiles says which shards are finished."""
+    ibdata.generate_shards(TINY, "1/2", "a", workers=1)
+
+    def stopping(*_):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("ibdata.generation.origin.warm_up", stopping)
+    for call, option in (
+        (lambda: ibdata.generate(TINY, "a", workers=1, resume=True), "--resume"),
+        (lambda: ibdata.generate(TINY, "a", workers=1, overwrite=True), "--overwrite"),
+        (lambda: ibdata.generate_shards(TINY, "2/2", "a", workers=1), "--shards"),
+    ):
+        with pytest.raises(Interrupted, match=f"; 2 shards are finished; {option} goes on$"):
+            call()

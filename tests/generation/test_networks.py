@@ -8,14 +8,11 @@ import pytest
 from helpers import networks
 
 import ibdata
-from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError
+from ibdata.errors import DatasetError, IbdataError
 from ibdata.experiment import load
-from ibdata.generation import output_folder
-from ibdata.maintenance.repair import repair
 from ibdata.policies import weights_file
-from ibdata.system.atomic_files import file_sha256
+from ibdata.system.files import file_sha256
 
 YAML = """
 name: learned
@@ -55,12 +52,14 @@ def made(learned):
 
 
 def test_a_dataset_carries_its_weights_once(made):
+    """The weights are a file of the dataset, byte by byte, which the manifest lists."""
     (path,) = (path for path in made.manifest_model.entries() if manifest.WEIGHTS.fullmatch(path))
     assert (made.path / path).read_bytes() == networks.weights()
     assert made.manifest_model.entries()[path].sha256 == file_sha256(made.path / path)
 
 
-def test_it_is_made_and_checked_again_without_anything_else(made, elsewhere):
+def test_a_dataset_is_made_and_checked_without_the_user_s_file(made, elsewhere):
+    """On another machine, a dataset is validated, reproduced, repaired, split and made again."""
     elsewhere()
     assert ibdata.validate(made.path) == []
     assert ibdata.reproduce(made.path)[1] == []
@@ -68,51 +67,55 @@ def test_it_is_made_and_checked_again_without_anything_else(made, elsewhere):
     again = ibdata.generate(made.path / manifest.EXPERIMENT, "again", workers=1)
     assert again.content_root == made.content_root
     assert ibdata.difference(made, again) == []
-
-
-@pytest.mark.parametrize("lost", ["data/*-*.parquet", "meta/statistics.json", "meta/manifest.json"])
-def test_lost_files_are_made_again(made, elsewhere, lost):
-    before = {path: path.read_bytes() for path in made.path.rglob("*") if path.is_file()}
-    next(made.path.glob(lost)).unlink()
+    for lost in ("data/*-00001-*.parquet", "meta/statistics.json"):
+        next(made.path.glob(lost)).unlink()
     elsewhere()
-    assert repair(made.path)
-    assert {path.name for path in before if path.suffix == ".safetensors"} <= {
-        path.name for path in (made.path / "meta").iterdir()
-    }
-    assert ibdata.validate(made.path) == []
+    assert len(ibdata.repair(made.path)) == 2
+    elsewhere()
+    ibdata.split(made.path, "policy")
+    copy = ibdata.split(made.path, by=None, materialize="copy")
+    elsewhere()
+    assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
 
 
 def test_lost_weights_are_named_and_can_be_copied_back(made, elsewhere):
+    """Weights cannot be made again; the error names the file that is to be copied back."""
     (path,) = (made.path / "meta").glob("policy-*.safetensors")
     content = path.read_bytes()
     path.unlink()
     elsewhere()
     assert "file: found no file" in str(ibdata.validate(made.path)[0])
     with pytest.raises(DatasetError, match="weights cannot be made again; copy the file with the SHA-256"):
-        repair(made.path)
+        ibdata.repair(made.path)
     path.write_bytes(content)
     assert ibdata.validate(made.path) == []
 
 
-def test_ranges_and_finalize_need_no_file_of_the_user(learned, elsewhere):
+def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
+    """The part of a run holds the weights, so that `finalize` works where the user's file is gone."""
     for i in (1, 2):
         ibdata.generate_shards(learned, f"{i}/2", "parts", workers=1)
     elsewhere()
     assert ibdata.validate(ibdata.finalize("parts").path) == []
 
 
-def test_a_run_is_resumed_only_with_the_same_weights(learned, monkeypatch):
+def test_a_run_goes_on_with_its_own_weights_only(learned):
+    """Other weights are another experiment; the path of the file does not count."""
     ibdata.generate_shards(learned, "1/2", "made", workers=1)
-    (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
-    with pytest.raises(ibdata.IbdataError, match="unfinished run of another experiment"):
+    file = learned.parent / "actor.safetensors"
+    file.rename(learned.parent / "moved.safetensors")
+    file.write_bytes(networks.weights(seed=1))
+    with pytest.raises(IbdataError, match="unfinished run of another experiment"):
         ibdata.generate(learned, "made", workers=1, resume=True)
-    (learned.parent / "actor.safetensors").write_bytes(networks.weights())
-    assert ibdata.validate(ibdata.generate(learned, "made", workers=1, resume=True).path) == []
+    moved = ["policies.0.file=moved.safetensors", "policies.1.base.file=moved.safetensors"]
+    made = ibdata.generate(learned, "made", workers=1, resume=True, overrides=moved)
+    assert ibdata.validate(made.path) == []
 
 
 def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
+    """Datasets of two networks are two experiments, and their merged dataset has both files."""
     (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
-    other = ibdata.generate(learned, "other", workers=1, overwrite=True)
+    other = ibdata.generate(learned, "other", workers=1)
     assert any("sha256" in line for line in ibdata.difference(made, other))
     elsewhere()
     both = ibdata.merge([made.path, other.path], "both")
@@ -122,40 +125,23 @@ def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
 
 
 def test_a_replaced_dataset_loses_its_weights(made, learned):
+    """After --overwrite, only the weights of the new dataset are there."""
     (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
     ibdata.generate(learned, made.path, workers=1, overwrite=True)
-    (path,) = (made.path / "meta").glob("policy-*.safetensors")
+    (path,) = made.path.rglob("policy-*.safetensors")
     assert path.read_bytes() == networks.weights(seed=1)
-    assert list(made.path.rglob("policy-*.safetensors")) == [path]
-
-
-def test_splits_and_copies_keep_the_weights(made, elsewhere):
-    elsewhere()
-    ibdata.split(made.path, "policy")
-    elsewhere()
-    copy = ibdata.split(made.path, by=None, materialize="copy")
-    elsewhere()
-    assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
 
 
 @pytest.mark.slow
-def test_workers_get_the_weights_from_the_experiment(learned, made, elsewhere):
+def test_workers_get_the_weights_from_the_experiment(learned, made):
+    """Worker processes need no file of the user."""
     experiment = load(learned)
     shutil.rmtree(learned.parent)
     assert ibdata.generate(experiment, "several", workers=2).content_root == made.content_root
 
 
-def test_the_identity_of_a_run_does_not_depend_on_the_path(learned):
-    moved = learned.parent / "moved.safetensors"
-    first = load(learned)
-    (learned.parent / "actor.safetensors").rename(moved)
-    second = load(learned, ["policies.0.file=moved.safetensors", "policies.1.base.file=moved.safetensors"])
-    assert output_folder.identity(first) == output_folder.identity(second)
-    assert isinstance(first, Experiment)
-    assert [cell.digest for cell in first.cells] == [cell.digest for cell in second.cells]
-
-
-def test_a_policy_is_evaluated_from_its_file(learned, capsys):
+def test_a_policy_is_evaluated_from_its_file(learned):
+    """A network is evaluated by its YAML block, whose file lies beside it, and by a mapping."""
     block = learned.parent / "policy.yaml"
     block.write_text("{kind: network, file: actor.safetensors}")
     here = ibdata.evaluate(str(block), episodes=2, steps=5).returns

@@ -1,208 +1,225 @@
-"""Several worker processes: equal files, errors that reach the caller, and no leftovers if a worker ends."""
+"""Threads and worker processes make the files of one, and end with the run whatever happens."""
 
 from __future__ import annotations
 
-import errno
-import multiprocessing
+import json
 import os
+import signal
 import subprocess
 import sys
 import textwrap
 import time
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
+from helpers.folders import contents, is_right, part_of, receipts
 from helpers.python import python
+from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
-from ibdata import Experiment
+from ibdata import Experiment, IbdataError
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.generation import make_shard, worker, workers
+from ibdata.generation.workers import divide
 
-pytestmark = pytest.mark.slow  # a process starts in more than a second
+slow = pytest.mark.slow  # a process starts in more than a second
 
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}, {"kind": "safe"}],
-    "episodes": 2,
-    "steps": 30,
-    "output": {"shard_rows": 60},
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def spec_of(rows):
+    """The spec of a dataset of so many rows, in shards of a million."""
+    experiment = {"name": "x", "setpoints": 70, "policies": [{"kind": "random"}], "episodes": rows // 1000}
+    return DatasetSpec.of(Experiment.model_validate(experiment))
+
+
+@pytest.mark.parametrize(
+    ("rows", "processors", "asked", "custom", "expected"),
+    [
+        (10**6, 1, None, False, (1, 1)),
+        (10**6, 64, None, False, (1, 4)),
+        (10**9, 4, None, False, (1, 4)),
+        (10**8, 64, None, False, (64, 1)),
+        (10**8, 2, 2, False, (2, 1)),
+        (10**8, 8, 2, False, (2, 4)),
+        (2 * 10**6, 8, 16, False, (2, 4)),
+        (10**8, 8, None, True, (8, 1)),
+        (10**8, 8, 3, True, (3, 1)),
+    ],
+)
+def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, custom, expected):
+    """Processes and threads follow from rows, processors, --workers and whether policies are custom."""
+    monkeypatch.setattr(workers, "available_processors", lambda: processors)
+    monkeypatch.setattr(workers, "customs", lambda spec: ["mine:Mine"] * custom)
+    spec = spec_of(rows)
+    assert divide(spec, spec.shards, asked) == expected
+
+
+def test_several_threads_make_the_files_of_one(plain, files, monkeypatch):
+    """On several processors, one process makes several shards at once, and their files are the same."""
+    running, most, real = set(), [], make_shard.make_shard
+
+    def counted(spec, shard, *rest):
+        running.add(shard.number)
+        most.append(len(running))
+        real(spec, shard, *rest)
+        running.discard(shard.number)
+
+    monkeypatch.setattr(workers, "available_processors", lambda: 4)
+    monkeypatch.setattr(workers, "make_shard", counted)
+    ibdata.generate(TINY, "several")
+    assert max(most) > 1
+    assert is_right("several", plain.path, files)
+
+
+@slow
+@pytest.mark.parametrize("number", [2, 3])
+def test_worker_processes_make_the_files_of_one(plain, files, number):
+    """Several worker processes make the files of a run in one."""
+    ibdata.generate(TINY, "out", workers=number)
+    assert is_right("out", plain.path, files)
+
+
+SCRIPT = f"""
+import ibdata, sys
+print(ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=2).content_root)
+print(*[name for name in ("pandas", "polars", "duckdb", "matplotlib") if name in sys.modules])
+"""
+WAYS = {
+    "script": ["plain.py"],
+    "stdin": ["-"],
+    "-c": ["-c", SCRIPT],
+    "-m": ["-m", "package.module"],
+    "folder": ["package"],
 }
 
-SCRIPT = """
-    import sys
-    import ibdata
-    import changing
-    from ibdata.generation import worker_pool
-    from ibdata.experiment import Experiment
 
-    worker_pool._start = changing.start
-    experiment = Experiment.model_validate({plain})
-    try:
-        made = ibdata.generate(experiment, "a/b", workers=2)
-        print("made", made.content_root)
-    except Exception as error:
-        print("failed", type(error).__name__, isinstance(error, ibdata.IbdataError), error, sep=": ")
-    loaded = [name for name in ("pandas", "polars", "duckdb", "matplotlib") if name in sys.modules]
-    print("loaded", *loaded)
-"""
-CHANGING = """
-    import os
-    import ibdata.writing.summary as content
-    from ibdata.policies.checked import PolicyError
-    from ibdata.generation import worker_pool
+@slow
+@pytest.mark.parametrize("way", WAYS)
+def test_a_script_needs_no_guard(plain, way):
+    """Code without `if __name__ == "__main__"` runs once with several workers, and loads no reader."""
+    for path in ("plain.py", "package/module.py", "package/__main__.py"):
+        Path(path).parent.mkdir(exist_ok=True)
+        Path(path).write_text(SCRIPT)
+    given = SCRIPT if way == "stdin" else None
+    child = subprocess.run(
+        [sys.executable, "-W", "error", *WAYS[way]], input=given, capture_output=True, text=True, timeout=120
+    )
+    assert (child.stdout, child.stderr) == (f"{plain.content_root}\n\n", "")
 
-    rollout, begin = content.rollout, worker_pool._start
 
-    def changed(experiment, first, stop):
-        {changed}
+@slow
+def test_a_daemonic_process_may_use_workers(plain):
+    """A process that multiprocessing allows no children, such as a loader's, may generate too."""
+    begin = "process = multiprocessing.get_context('fork').Process(target=main, daemon=True)"
+    body = textwrap.indent(SCRIPT, "    ")
+    Path("d.py").write_text(
+        f"import multiprocessing\ndef main():{body}\n{begin}\nprocess.start()\nprocess.join()"
+    )
+    child = subprocess.run([sys.executable, "d.py"], capture_output=True, text=True, timeout=120)
+    assert (child.stdout, child.stderr) == (f"{plain.content_root}\n\n", "")
 
-    def start(*args):  # what a worker does first
-        content.rollout = changed
-        begin(*args)
+
+# --- a policy by which workers fail
+
+OWN = {
+    **TINY.plain(),
+    "policies": [{"kind": "custom", "target": "failing.py:Own"}],
+}
+FAILING = """
+import os, pathlib, signal, time
+
+class Own:
+    def act(self, history, u):
+        if history[0, 0, 0] > 50 and pathlib.Path("fail").exists():
+            exec(pathlib.Path("fail").read_text())
+        return 0 * history[:, 0, :3]
 """
 
 
 @pytest.fixture
-def run(tmp_path):
-    """Run a script that generates into a/b with two workers, in which `changed` fills the columns."""
+def own():
+    """A function that generates with a policy that executes a text at the setpoint 70."""
+    Path("failing.py").write_text(FAILING)
+    Path("own.yaml").write_text(json.dumps(OWN))
 
-    def script(changed="return rollout(experiment, first, stop)"):
-        path = tmp_path / "script.py"
-        path.write_text(textwrap.dedent(SCRIPT).format(plain=PLAIN))
-        (tmp_path / "changing.py").write_text(textwrap.dedent(CHANGING).format(changed=changed))
-        child = python("-B", "-W", "error", path, cwd=tmp_path)
-        assert child.returncode == 0, child.stderr
-        assert "Traceback" not in child.stderr
-        return child.stdout.splitlines()
+    def run(text, **options):
+        Path("fail").write_text(text)
+        return ibdata.generate("own.yaml", "out", allow_code=True, **{"workers": 2, **options})
 
-    return script
+    return run
 
 
-PLAIN_SCRIPT = f"""
-import ibdata
-
-print("made", ibdata.generate(ibdata.Experiment.model_validate({PLAIN}), "out", workers=2).content_root)
-"""
-WAYS = {
-    "a script": ["plain.py"],
-    "through stdin": ["-"],
-    "-c": ["-c", PLAIN_SCRIPT],
-    "-m": ["-m", "package.module"],
-    "a folder": ["package"],
-}
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_code_without_a_main_guard_runs_once_and_with_several_workers(way, alone, tmp_path):
-    for path in ("plain.py", "package/module.py", "package/__main__.py"):
-        (tmp_path / path).parent.mkdir(exist_ok=True)
-        (tmp_path / path).write_text(PLAIN_SCRIPT)
-    child = subprocess.run(
-        [sys.executable, "-W", "error", *WAYS[way]],
-        input=PLAIN_SCRIPT if way == "through stdin" else None,
-        cwd=tmp_path, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert (child.stdout, child.stderr) == (f"made {alone.content_root}\n", "")
-
-
-def test_a_process_that_may_have_no_children_does_the_work_itself(alone, tmp_path):
-    script = tmp_path / "daemon.py"
-    begin = "process = multiprocessing.get_context('fork').Process(target=main, daemon=True)"
-    body = "".join(f"    {line}\n" for line in PLAIN_SCRIPT.splitlines())
-    script.write_text(
-        f"import multiprocessing\ndef main():\n{body}\n{begin}\nprocess.start()\nprocess.join()\n"
+@slow
+def test_a_killed_worker_ends_the_run_with_advice(own):
+    """A worker that is killed is an error of one line, and --resume goes on without making shards again."""
+    with pytest.raises(IbdataError) as error:
+        own("time.sleep(2); os.kill(os.getpid(), signal.SIGKILL)")
+    assert str(error.value) == (
+        "a worker process ended with code -9, perhaps for lack of memory; run again with resume=True "
+        "and fewer workers=…"
     )
-    child = subprocess.run(
-        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
-    assert (child.stdout, child.stderr) == (f"made {alone.content_root}\n", "")
+    kept = {path for path, data in contents(part_of("out")).items() if data and path.endswith(".parquet")}
+    assert len(receipts("out")) == len(kept) == 2
+    made = own("", resume=True)
+    assert {Path(path).name for path in kept} <= {path.name for path in Path("out/data").iterdir()}
+    assert ibdata.validate(made.path) == []
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory):
-    experiment = Experiment.model_validate(PLAIN)
-    return ibdata.generate(experiment, tmp_path_factory.mktemp("one") / "out", workers=1)
+@slow
+def test_an_error_of_a_worker_reaches_the_caller(own):
+    """An error in a worker has its own type and message, as without workers, and its traceback."""
+    raised = []
+    for number in (1, 2):
+        with pytest.raises(IbdataError, match=r"RuntimeError: stopped") as error:
+            own("raise RuntimeError('stopped')", workers=number, overwrite=True)
+        raised.append((type(error.value), str(error.value).replace("episode 3", "episode 2")))
+    assert raised[0] == raised[1]
+    assert "failing.py" in str(error.value.__cause__)
 
 
-def test_two_workers_make_the_files_of_one(alone, tmp_path):
-    other = ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "two", workers=2)
-    assert other.content_root == alone.content_root
-    assert len(alone.manifest["shards"]) == 4
-    for a, b in zip(alone.manifest["shards"], other.manifest["shards"], strict=True):
-        assert {**a, "path": None} == {**b, "path": None}
-        assert (alone.path / a["path"]).read_bytes() == (other.path / b["path"]).read_bytes()
-    names = [file["path"] for file in alone.manifest["files"] if not file["path"].startswith("data/")]
-    for name in names:
-        assert (alone.path / name).read_bytes() == (other.path / name).read_bytes()
+RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True, resume=True)"
 
 
-def test_a_script_may_use_two_workers_and_loads_no_reader(run, alone):
-    assert run() == [f"made {alone.content_root}", "loaded"]
+@slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_the_run(own, number):
+    """Workers end when the run is stopped or killed, also in the middle of a shard."""
+    with pytest.raises(IbdataError):
+        own("raise RuntimeError", workers=1)  # so that only the shards that fail are left
+    Path("fail").write_text("open(f'worker-{os.getpid()}', 'w').close(); time.sleep(600)")
+    process = subprocess.Popen([sys.executable, "-c", RUN], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while len(found := list(Path().glob("worker-*"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(number)
+    assert process.wait(timeout=60) != 0
+    pids = [int(path.name.partition("-")[2]) for path in found]
+    assert len(pids) == 2
+    while (alive := [pid for pid in pids if is_running(pid)]) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert alive == []
 
 
-def test_an_error_of_a_worker_reaches_the_caller_as_it_was(run, tmp_path):
-    lines = run("raise PolicyError(f'policy odd: episode {first}: step 3: found nothing')")
-    assert lines[0].startswith("failed: PolicyError: True: policy odd: episode ")
-    assert lines[0].endswith(": step 3: found nothing")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["changing.py", "script.py"]
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
-def test_a_refusal_of_the_system_in_a_worker_is_an_error_of_one_line(run, tmp_path):
-    lines = run("raise OSError(28, 'No space left on device')")
-    assert lines[0] == "failed: IbdataError: True: a/b: cannot be written: No space left on device"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["changing.py", "script.py"]
-
-
-def test_a_worker_that_is_killed_is_an_error_of_one_line(run, tmp_path):
-    lines = run("os._exit(9) if first == 4 else None; return rollout(experiment, first, stop)")
-    assert lines[0] == (
-        "failed: IbdataError: True: three worker processes died in a row, probably out of memory; "
-        "run again with resume=True and fewer workers=…"
-    )
-    assert not list(tmp_path.rglob(".tmp-*"))
-
-
-HALF = """import struct, sys
-    frame = sys._getframe()
-    while "result_queue" not in frame.f_locals:
-        frame = frame.f_back
-    frame.f_locals["result_queue"]._writer._send(struct.pack("!i", 1000))
-    os._exit(9)
-"""
-
-
-def test_a_worker_that_is_killed_while_it_sends_its_result_is_no_reason_to_wait_forever(run, tmp_path):
-    """The pool's own thread waits for the rest of the result, which nobody will send."""
-    lines = run(HALF)
-    assert lines[0].startswith("failed: IbdataError: True: three worker processes died in a row")
-
-
-def test_all_workers_start_with_the_first_shard(monkeypatch, tmp_path, alone):
-    """The pool closes all pipes when a worker ends, those with which another one is being started too."""
-    submit, alive = ProcessPoolExecutor.submit, []
-
-    def noted(self, *args):
-        future = submit(self, *args)
-        alive.append(len(multiprocessing.active_children()))
-        return future
-
-    monkeypatch.setattr(ProcessPoolExecutor, "submit", noted)
-    made = ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "two", workers=2)
-    assert (made.content_root, alive[0]) == (alone.content_root, 2)
-
-
-def test_a_system_that_starts_no_worker_says_so(monkeypatch, tmp_path):
-    def refused(self, *args):
-        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
-
-    monkeypatch.setattr(ProcessPoolExecutor, "submit", refused)
-    with pytest.raises(ibdata.IbdataError, match=os.strerror(errno.EAGAIN)):
-        ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "two", workers=2)
-
-
-def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path):
-    """The bar fails at the first shard, while others are under way; the folder existed before."""
+@slow
+def test_workers_write_nothing_after_the_caller_failed(monkeypatch):
+    """An exception in the caller ends workers that are in the middle of shards."""
 
     @contextmanager
     def broken(*args):
@@ -212,15 +229,44 @@ def test_workers_write_nothing_after_the_caller_has_failed(monkeypatch, tmp_path
 
         yield fail
 
-    folder = tmp_path / "existing"
-    folder.mkdir()
-    slow = {"episodes": 2, "steps": 5000, "output": {"shard_rows": 1}}
-    experiment = Experiment.model_validate({**PLAIN, **slow})
+    long = {**TINY.plain(), "steps": 5000, "output": {"shard_rows": 1}}
     monkeypatch.setattr("ibdata.generation.generate.bar", broken)
-    with pytest.raises(KeyboardInterrupt) as error:
-        ibdata.generate(experiment, folder, workers=2)
-    del error  # with the traceback go the workers
-    left = sorted(folder.rglob("*"))
-    assert not [path for path in left if path.name.startswith(".tmp-")]
+    with pytest.raises(KeyboardInterrupt):
+        ibdata.generate(long, "out", workers=2)
+    left = contents()
     time.sleep(0.5)
-    assert sorted(folder.rglob("*")) == left
+    assert contents() == left
+
+
+def test_a_system_that_starts_no_worker_says_so(monkeypatch):
+    """A process that cannot be started is an error of one line."""
+
+    def refused(*args, **options):
+        raise BlockingIOError(11, os.strerror(11))
+
+    monkeypatch.setattr(worker, "Popen", refused)
+    with pytest.raises(IbdataError, match=f"^out: cannot be written: {os.strerror(11)}"):
+        ibdata.generate(TINY, "out", workers=2)
+    assert contents() == {}
+
+
+REPAIR = """
+import ibdata
+ibdata.repair(".", workers=2)
+experiment = {"name": "x", "setpoints": 70, "episodes": 2, "steps": 3, "output": {"shard_rows": 3}}
+ibdata.generate(experiment | {"policies": ["random"]}, "../again", workers=2)
+"""
+
+
+@slow
+def test_files_in_the_folder_of_a_dataset_do_not_run(plain, tmp_path):
+    """Workers that are started in a folder import nothing from it, whatever its files are called."""
+    (tmp_path / "script.py").write_text(REPAIR)
+    made = ibdata.generate(TINY, "theirs", workers=1).path
+    for name in (*sys.stdlib_module_names, "numpy", "pyarrow", "ibdata"):
+        (made / f"{name}.py").write_text(f"open('../{name} was imported', 'w'); raise SystemExit")
+    for path in (made / "data").iterdir():
+        os.truncate(path, 100)
+    child = python(tmp_path / "script.py", cwd=made)
+    assert child.returncode == 0, child.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]

@@ -75,9 +75,13 @@ class Matrix:
         assert child.returncode == 0, f"{row.name}: {child.stderr}"
         return {**json.loads(child.stdout), "stderr": child.stderr}
 
+    def place(self, row: Row) -> Path:
+        """The folder of a row's datasets."""
+        return self.folder / row.name.replace(" ", "-").replace("/", "-")
+
     def child(self, row: Row, code: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run the child of a row now, with `code` as the folder of machine code if it is given."""
-        place = self.folder / row.name.replace(" ", "-").replace("/", "-")
+        place = self.place(row)
         place.mkdir()
         env = {k: v for k, v in os.environ.items() if not k.startswith(VARIABLES)}
         env["PYTHONPATH"] = str(row.package)

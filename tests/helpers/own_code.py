@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import ibdata
+from helpers.folders import receipts
 from ibdata.errors import IbdataError
 
 PLAIN = {
@@ -56,12 +57,12 @@ def generate(out="out", **options):
     return ibdata.generate("own.yaml", out, allow_code=True, **{"workers": 1, **options})
 
 
-def stopped(**options):
+def stopped(out="out", **options):
     """A run that stops in the third of four shards."""
     with pytest.raises(IbdataError, match="RuntimeError: stopped"):
-        generate(**options)
+        generate(out, **options)
     Path("at-70-stop.py").unlink()
-    assert len(list(Path("out").rglob("*.receipt"))) == 2
+    assert len(receipts(out)) == 2
 
 
 def sha256(path):

@@ -9,6 +9,7 @@ import pytest
 
 from ibdata.errors import IbdataError
 from ibdata.maintenance import compile_all
+from ibdata.system.cache_folders import CacheFolders
 
 LATER = """
 import numpy as np, ibdata
@@ -18,7 +19,7 @@ from ibdata.maintenance.compile_all import compile_all
 from ibdata.numerics.code_cache import CodeCache
 print(compile_all().folder)
 new = []
-CodeCache.load_overload = lambda self, *_: new.append(self._name) or None
+CodeCache.load_overload = lambda self, *_: new.append(self._function) or None
 policies = [{"kind": kind} for kind in ("random", "safe", "constant", "bad", "mediocre", "optimized")]
 policies += [{"kind": "epsilon_greedy", "base": {"kind": "bad"}, "epsilon": 0.2, "per_dimension": True}]
 policies += [{"kind": "gaussian", "base": {"kind": "optimized"}, "scale": 0.1}]
@@ -45,6 +46,6 @@ def test_nothing_is_compiled_after_it(tmp_path):
 
 
 def test_where_nothing_can_be_kept_it_fails(monkeypatch):
-    monkeypatch.setattr(compile_all.PLACES, "lasting", False)
+    monkeypatch.setattr(compile_all, "cache_folders", lambda: CacheFolders((), False))
     with pytest.raises(IbdataError, match="set IBDATA_CACHE_DIR to one"):
         compile_all.compile_all()

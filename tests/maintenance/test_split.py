@@ -46,6 +46,11 @@ def members(dataset, name):
     return [e for e, names in enumerate(dataset.episodes["splits"]) if name in names]
 
 
+def files_of(dataset, name):
+    """The files that a declared split consists of."""
+    return [shard["path"] for shard in dataset.manifest["shards"] if name in shard["splits"]]
+
+
 def conditions(dataset, name):
     frame = dataset.episodes.iloc[members(dataset, name)]
     return set(frame["setpoint"]), set(frame["policy"]), set(frame["index"])

@@ -19,10 +19,10 @@ from ibdata.experiment.scalars import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
 from ibdata.experiment.template import write_template
 from ibdata.numerics.naming import exact, yaml_name
-from ibdata.system.atomic_files import TOKEN, FileEntry
+from ibdata.system.files import FileEntry
 from ibdata.writing.card import card
 from ibdata.writing.metadata import episodes_table
-from ibdata.writing.shard_writer import WrittenShard, file_of
+from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
@@ -74,7 +74,7 @@ def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     splits = {name: {"overlap": True} for name in WORDS}
     spec = DatasetSpec.of(described(name="1", splits=splits))
     written = [
-        WrittenShard(shard, FileEntry(file_of(shard).replace(TOKEN, "0" * 8), 1, "0" * 64), UNREAD)
+        WrittenShard(shard, FileEntry(f"{shard.stem}-00000000.parquet", 1, "0" * 64), UNREAD)
         for shard in spec.shards
     ]
     content = UNREAD._replace(returns=np.zeros(1), digests=[bytes(32)])

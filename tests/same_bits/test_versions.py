@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from helpers.matrix import Row
+from helpers.matrix import UNMODIFIED, Row
+from helpers.python import PACKAGE
 
 pytestmark = pytest.mark.same_bits
 
@@ -56,3 +58,14 @@ def test_the_lowest_versions_make_the_same_data(matrix, lowest, check):
     for name in REPORTED:
         assert f"{result['versions'][name]}.".startswith(f"{LOWEST[name]}."), (name, result["versions"])
     check(result, lowest)
+
+
+def test_the_lowest_and_the_pinned_versions_find_each_others_datasets_valid(matrix, lowest, unmodified):
+    names = matrix.result(lowest)["results"]
+    for maker, python in ((UNMODIFIED, lowest.python), (lowest, sys.executable)):
+        for name in names:
+            out = matrix.place(maker) / name
+            command = [python, "-m", "ibdata", "validate", "--quiet", str(out)]
+            env = {**os.environ, "PYTHONPATH": str(PACKAGE)}
+            done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+            assert (done.returncode, done.stdout) == (0, f"{out}: valid\n"), (maker.name, done)

@@ -1,171 +1,59 @@
-"""The folders in which machine code is found, and those to which it is written."""
+"""The folders for what is kept between processes."""
 
 from __future__ import annotations
 
-import errno
 import os
 import tempfile
-from pathlib import Path
 
 import pytest
 
-from ibdata.system import cache_folders, private_files
-from ibdata.system.cache_folders import PASSING, Places, cache_base
-
-NAME = "numba-0123"
+from ibdata.system.cache_folders import cache_folders
 
 
 @pytest.fixture(autouse=True)
 def home(tmp_path, monkeypatch):
-    """A user with an empty home, an empty folder for temporary files, and no variables set."""
-    for name in ("home", "tmp", "here"):
-        (tmp_path / name).mkdir(mode=0o700)
-    for variable in ("IBDATA_CACHE_DIR", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME", PASSING):
-        monkeypatch.setenv(variable, "")  # so that it is put back
-        monkeypatch.delenv(variable)
+    """A user with an empty home, and no variables set."""
+    for variable in ("IBDATA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    monkeypatch.chdir(tmp_path / "here")
-    return tmp_path / "home"
+    cache_folders.cache_clear()
+    yield tmp_path / "home"
+    cache_folders.cache_clear()
 
 
-@pytest.fixture
-def asked(tmp_path, monkeypatch):
-    """The folder that IBDATA_CACHE_DIR names."""
-    folder = tmp_path / "asked"
-    folder.mkdir(mode=0o700)
-    monkeypatch.setenv("IBDATA_CACHE_DIR", str(folder))
-    return folder
+def test_the_users_cache_is_the_default(home):
+    """Without variables, it is the user's cache, which is made."""
+    assert cache_folders() == ((str(home / ".cache/ibdata"),), True)
+    assert (home / ".cache/ibdata").is_dir()
 
 
-@pytest.fixture
-def no_space(monkeypatch):
-    """Let writing fail in folders below these."""
-
-    def full(*folders):
-        def write(folder, name, content):
-            if any(str(Path(folder)).startswith(str(full)) for full in folders):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), folder)
-            private_files.write(folder, name, content)
-
-        monkeypatch.setattr(cache_folders, "write", write)
-
-    return full
+@pytest.mark.parametrize(("variable", "below"), [("IBDATA_CACHE_DIR", ""), ("XDG_CACHE_HOME", "ibdata")])
+def test_a_variable_names_another(variable, below, tmp_path, monkeypatch):
+    """Either variable does."""
+    monkeypatch.setenv(variable, str(tmp_path / "asked"))
+    assert cache_folders() == ((os.path.join(tmp_path, "asked", below).rstrip("/"),), True)
 
 
-@pytest.fixture
-def read_only(monkeypatch):
-    """Let folders be read only, to root too."""
-    access = os.access
-
-    def fix(folder):
-        folder.chmod(0o500)
-        monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != folder and access(path, mode))
-
-    yield fix
-    monkeypatch.undo()
+def test_a_read_only_folder_is_only_looked_into(home, tmp_path, monkeypatch):
+    """As in a container image, where the user's cache gets what is compiled later."""
+    asked = tmp_path / "asked"
+    monkeypatch.setenv("IBDATA_CACHE_DIR", str(asked))
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != str(asked))
+    assert cache_folders() == ((str(asked), str(home / ".cache/ibdata")), True)
 
 
-def kept(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.rglob("*") if path.is_file())
+def test_a_temporary_folder_is_the_last_resort(home, tmp_path, monkeypatch):
+    """Nothing that is written there lasts."""
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    found = cache_folders()
+    assert not found.lasting
+    assert os.path.dirname(found.folders[-1]) == tempfile.gettempdir()
 
 
-def passing(tmp_path: Path) -> Path:
-    [folder] = (tmp_path / "tmp").iterdir()
-    return folder / NAME
-
-
-def test_the_users_cache_is_the_place_where_nothing_is_asked_for(home):
-    places = Places(NAME)
-    assert places.folders == [str(home / ".cache/ibdata" / NAME)]
-    assert places.lasting
-    assert cache_base() == str(home / ".cache/ibdata")
-
-
-def test_what_is_asked_for_comes_first_and_then_nothing_else_is_looked_at(asked, home):
-    places = Places(NAME)
-    places.keep("file", b"code")
-    assert places.folders == [str(asked / NAME)]
-    assert kept(asked) == ["file"]
-    assert list(home.iterdir()) == []
-    assert cache_base() == str(asked)
-
-
-def test_a_folder_that_is_asked_for_may_begin_at_home_or_here(home, tmp_path, monkeypatch):
-    monkeypatch.setenv("IBDATA_CACHE_DIR", "~/mine")
-    assert Places(NAME).folders == [str(home / "mine" / NAME)]
-    monkeypatch.setenv("IBDATA_CACHE_DIR", "mine")
-    assert Places(NAME).folders == [str(tmp_path / "here" / "mine" / NAME)]
-
-
-@pytest.mark.parametrize("mode", [0o720, 0o702, 0o777, 0o1777])
-def test_a_base_that_others_can_write_to_is_passed_over_and_left_as_it_is(asked, home, mode):
-    asked.chmod(mode)
-    assert Places(NAME).folders == [str(home / ".cache/ibdata" / NAME)]
-    assert list(asked.iterdir()) == []
-    assert cache_base() == str(home / ".cache/ibdata")
-
-
-@pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
-def test_a_folder_that_somebody_has_prepared_is_passed_over(asked, home, mode):
-    (asked / NAME).mkdir()
-    (asked / NAME).chmod(mode)
-    assert Places(NAME).folders == [str(home / ".cache/ibdata" / NAME)]
-
-
-def test_a_link_in_the_place_of_the_folder_is_passed_over(asked, home, tmp_path):
-    (tmp_path / "elsewhere").mkdir(mode=0o700)
-    (asked / NAME).symlink_to(tmp_path / "elsewhere")
-    assert Places(NAME).folders == [str(home / ".cache/ibdata" / NAME)]
-
-
-def test_a_read_only_folder_is_read_and_the_next_written(asked, home, read_only, no_space):
-    Places(NAME).keep("file", b"code")
-    read_only(asked / NAME)
-    no_space(asked)
-    places = Places(NAME)
-    assert places.folders == [str(asked / NAME), str(home / ".cache/ibdata" / NAME)]
-    places.keep("more", b"code")
-    assert (kept(asked), kept(home)) == (["file"], ["more"])
-
-
-def test_where_the_file_system_is_full_the_temporary_folder_is_used_by_workers_too(asked, tmp_path, no_space):
-    places = Places(NAME)
-    no_space(asked)
-    places.keep("file", b"code")
-    places.keep("more", b"code")
-    assert places.folders == [str(asked / NAME), str(passing(tmp_path))]
-    assert kept(passing(tmp_path)) == ["file", "more"]
-    assert Places(NAME).folders == places.folders  # of a worker, which has this environment
-
-
-def test_where_everything_is_full_nothing_is_kept(asked, tmp_path, no_space):
-    no_space(tmp_path)
-    places = Places(NAME)
-    places.keep("file", b"code")
-    assert kept(asked) == kept(tmp_path / "tmp") == []
-
-
-def test_where_there_is_no_folder_for_temporary_files_nothing_is_kept(asked, tmp_path, no_space, monkeypatch):
-    no_space(asked)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
-    places = Places(NAME)
-    places.keep("file", b"code")
-    assert kept(asked) == []
-
-
-@pytest.mark.parametrize("cache", [None, "~unknown/x", "relative"])
-def test_without_a_home_the_temporary_folder_is_used_and_none_here(tmp_path, monkeypatch, cache):
-    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # neither HOME nor an entry for the user
-    if cache:
-        monkeypatch.setenv("XDG_CACHE_HOME", cache)
-    assert Places(NAME).folders == [str(passing(tmp_path))]
-    assert not Places(NAME).lasting
-    assert cache_base() == str(passing(tmp_path).parent)
-    assert list((tmp_path / "here").iterdir()) == []
-
-
-def test_an_unknown_users_home_is_no_folder_here(home, tmp_path, monkeypatch):
-    monkeypatch.setenv("IBDATA_CACHE_DIR", "~nobody-of-this-name/x")
-    assert Places(NAME).folders == [str(home / ".cache/ibdata" / NAME)]
-    assert list((tmp_path / "here").iterdir()) == []
+def test_a_user_without_a_home_gets_no_folder_named_tilde(tmp_path, monkeypatch):
+    """A ~ that stands for nothing is not taken for a name."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("IBDATA_CACHE_DIR", "~nobody-of-that-name/x")
+    cache_folders()
+    assert not list(tmp_path.glob("~*"))

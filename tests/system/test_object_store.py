@@ -21,6 +21,7 @@ def test_the_same_files_are_there_as_in_a_folder(url):
         for folder in ("there", "plain")
     )
     assert set(files) == {file["path"] for file in at_url.manifest["files"]} | {
+        manifest.CARD,
         manifest.PATH,
         manifest.SPLITS,
     }
@@ -52,15 +53,6 @@ def test_resuming_takes_what_is_there_and_another_experiment_is_refused(url):
     assert made(url, resume=True).content_root == made("plain").content_root
     with pytest.raises(UsageError, match=r"holds the dataset of another experiment; choose another out=…$"):
         made(url, seed=5, resume=True)
-
-
-@pytest.mark.parametrize("cut", [False, True])
-def test_resuming_names_a_file_of_the_finished_dataset_that_is_missing(url, cut):
-    made(url)
-    path = sorted(Path("there/data").iterdir())[1]
-    path.write_bytes(path.read_bytes()[:-1]) if cut else path.unlink()
-    with pytest.raises(DatasetError, match=rf"data/{path.name} (is missing|has \d+ bytes, expected \d+);"):
-        made(url, resume=True)
 
 
 def test_a_file_that_the_manifest_does_not_list_is_found(url):
@@ -97,11 +89,6 @@ def test_a_missing_file_at_a_url_is_not_said_to_be_made_by_repair(url):
 
 def test_a_url_of_this_machine_is_refused_like_its_folder(url, tmp_path):
     made(url)
-    Path("outside").mkdir()
-    Path("linked").mkdir()
-    Path("linked/data").symlink_to("../outside")
-    before = sorted(Path().rglob("*"))
-    for place, message in {"there/data/in": "lies within the dataset", "linked": "found a link"}.items():
-        with pytest.raises(UsageError, match=message):
-            made(f"file://{tmp_path}/{place}")
-    assert sorted(Path().rglob("*")) == before
+    with pytest.raises(UsageError, match="lies within the dataset"):
+        made(f"file://{tmp_path}/there/data/in")
+    assert not Path("there/data/in").exists()

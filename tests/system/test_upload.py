@@ -10,13 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.at_url import made
 from helpers.tiny import FOUR_SHARDS
+from ibdata.system.object_store import Remote
 
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, IbdataError, UsageError
 from ibdata.generation import upload
-from ibdata.system.object_store import Remote
 
 
 @pytest.fixture
@@ -58,7 +58,11 @@ def is_one_dataset(url):
     dataset = ibdata.open(url)
     listed = [file["path"] for file in dataset.manifest["files"]]
     rows = sum(pq.read_metadata(path).num_rows for path in Path("there/data").iterdir())
-    return names() == sorted([*listed, manifest.PATH]) and rows == len(dataset) and ibdata.validate(url) == []
+    return (
+        names() == sorted([*listed, manifest.SPLITS, manifest.PATH])
+        and rows == len(dataset)
+        and ibdata.validate(url) == []
+    )
 
 
 @pytest.mark.slow
@@ -139,7 +143,7 @@ def test_files_that_no_upload_has_put_are_refused_by_name_and_left_alone(
     url, machine, monkeypatch, path, begun
 ):
     path = f"own-{path}" if begun and path == "README.md" else path
-    path = path.replace("stats", "own") if begun else path
+    path = path.replace("statistics", "own") if begun else path
     if begun:
         interrupted(monkeypatch, url, 4)
     Path("there", path).parent.mkdir(parents=True, exist_ok=True)

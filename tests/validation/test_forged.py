@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
 from helpers.forging import seal
+from ibdata.system.files import FileEntry
 
 import ibdata
 from ibdata.dataset import manifest
@@ -21,7 +22,6 @@ from ibdata.dataset.digest import content_root
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
-from ibdata.system.atomic_files import FileEntry
 from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
@@ -40,9 +40,6 @@ def column(info: Json, name: str) -> Json:
 
 
 INFO = {
-    "groups swapped": lambda i: swap(i["groups"], "observation", "next_observation"),
-    "actions in another order": lambda i: i["groups"]["action"].reverse(),
-    "a latent value seen": lambda i: i["groups"]["observation"].append("latent_mu_v"),
     "a role": lambda i: column(i, "next_obs_gain").update(role="latent"),
     "a bound": lambda i: column(i, "obs_gain").update(high=None),
     "dynamics": lambda i: i.update(dynamics="paper"),
@@ -51,7 +48,6 @@ INFO = {
     "cells": lambda i: i["counts"].update(cells=1),
     "steps": lambda i: i["counts"].update(steps=20),
     "drifting": lambda i: i.update(drifting=True),
-    "split files": lambda i: i["splits"]["source"]["files"].pop(),
 }
 
 
@@ -63,6 +59,36 @@ def test_info_that_does_not_follow_from_the_experiment_is_named(copied, change):
     path.write_bytes(as_json(info))
     seal(copied)
     assert {problem.path for problem in validate(copied)} == {"meta/dataset.json"}
+
+
+SPLITS = {
+    "rows": lambda s: s["source"].update(rows=1),
+    "episodes of a later split": lambda s: s["train"].update(runs=[[0, 8]], episodes=8, rows=320),
+    "rows of a later split": lambda s: s["train"].update(rows=1),
+    "definition of a later split": lambda s: s["train"]["split"].update(setpoint=[70.0]),
+    "a declared split that is later": lambda s: s["source"].update(declared=False),
+    "a declared split less": lambda s: s.pop("target"),
+    "no number": lambda s: s["train"].update(episodes="many"),
+}
+
+
+@pytest.mark.parametrize("change", SPLITS.values(), ids=SPLITS)
+@pytest.mark.parametrize("quick", [True, False])
+def test_splits_that_do_not_follow_from_the_experiment_and_their_definitions_are_named(copied, change, quick):
+    ibdata.split(copied, by="policy", names={"random": "train"})
+    assert validate(copied, quick) == []
+    path = copied / manifest.SPLITS
+    splits = json.loads(path.read_bytes())
+    change(splits)
+    path.write_bytes(as_json(splits))
+    (problem,) = validate(copied, quick)
+    assert (problem.path, problem.rule) == (manifest.SPLITS, "splits")
+
+
+def test_missing_splits_are_named(copied):
+    (copied / manifest.SPLITS).unlink()
+    (problem,) = validate(copied)
+    assert str(problem) == f"{manifest.SPLITS}: splits: missing; run ibdata repair {copied}"
 
 
 STATS = {
@@ -101,9 +127,9 @@ def backwards(data: Any) -> Any:
 def test_values_count_and_not_how_they_are_written(copied):
     for path in copied.glob("meta/*.json"):
         path.write_text(json.dumps(backwards(json.loads(path.read_bytes()))))
-    info = json.loads((copied / "meta/info.json").read_bytes())
+    info = json.loads((copied / "meta/dataset.json").read_bytes())
     info["columns"][0]["description"] = "as a later version may say it"
-    (copied / "meta/info.json").write_text(json.dumps(info))
+    (copied / "meta/dataset.json").write_text(json.dumps(info))
     experiment = copied / "meta/experiment.yaml"
     experiment.write_text(experiment.read_text() + "# a remark\n")
     episodes = copied / "meta/episodes.parquet"
@@ -117,7 +143,7 @@ def test_values_count_and_not_how_they_are_written(copied):
 
 
 def test_a_quantile_may_be_the_next_one_of_the_sample(copied):
-    path = copied / "meta/stats.json"
+    path = copied / "meta/statistics.json"
     stats = json.loads(path.read_bytes())
     reward = stats["all"]["reward"]
     spread = reward["max"] - reward["min"]

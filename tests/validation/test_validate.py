@@ -13,10 +13,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
+from helpers.forging import seal
 
 import ibdata
 from ibdata.dataset import manifest
+from ibdata.errors import BusyError
 from ibdata.maintenance.repair import repair
+from ibdata.validation.rows import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.metadata import as_json
 
@@ -133,7 +136,9 @@ def test_rows_that_are_missing_are_named(copied, shard, sign):
     assert rules(copied) == {(shard, None, "rows")}
 
 
-@pytest.mark.parametrize("what", ["shard", "meta/dataset.json", "meta/statistics.json", "meta/experiment.yaml"])
+@pytest.mark.parametrize(
+    "what", ["shard", "meta/dataset.json", "meta/statistics.json", "meta/experiment.yaml"]
+)
 @pytest.mark.parametrize("quick", [True, False])
 def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what, quick):
     path = shard if what == "shard" else what
@@ -237,9 +242,12 @@ def test_hidden_parquet_and_folders_in_data_are_problems_for_some_readers_take_t
     assert "that the manifest does not list; move it away" in problem.message
 
 
-def test_a_folder_of_somebody_that_is_called_new_hides_no_problem(copied, shard):
-    (copied / ".new").mkdir()
-    (copied / ".new/README.md").write_text("mine")
-    assert validate(copied) == []
-    shutil.copy(copied / shard, copied / "data/more.parquet")
-    assert rules(copied) == {("data/more.parquet", None, "file")}
+def test_a_dataset_that_is_replaced_while_it_is_read_is_said_to_be_busy(copied, monkeypatch):
+    def replacing(*arguments):
+        seal(copied, lambda listed: listed.update(versions={"ibdata": "another"}))
+        return check_shard(*arguments)
+
+    monkeypatch.setattr("ibdata.validation.validate.check_shard", replacing)
+    with pytest.raises(BusyError, match="replaced while it was read; open it again") as error:
+        validate(copied)
+    assert error.value.exit_code == 75

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
@@ -124,12 +123,3 @@ def test_a_card_that_is_written_again_names_the_version_that_made_the_dataset(sm
     write_card(small.path)
     assert "version = {0.8.7}" in text_of(small.path)
     assert ibdata.validate(small.path) == []
-
-
-def test_a_lost_card_is_made_again_from_the_table_of_episodes_or_with_it(long, tmp_path, files):
-    for lost in (["README.md"], ["README.md", "meta/episodes.parquet"]):
-        folder = shutil.copytree(long.path, tmp_path / str(len(lost)))
-        for path in lost:
-            (folder / path).unlink()
-        assert sorted(ibdata.repair(folder, workers=1)) == sorted(lost)
-        assert files(folder) == files(long.path)

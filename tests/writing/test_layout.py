@@ -34,10 +34,10 @@ def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
     assert sorted(files(dataset.path)) == sorted(["README.md", *shards, *META])
 
 
-def test_the_manifest_lists_every_other_file_with_its_size_and_hash(either):
+def test_the_manifest_lists_data_and_metadata_with_size_and_hash(either):
     listed = {file["path"]: file for file in either.manifest["files"]}
     found = files(either.path)
-    assert set(listed) == set(found) - {"meta/manifest.json", "meta/splits.json"}
+    assert set(listed) == set(found) - {"README.md", "meta/manifest.json", "meta/splits.json"}
     for name, file in listed.items():
         data = found[name].read_bytes()
         assert (file["bytes"], file["sha256"]) == (len(data), hashlib.sha256(data).hexdigest()), name

@@ -31,7 +31,6 @@ def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe,
     monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
     uses = {
         "validate": lambda: ibdata.validate(made.path),
-        "split": lambda: ibdata.split(made.path, by="policy"),
         "materialize": lambda: ibdata.split(made.path, by="policy", materialize=tmp_path / "copy"),
         "repair": lambda: (
             (made.path / "meta/statistics.json").unlink() or ibdata.repair(made.path, workers=1)

@@ -32,7 +32,7 @@ def dataset(tmp_path_factory) -> Dataset:
 
 def loaded(dataset, path, **options) -> ReplayBuffer:
     names: dict = {}
-    exec(ibdata.export(dataset, "d3rlpy", path, **options, verify=True).snippet, names)
+    exec(ibdata.export(dataset, "d3rlpy", path, **options).snippet, names)
     return names["dataset"]
 
 

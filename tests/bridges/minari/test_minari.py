@@ -33,7 +33,7 @@ def equal(found, expected):
 @pytest.mark.parametrize(("split", "history", "scale"), [(None, 1, 1.0), ("target", 4, 0.01)])
 def test_every_value_is_there_again(dataset, root, split, history, scale):
     options = {"split": split, "history": history, "reward_scale": scale}
-    made = ibdata.export(dataset, "minari", root, **options, verify=True)
+    made = ibdata.export(dataset, "minari", root, **options)
     assert made.path == str(root / "ibdata" / "small-v0")
     found = minari.load_dataset("ibdata/small-v0")
     arrays = dataset.arrays(history=history, split=split)
@@ -59,7 +59,7 @@ def test_every_value_is_there_again(dataset, root, split, history, scale):
 
 @pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 def test_a_view_is_read_as_the_arrays_show_it(dataset, root, view):
-    ibdata.export(dataset, "minari", root, history=3, verify=True, **view)
+    ibdata.export(dataset, "minari", root, history=3, **view)
     found = minari.load_dataset("ibdata/small-v0")
     arrays = dataset.arrays(history=3, **view)
     assert found.total_steps == len(arrays["rewards"])
@@ -78,7 +78,7 @@ def test_a_view_is_read_as_the_arrays_show_it(dataset, root, view):
 
 
 def test_metadata_say_where_it_comes_from(dataset, root):
-    ibdata.export(dataset, "minari", root, verify=True)
+    ibdata.export(dataset, "minari", root)
     found = minari.load_dataset("ibdata/small-v0")
     metadata = found.storage.metadata
     assert dataset.content_root in metadata["description"]
@@ -154,15 +154,15 @@ def test_there_is_no_normalized_score_for_other_returns_than_those_of_the_scale(
 
 def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=["steps=20"])
-    ibdata.export(dataset, "minari", root, verify=True)
+    ibdata.export(dataset, "minari", root)
     episode = minari.load_dataset("ibdata/random-v0")[3]
     assert np.isnan(episode.infos["latent_mu_v"][-1, 0])
     equal(episode.infos["latent_mu_v"][:-1, 0], dataset.table()["latent_mu_v"].to_numpy()[60:80])
 
 
 def test_splitting_filtering_and_listing_work(dataset, root):
-    ibdata.export(dataset, "minari", root, id="deep/er/mine-v3", verify=True)
-    assert not list(root.rglob(".tmp-*"))
+    ibdata.export(dataset, "minari", root, id="deep/er/mine-v3")
+    assert not list(root.rglob(".*"))
     assert list(minari.list_local_datasets()) == ["deep/er/mine-v3"]
     found = minari.load_dataset("deep/er/mine-v3")
     assert [part.total_episodes for part in minari.split_dataset(found, sizes=[8, 4], seed=0)] == [8, 4]
@@ -171,7 +171,7 @@ def test_splitting_filtering_and_listing_work(dataset, root):
 
 
 def test_the_snippet_loads_it(dataset, tmp_path):
-    made = ibdata.export(dataset, "minari", tmp_path / "elsewhere", id="mine-v0", verify=True)
+    made = ibdata.export(dataset, "minari", tmp_path / "elsewhere", id="mine-v0")
     names: dict = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MINARI_DATASETS_PATH", "to be put back")
@@ -183,7 +183,7 @@ def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
     """Longer than Minari's Arrow and Parquet can bear."""
     overrides = ["steps=40000", "setpoints=70", "episodes=2", "output={latent: false}"]
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    ibdata.export(dataset, "minari", root, verify=True)
+    ibdata.export(dataset, "minari", root)
     found = minari.load_dataset("ibdata/random-v0")
     arrays = dataset.arrays()
     for i, episode in enumerate(found):
@@ -195,7 +195,7 @@ def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
 )
 def test_an_id_that_minari_would_not_take_is_refused_before_anything_is_written(dataset, root, id):
     with pytest.raises(UsageError, match="expected NAMESPACE/NAME-vN"):
-        ibdata.export(dataset, "minari", root, id=id, verify=True)
+        ibdata.export(dataset, "minari", root, id=id)
     assert not root.exists()
 
 
@@ -204,7 +204,7 @@ def test_a_folder_named_data_above_the_dataset_is_refused(dataset, root, folder,
     """Minari takes what holds such a folder for a dataset, and lists none of the others."""
     (root / folder).mkdir(parents=True)
     with pytest.raises(UsageError, match="found a folder named data in it"):
-        ibdata.export(dataset, "minari", root, id=id, verify=True)
+        ibdata.export(dataset, "minari", root, id=id)
     (root / "data").mkdir(exist_ok=True)
     with pytest.raises((ValueError, AttributeError)):
         minari.list_local_datasets()
@@ -218,7 +218,7 @@ def test_minari_still_refuses_these_ids(root, id):
 
 
 def test_minari_still_checks_neither_lengths_nor_bounds(root):
-    """Hence the export compares both itself."""
+    """Hence the tests here compare both."""
     box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
     wrong = np.full((3, 1), 7, np.float32)
     buffer = EpisodeBuffer(
@@ -236,17 +236,22 @@ def test_minari_still_checks_neither_lengths_nor_bounds(root):
 
 def test_a_dataset_beside_it_is_left_alone_and_listed(dataset, root, monkeypatch):
     """One malformed folder breaks Minari's list for all; so a failed export leaves no folder."""
-    ibdata.export(dataset, "minari", root, id="ibdata/first-v0", verify=True)
-    monkeypatch.setattr("ibdata.exporters.minari.same", lambda found, expected: False)
-    with pytest.raises(ibdata.IbdataError, match="read back other values"):
-        ibdata.export(dataset, "minari", root, id="ibdata/second-v0", verify=True)
+    ibdata.export(dataset, "minari", root, id="ibdata/first-v0")
+
+    def full(made):
+        assert list(minari.list_local_datasets()) == ["ibdata/first-v0"]  # while another one is written
+        raise OSError(28, "no room")
+
+    monkeypatch.setattr("ibdata.exporters._target._sync", full)
+    with pytest.raises(ibdata.IbdataError, match="cannot be written: no room"):
+        ibdata.export(dataset, "minari", root, id="ibdata/second-v0")
     assert list(minari.list_local_datasets()) == ["ibdata/first-v0"]
     assert [path.name for path in (root / "ibdata").iterdir()] == ["first-v0"]
 
 
 def test_the_environment_is_named_with_the_datasets_own_settings(dataset, root):
-    ibdata.export(dataset, "minari", root, history=3, reward_scale=0.5, verify=True)
-    ibdata.export(dataset, "minari", root, split="target", id="ibdata/target-v0", verify=True)
+    ibdata.export(dataset, "minari", root, history=3, reward_scale=0.5)
+    ibdata.export(dataset, "minari", root, split="target", id="ibdata/target-v0")
     raw = json.loads((root / "ibdata" / "small-v0" / "data" / "metadata.json").read_text())["env_spec"]
     spec = json.loads(raw)
     assert (spec["id"], spec["max_episode_steps"]) == ("ibdata/IndustrialBenchmark-v0", 25)

@@ -13,7 +13,7 @@ import ibdata
 def test_the_recovered_environment_has_the_datasets_spaces_start_and_length(root, tmp_path, history):
     overrides = ["setpoints=70", "episodes=2", "steps=30"]
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    ibdata.export(dataset, "minari", root, history=history, verify=True)
+    ibdata.export(dataset, "minari", root, history=history)
     found = minari.load_dataset("ibdata/random-v0")
     environment = found.recover_environment()
     observation, _ = environment.reset(seed=0)
@@ -28,7 +28,7 @@ def test_the_recovered_environment_has_the_datasets_spaces_start_and_length(root
 
 
 def recovered(made, root, **options):
-    ibdata.export(made, "minari", root, id=f"ibdata/{made.info['name']}-v0", verify=True, **options)
+    ibdata.export(made, "minari", root, id=f"ibdata/{made.info['name']}-v0", **options)
     found = minari.load_dataset(f"ibdata/{made.info['name']}-v0")
     return found, found.recover_environment() if found.env_spec else None
 
@@ -55,7 +55,7 @@ def test_the_environment_of_a_merged_dataset_is_that_of_the_episodes_that_are_ex
     _, environment = recovered(merged, root)
     assert environment is None
     for name, dynamics in (("theirs", "siemens"), ("printed", "paper")):
-        ibdata.export(merged, "minari", root, split=name, id=f"ibdata/{name}-v0", verify=True)
+        ibdata.export(merged, "minari", root, split=name, id=f"ibdata/{name}-v0")
         found = minari.load_dataset(f"ibdata/{name}-v0")
         assert found.env_spec.kwargs["dynamics"] == dynamics
         environment = found.recover_environment()

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::U
 @pytest.fixture
 def replay(dataset, root, tmp_path):
     """TorchRL's view of the Minari export; `root`, so that nothing lands in the user's cache."""
-    ibdata.export(dataset, "minari", root, verify=True)
+    ibdata.export(dataset, "minari", root)
 
     def load() -> MinariExperienceReplay:
         return MinariExperienceReplay(

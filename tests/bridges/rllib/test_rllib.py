@@ -57,7 +57,7 @@ def losses(config, iterations):
 
 
 def test_ray_reads_every_value_again(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01, verify=True)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
     rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
     arrays = dataset.arrays()
     for column, name in (
@@ -73,19 +73,19 @@ def test_ray_reads_every_value_again(dataset, tmp_path):
 
 
 def test_behaviour_cloning_learns_on_the_printed_configuration(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", verify=True)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made")
     found = losses(configured(BCConfig, made.snippet), 20)
     assert np.mean(found[-5:]) < np.mean(found[:5]) - 1
 
 
 def test_marwil_runs_on_the_printed_configuration(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01, verify=True)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
     assert np.isfinite(losses(configured(MARWILConfig, made.snippet), 2)).all()
 
 
 def test_a_column_of_text_still_ends_the_training(dataset, tmp_path):
     """Hence the export has none, and names its columns."""
-    made = ibdata.export(dataset, "rllib", tmp_path / "made.parquet", verify=True)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made.parquet")
     table = pq.read_table(made.path)
     pq.write_table(table.append_column("policy", [["safe"] * table.num_rows]), tmp_path / "text.parquet")
     snippet = made.snippet.replace("made.parquet", "text.parquet")

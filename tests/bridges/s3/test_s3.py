@@ -17,8 +17,8 @@ from moto.server import ThreadedMotoServer
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.errors import DatasetError, UsageError
-from ibdata.generation import upload
-from ibdata.system.object_store import Remote
+from ibdata.system import storage
+from ibdata.system.storage import Remote
 
 ROOT = Path(__file__).parents[3]
 NUMBERS = itertools.count()
@@ -30,6 +30,14 @@ PLAIN = {
     "steps": 50,
     "output": {"shard_rows": 100},
 }
+
+
+UNLISTED = ("README.md", "meta/manifest.json", "meta/splits.json")
+
+
+def listed_in(dataset):
+    """The paths of the files that the manifest lists."""
+    return [file["path"] for file in dataset.manifest["files"]]
 
 
 @pytest.fixture(scope="module")
@@ -89,21 +97,21 @@ def test_what_is_written_is_read_again(bucket, tiny, scheme):
     assert repr(opened) == f"<ibdata.Dataset {url}: 400 rows, 8 episodes>"
 
 
-def test_the_first_rows_need_the_first_file_only(bucket, tiny):
+def test_the_first_rows_need_the_first_file_only(bucket, tiny, monkeypatch):
     ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
+    read, plain = [], storage.Remote.open
+    monkeypatch.setattr(storage.Remote, "open", lambda self, path: (read.append(path), plain(self, path))[1])
     dataset = ibdata.open(f"s3://{bucket}/x")
     assert next(dataset.iter_batches(batch_rows=5)).num_rows == 5
-    found = [f"data/{path.name}" for path in (dataset.path / "data").iterdir()]
-    assert found == [dataset.manifest["shards"][0]["path"]]
+    assert read == ["meta/manifest.json", "meta/dataset.json", dataset.manifest["shards"][0]["path"]]
 
 
 def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, objects, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("IBDATA_CACHE_DIR", raising=False)
     made = ibdata.generate(tiny, f"s3://{bucket}/x", workers=1)
-    listed = [f"x/{file['path']}" for file in made.manifest["files"]]
-    assert sorted(objects()) == sorted([*listed, "x/meta/manifest.json"])
-    assert list((tmp_path / "cache/ibdata/uploads").iterdir()) == []
+    assert sorted(objects()) == sorted(f"x/{path}" for path in [*listed_in(made), *UNLISTED])
+    assert list(tmp_path.rglob("*.parquet")) == []
 
 
 @pytest.mark.parametrize("call", range(11))
@@ -123,7 +131,7 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        message = "cannot be written: connection lost; resume=True uploads what is missing$"
+        message = "cannot be written: connection lost; resume=True tries again$"
         with pytest.raises(IbdataError, match=message):
             ibdata.generate(tiny, url, workers=1)
     with pytest.raises(DatasetError, match=r"no finished dataset|no valid JSON"):
@@ -133,30 +141,22 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
     made = ibdata.generate(tiny, url, workers=1, resume=True)
     assert made.content_root == ibdata.generate(tiny, "plain", workers=1).content_root
     assert ibdata.validate(url) == []
-    assert len(uploaded) == 11 - call
+    assert len(uploaded) == 11  # all again
 
 
 @pytest.mark.parametrize("scheme", ["s3", "memory"])
-def test_another_machine_begins_an_upload_again_and_leaves_other_files(bucket, tiny, monkeypatch, scheme):
-    url, calls, put = f"{scheme}://{bucket}/a/x", iter(range(5)), Remote.put
-    monkeypatch.setattr(upload, "cache_base", lambda: "first")
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "put", lambda self, s, path: (next(calls), put(self, s, path)))
-        with pytest.raises(StopIteration):
-            ibdata.generate(tiny, url, workers=1)
-    monkeypatch.setattr(upload, "cache_base", lambda: "second")
-    remote, before = Remote(url), Remote(url).sizes()
-    assert len(before) == 5
-    with pytest.raises(UsageError, match="holds the interrupted upload of another experiment"):
-        ibdata.generate(tiny, url, seed=1, workers=1, resume=True)
+def test_a_place_with_other_files_is_refused_and_left_as_it_is(bucket, tiny, scheme):
+    url = f"{scheme}://{bucket}/a/x"
+    remote = Remote(url)
     Path("own.parquet").write_bytes(b"mine")
     remote.put(Path("own.parquet"), "data/own.parquet")
-    with pytest.raises(UsageError, match=r"data/own\.parquet is no part of an upload: move it away"):
-        ibdata.generate(tiny, url, workers=1, resume=True)
-    assert remote.sizes() == {**before, "data/own.parquet": 4}
+    for options in ({}, {"resume": True}):
+        with pytest.raises(UsageError, match=r"holds files, but no finished dataset, such as data/own\.parq"):
+            ibdata.generate(tiny, url, workers=1, **options)
+    assert remote.sizes() == {"data/own.parquet": 4}
     remote.remove("data/own.parquet")
-    made = ibdata.generate(tiny, url, workers=1, resume=True)
-    assert set(remote.sizes()) == {"meta/manifest.json", *(file["path"] for file in made.manifest["files"])}
+    made = ibdata.generate(tiny, url, workers=1)
+    assert set(remote.sizes()) == {*listed_in(made), *UNLISTED}
     remote.put(Path("own.parquet"), "data/own.parquet")
     assert [problem.path for problem in ibdata.validate(url)] == ["data/own.parquet"]
 
@@ -177,7 +177,6 @@ def test_what_is_there_is_not_written_over(bucket, tiny, objects):
     ibdata.generate(tiny, url, workers=1)
     before = objects()
     for options, line in (
-        ({}, "exists already; choose another out=…"),
         ({"seed": 1, "resume": True}, "holds the dataset of another experiment"),
         ({"overwrite": True}, "overwrite=True is for folders"),
     ):

@@ -1,0 +1,151 @@
+"""Splits that were made later: how they are read, and what a damaged meta/splits.json gives."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata.dataset import statistics
+from ibdata.errors import BusyError, DatasetError
+
+LATER = {
+    "odd": {
+        "episodes": 3,
+        "rows": 120,
+        "declared": False,
+        "split": {"episodes": {"start": 1, "stop": 1}},
+        "runs": [[1, 2], [4, 6]],
+    },
+    "first": {"episodes": 1, "rows": 40, "declared": False, "split": {"setpoint": 20.0}, "runs": [[0, 1]]},
+}
+
+
+def change(folder, edit):
+    path = folder / "meta/splits.json"
+    listed = json.loads(path.read_text())
+    edit(listed)
+    path.write_text(json.dumps(listed))
+
+
+@pytest.fixture
+def split(copied):
+    """`dataset` with later splits."""
+    change(copied, lambda listed: listed.update(LATER))
+    return ibdata.open(copied)
+
+
+def test_splits_say_whether_they_are_declared(split):
+    assert list(split.splits) == ["source", "target", "odd", "first"]
+    assert split.splits["odd"] == {"episodes": 3, "rows": 120, "declared": False}
+    assert split.splits["source"]["declared"]
+
+
+def test_the_later_splits_of_episodes_follow_their_declared_ones(split, dataset):
+    declared = [list(names) for names in dataset.episodes["splits"]]
+    expected = [
+        [*names, *(name for name in LATER if any(a <= e < b for a, b in LATER[name]["runs"]))]
+        for e, names in enumerate(declared)
+    ]
+    assert [list(names) for names in split.episodes["splits"]] == expected
+    assert expected[0] == ["source", "first"]
+
+
+def test_a_later_split_holds_its_episodes_and_no_others(split):
+    rows = split.to_pandas()
+    expected = rows[rows["episode"].isin([1, 4, 5])]
+    assert split.to_pandas(split="odd")["reward"].tolist() == expected["reward"].tolist()
+    assert split.table(["episode"], "odd", setpoint=70)["episode"].unique().to_pylist() == [4, 5]
+    assert len(split.windows(split="odd")) == 120
+
+
+@pytest.mark.parametrize("most", [10**6, 20], ids=["all rows", "a sample"])
+def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatch, most):
+    monkeypatch.setattr(statistics, "SAMPLE_ROWS", most)
+    found, rows = split.statistics("odd"), split.to_pandas(split="odd")
+    assert list(found) == list(split.statistics())
+    for name, described in found.items():
+        x = rows[name].to_numpy().astype(np.float64)
+        assert (described["count"], described["min"], described["max"]) == (120, x.min(), x.max())
+        assert described["mean"] == pytest.approx(x.mean(), rel=1e-12, abs=1e-12)
+        assert described["std"] == pytest.approx(x.std(), rel=1e-9, abs=1e-12)
+        quantiles = np.quantile(x, [float(q) for q in described["quantiles"]], method="inverted_cdf")
+        if most > len(x):
+            assert list(described["quantiles"].values()) == quantiles.tolist()
+
+
+def test_the_statistics_of_a_split_are_the_same_declared_or_later(dataset, copied):
+    def as_later(listed):
+        runs = [[0, 3], [6, 9]]
+        listed["same"] = {**LATER["first"], "episodes": 6, "rows": 240, "runs": runs}
+
+    change(copied, as_later)
+    stored, computed = dataset.statistics("source"), ibdata.open(copied).statistics("same")
+    for name, described in stored.items():
+        quantiles = computed[name].pop("quantiles")
+        assert quantiles == described["quantiles"]
+        assert computed[name] == pytest.approx({k: described[k] for k in computed[name]}, rel=1e-9)
+
+
+DAMAGE = {
+    "no JSON": lambda path: path.write_text("{"),
+    "a list": lambda path: path.write_text("[]"),
+    "missing": lambda path: path.unlink(),
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_a_damaged_file_of_splits_is_an_error_with_its_remedy(copied, damage):
+    damage(copied / "meta/splits.json")
+    dataset = ibdata.open(copied)
+    assert len(dataset.table()) == 480
+    for read in (lambda: dataset.splits, lambda: dataset.table(split="source"), lambda: dataset.episodes):
+        with pytest.raises(DatasetError) as error:
+            read()
+        assert str(error.value).startswith(f"{copied}/meta/splits.json: ")
+        assert str(error.value).endswith(f"; run ibdata repair {copied}")
+        assert "\n" not in str(error.value)
+
+
+OTHERS = {
+    "declared split gone": lambda listed: listed.pop("target"),
+    "declared split of another size": lambda listed: listed["source"].update(rows=239),
+    "a declared split too many": lambda listed: listed.update(more=listed["source"]),
+    "later split without episodes": lambda listed: listed["odd"].pop("runs"),
+    "episodes beyond the last": lambda listed: listed["first"].update(runs=[[12, 13]]),
+    "overlapping runs": lambda listed: listed["odd"].update(runs=[[0, 2], [1, 2]]),
+    "runs backwards": lambda listed: listed["odd"].update(runs=[[4, 6], [1, 2]]),
+    "an unknown key": lambda listed: listed["odd"].update(files=[]),
+}
+
+
+@pytest.mark.parametrize("edit", OTHERS.values(), ids=OTHERS)
+def test_splits_that_do_not_fit_the_dataset_are_refused(copied, edit):
+    change(copied, lambda listed: (listed.update(LATER), edit(listed)))
+    with pytest.raises(DatasetError, match=r"meta/splits\.json: .*; run ibdata repair"):
+        _ = ibdata.open(copied).splits
+
+
+READS = {
+    "rows": lambda d: d.table(),
+    "batches": lambda d: list(d.iter_batches()),
+    "info": lambda d: d.info,
+    "splits": lambda d: d.splits,
+    "episodes": lambda d: d.episodes,
+    "statistics": lambda d: d.statistics(),
+}
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+def test_a_dataset_that_was_replaced_after_it_was_opened_is_refused(describe, tmp_path, read):
+    old = ibdata.generate(describe(), tmp_path / "x", workers=1)
+    ibdata.generate(describe(steps=20), tmp_path / "other", workers=1)
+    opened = ibdata.open(old.path)
+    old.path.rename(tmp_path / "old")
+    (tmp_path / "other").rename(old.path)
+    with pytest.raises(BusyError, match=r"x: replaced while it was read; open it again$") as error:
+        read(opened)
+    assert error.value.exit_code == 75

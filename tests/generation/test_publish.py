@@ -1,0 +1,282 @@
+"""A dataset gets its name by one rename or exchange, and nothing of the old one or of a user is lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+from pathlib import Path
+
+import pytest
+from helpers.folders import contents, is_right, part_of
+from helpers.tiny import FOUR_SHARDS as TINY
+
+import ibdata
+from ibdata.errors import BusyError
+from ibdata.system import part
+from ibdata.system.exchange import exchanged
+from ibdata.system.files import write
+
+OTHER = TINY.model_copy(update={"seed": 1})
+
+
+class Killed(BaseException):
+    """Stands for a SIGKILL: no code of ibdata handles it."""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    return [ibdata.generate(each, folder / str(each.seed), workers=1) for each in (TINY, OTHER)]
+
+
+@pytest.fixture(autouse=True)
+def _beside_a_dataset(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(made[1].path, "out")
+
+
+@pytest.fixture(params=[True, False], ids=["exchange", "renames"])
+def exchange(request, monkeypatch):
+    """Whether the system can exchange two folders."""
+    if not request.param:
+        monkeypatch.setattr(part, "exchanged", lambda a, b: False)
+    return request.param
+
+
+def replace(experiment=TINY):
+    return ibdata.generate(experiment, "out", workers=1, overwrite=True)
+
+
+def test_replacing_leaves_the_new_dataset_only(made, files, exchange):
+    """After --overwrite, the folder holds the new dataset and nothing else, and no part is beside it."""
+    replace()
+    assert is_right("out", made[0].path, files)
+    assert os.listdir() == ["out"]
+
+
+def test_the_old_dataset_is_whole_until_the_exchange(made, files, monkeypatch):
+    """While the new dataset is made, and until both change places, the old one is there as it was."""
+    seen = []
+
+    def looking(a, b):
+        seen.append(files("out") == files(made[1].path))
+        done = exchanged(a, b)
+        seen.append(files("out") == files(made[0].path))
+        return done
+
+    monkeypatch.setattr(part, "exchanged", looking)
+    replace()
+    assert seen == [True, True]
+
+
+def test_no_two_runs_give_a_file_the_same_name():
+    """The names of shards differ between runs, so that a late reader gets an error and never other rows."""
+    first, second = ({path.name for path in Path(replace().path, "data").iterdir()} for _ in range(2))
+    assert len(first | second) == 8
+
+
+READS = {
+    "table": lambda d: d.table(),
+    "to_pandas": lambda d: d.to_pandas(),
+    "episodes": lambda d: d.episodes,
+    "statistics": lambda d: d.statistics(),
+    "iter_batches": lambda d: list(d.iter_batches()),
+}
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+def test_who_opened_the_old_dataset_is_told(read, exchange):
+    """Whatever a dataset that was opened before the replacement reads afterwards is a BusyError."""
+    before = ibdata.open("out")
+    replace()
+    with pytest.raises(BusyError, match="^out: replaced while it was read; open it again") as error:
+        read(before)
+    assert error.value.exit_code == 75
+    assert len(ibdata.open("out").table()) == 20
+
+
+def test_mode_and_group_are_kept(exchange):
+    """A replaced dataset keeps the modes and groups of its folders and files."""
+    for path, mode in {"out": 0o2750, "out/data": 0o770, "out/meta/manifest.json": 0o640}.items():
+        if os.geteuid() == 0:
+            os.chown(path, -1, 12345)
+        Path(path).chmod(mode)
+    group = Path("out").stat().st_gid
+    dataset = replace()
+    paths = ["out", "out/data", "out/meta/manifest.json", f"out/{dataset.manifest['shards'][0]['path']}"]
+    found = [(stat.S_IMODE(os.stat(path).st_mode), os.stat(path).st_gid) for path in paths]
+    assert found == [(0o2750, group), (0o770, group), (0o640, group), (0o640, group)]
+
+
+def test_an_edited_card_is_kept_beside_the_new_one(exchange, capsys):
+    """A README.md that somebody has edited becomes README.md.old, said on stderr, and stays there."""
+    card, old = Path("out/README.md"), Path("out/README.md.old")
+    replace()
+    assert not old.exists()
+    text = card.read_text().replace("# ", "# My ", 1)
+    card.write_text(text)
+    replace(OTHER)
+    assert capsys.readouterr().err.endswith("out/README.md: was edited, and is now README.md.old\n")
+    assert text != card.read_text()
+    replace()
+    assert (old.read_text(), capsys.readouterr().err) == (text, "")
+    assert ibdata.validate("out") == []
+
+
+def test_a_report_goes_with_the_dataset_that_it_describes():
+    """report.html is made by `ibdata card`, and does not describe the new dataset."""
+    Path("out/report.html").write_text("old")
+    replace()
+    assert not Path("out/report.html").exists()
+
+
+# --- killed while publishing
+
+
+def kill_at(monkeypatch, where):
+    """Let a run that replaces the dataset be killed at a place."""
+    calls, rename = iter(range(9)), Path.rename
+
+    def killed(*_):
+        raise Killed
+
+    def second(path, target):
+        if target == Path("out").resolve() and next(calls) == 0:
+            raise Killed
+        return rename(path, target)
+
+    with monkeypatch.context() as patched:
+        if where == "before the exchange":
+            patched.setattr(part, "exchanged", killed)
+        elif where == "between two renames":
+            patched.setattr(part, "exchanged", lambda a, b: False)
+            patched.setattr(Path, "rename", second)
+        else:
+            patched.setattr(part.Part, "clear", killed)
+        with pytest.raises(Killed):
+            replace()
+
+
+NEXT = {
+    "plain": lambda: ibdata.generate(TINY, "out", workers=1),
+    "resume": lambda: ibdata.generate(TINY, "out", workers=1, resume=True),
+    "overwrite": replace,
+    "finalize": lambda: ibdata.finalize("out"),
+    "shards": lambda: (ibdata.generate_shards(TINY, "1/2", "out", workers=1), ibdata.finalize("out")),
+}
+
+
+@pytest.mark.parametrize("then", NEXT.values(), ids=NEXT)
+def test_a_kill_between_two_renames_is_settled(made, files, monkeypatch, then):
+    """Where the folders cannot be exchanged, whoever comes next gives the new dataset its name."""
+    kill_at(monkeypatch, "between two renames")
+    assert not Path("out").exists()
+    then()
+    assert is_right("out", made[0].path, files)
+
+
+@pytest.mark.parametrize("then", [NEXT["plain"], NEXT["finalize"]], ids=["generate", "finalize"])
+def test_a_kill_after_the_exchange_leaves_the_new_dataset(made, files, monkeypatch, then):
+    """A run that was killed before it removed its part has published its dataset, which is read as ever."""
+    shutil.rmtree("out")
+
+    def killed(self):
+        if Path("out").exists():
+            raise Killed
+        real(self)
+
+    real = part.Part.clear
+    with monkeypatch.context() as patched:
+        patched.setattr(part.Part, "clear", killed)
+        with pytest.raises(Killed):
+            ibdata.generate(TINY, "out", workers=1)
+    assert part_of("out").exists()
+    assert files("out") == files(made[0].path)
+    then()
+    assert files("out") == files(made[0].path)
+
+
+def test_a_kill_before_the_exchange_leaves_the_old_dataset(made, files, monkeypatch):
+    """A run that was killed before the exchange is gone on with, and makes no shard again."""
+    kill_at(monkeypatch, "before the exchange")
+    assert files("out") == files(made[1].path)
+    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
+    replace()
+    assert is_right("out", made[0].path, files)
+
+
+# --- on the disk
+
+
+@pytest.fixture
+def events(monkeypatch):
+    """What is synced, renamed and exchanged, in order, by paths."""
+    seen = []
+
+    def noting(name, real):
+        def noted(*args):
+            seen.append((name, *map(str, args)))
+            return real(*args)
+
+        return noted
+
+    real = os.fsync
+    monkeypatch.setattr(
+        os, "fsync", lambda fd: seen.append(("sync", os.readlink(f"/proc/self/fd/{fd}"))) or real(fd)
+    )
+    monkeypatch.setattr(part, "exchanged", noting("move", part.exchanged))
+    for name in ("rename", "replace"):
+        monkeypatch.setattr(Path, name, noting("move", getattr(Path, name)))
+    return seen
+
+
+@pytest.mark.parametrize("out", ["new", "out"], ids=["new", "replaced"])
+def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
+    """Every file and folder of a dataset is synced before it gets its name, and the name afterwards."""
+    ibdata.generate(TINY, out, workers=1, overwrite=True)
+    target, inner = tmp_path / out, part_of(tmp_path / out) / "dataset"
+    (at,) = [i for i, event in enumerate(events) if event == ("move", str(inner), str(target))]
+    moved = [inner / path.relative_to(target) for path in [target, *target.rglob("*")]]
+    before = [event[1] for event in events[:at] if event[0] == "sync"]
+    assert {str(path) for path in moved} <= set(before)
+    last = {path: i for i, path in enumerate(before)}
+    assert all(last[str(p.parent)] > last[str(p)] for p in moved if p != inner)
+    assert ("sync", str(tmp_path)) in events[at:]
+
+
+def test_a_receipt_follows_its_shard_to_the_disk(events, tmp_path):
+    """A receipt gets its name when the shard's file and the receipt itself are on the disk."""
+    ibdata.generate_shards(TINY, "1/4", "new", workers=1)
+    folder = part_of(tmp_path / "new")
+    (shard,) = (folder / "dataset/data").iterdir()
+    (move,) = [event for event in events if event[-1] == str(folder / "receipts/00000.npy")]
+    order = [events.index(event) for event in (("sync", str(shard)), ("sync", move[1]), move)]
+    assert order == sorted(order)
+
+
+def test_a_small_file_is_on_the_disk_before_it_replaces_another(events, tmp_path):
+    """A file that `write` replaces is synced, then renamed, then its folder is synced."""
+    write(tmp_path, "out/README.md", b"new")
+    (_, temporary), (_, *renamed), (_, folder) = events
+    assert renamed == [temporary, str(tmp_path / "out/README.md")]
+    assert folder == str(tmp_path / "out")
+
+
+def test_what_a_part_cannot_publish_stays(monkeypatch, made, files):
+    """A run that the system keeps from publishing leaves the old dataset, and --overwrite goes on with it."""
+
+    def refuse(*_):
+        raise OSError(16, "Device or resource busy")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(part, "exchanged", refuse)
+        with pytest.raises(ibdata.IbdataError, match="^out: cannot be written: Device or resource busy"):
+            replace()
+    assert files("out") == files(made[1].path)
+    before = contents("out")
+    with pytest.raises(ibdata.IbdataError, match="holds the dataset of another experiment"):
+        ibdata.generate(TINY, "out", workers=1, resume=True)
+    assert contents("out") == before
+    replace()
+    assert is_right("out", made[0].path, files)

@@ -1,0 +1,206 @@
+"""The places at which a dataset can be made, and those that are refused before the first row."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.folders import contents, is_right
+from helpers.tiny import FOUR_SHARDS as TINY
+
+import ibdata
+from ibdata.errors import IbdataError, UsageError
+from ibdata.writing.finish import finish
+
+OTHER = TINY.model_copy(update={"seed": 1})
+WRITERS = {
+    "generate": lambda out: ibdata.generate(TINY, out, workers=1),
+    "overwrite": lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True),
+    "shards": lambda out: ibdata.generate_shards(TINY, "1/1", out, workers=1),
+    "estimate": lambda out: ibdata.estimate(TINY, out),
+    "merge": lambda out: ibdata.merge(["../a", "../b"], out),
+    "materialize": lambda out: ibdata.split("../a", scheme="leave-one-out", materialize=out),
+}
+REFUSED = {
+    "current": (".", "is the current folder or around it"),
+    "around": ("..", "is the current folder or around it"),
+    "mount": ("/proc", "is a mount point"),
+    "file": ("file", "is a file, not a folder"),
+    "link to file": ("link", "is a file, not a folder"),
+    "folder": ("folder", "not a dataset of ibdata, left as it is|exists already"),
+    "manifest": ("forged", "not a dataset of ibdata, left as it is|exists already"),
+    "in data": ("../a/data/more", "lies within the dataset .*a; choose a place outside"),
+    "in a link": ("linked/more", "lies within the dataset .*a; choose a place outside"),
+    "column": ("runs/policy=safe", "found the folder policy=safe, .*; choose another name"),
+    "NUL": ("a\0b", "expected a path without NUL"),
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    return [ibdata.generate(each, folder / str(each.seed), workers=1).path for each in (TINY, OTHER)]
+
+
+@pytest.fixture(autouse=True)
+def here(made, tmp_path, monkeypatch) -> Path:
+    """An empty current folder, beside two datasets."""
+    (tmp_path / "here").mkdir()
+    shutil.copytree(made[0], tmp_path / "a")
+    shutil.copytree(made[1], tmp_path / "b")
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path
+
+
+@pytest.fixture
+def others():
+    """Files and folders that are no dataset."""
+    Path("file").write_text("mine")
+    Path("link").symlink_to("file")
+    Path("linked").symlink_to("../a/meta")
+    for folder in ("folder", "forged/meta"):
+        Path(folder).mkdir(parents=True)
+        Path(folder, "mine").write_text("mine")
+    Path("forged/meta/manifest.json").write_text('{"files": [{"path": "mine"}]}')
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+@pytest.mark.parametrize(("out", "line"), REFUSED.values(), ids=REFUSED)
+def test_a_place_that_cannot_be_a_dataset_is_refused(here, others, write, out, line):
+    """A place that is not free for a dataset is refused in one line, and nothing is changed."""
+    before = contents(here)
+    with pytest.raises(UsageError, match=line) as error:
+        write(out)
+    assert "\n" not in str(error.value)
+    assert (error.value.exit_code, contents(here)) == (2, before)
+
+
+@pytest.mark.parametrize("write", [WRITERS["generate"], WRITERS["merge"], ibdata.finalize])
+@pytest.mark.parametrize("out", ["file/out", "file/a/b", "x" * 300, "a/" + "x" * 300, "/proc/none/x"])
+def test_a_refusal_of_the_system_is_one_line(others, out, write):
+    """A place that the system refuses is an error of one line that begins with it."""
+    before = contents()
+    with pytest.raises(IbdataError) as error:
+        write(out)
+    assert str(error.value).startswith(f"{out}: ")
+    assert "\n" not in str(error.value)
+    assert contents() == before
+
+
+FREE = {
+    "new": ("a/b/c", "a/b/c"),
+    "empty": ("empty", "empty"),
+    "link to empty": ("to-empty", "empty"),
+    "dangling link": ("to-new", "scratch/new"),
+    "through a link": ("scratch-link/new", "scratch/new"),
+}
+
+
+@pytest.mark.parametrize("write", [WRITERS["generate"], WRITERS["materialize"]], ids=["generate", "copy"])
+@pytest.mark.parametrize(("out", "place"), FREE.values(), ids=FREE)
+def test_links_and_empty_folders_are_places(write, out, place):
+    """A dataset is made in a new or empty folder, also through links, which stay."""
+    for folder in ("empty", "scratch"):
+        Path(folder).mkdir()
+    for link, to in {"to-empty": "empty", "to-new": "scratch/new", "scratch-link": "scratch"}.items():
+        Path(link).symlink_to(to)
+    links = {path: os.readlink(path) for path in Path().iterdir() if path.is_symlink()}
+    assert len(write(out)) == 20
+    assert Path(place, "meta/manifest.json").is_file()
+    assert {path: os.readlink(path) for path in Path().iterdir() if path.is_symlink()} == links
+    assert not [path for path in Path().rglob(".*")]
+
+
+def test_overwriting_through_a_link_replaces_its_target(made, files):
+    """The dataset to which a link leads is replaced, and the link stays."""
+    Path("link").symlink_to("../a")
+    ibdata.generate(OTHER, "../a", workers=1, overwrite=True)
+    ibdata.generate(TINY, "link", workers=1, overwrite=True)
+    assert os.readlink("link") == "../a"
+    assert is_right("../a", made[0], files)
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "data/mine.parquet", "data/.hidden", "meta/mine.csv", "more/"])
+def test_overwriting_names_what_is_not_the_dataset_s(name):
+    """A file or folder of somebody in a dataset's folder keeps --overwrite from replacing the folder."""
+    path = Path("../a", name)
+    path.mkdir() if name.endswith("/") else path.write_text("mine")
+    before = contents("../a")
+    with pytest.raises(UsageError, match=r"found a (file|folder) that is not the dataset's; move it away"):
+        WRITERS["overwrite"]("../a")
+    assert contents("../a") == before
+
+
+def test_overwriting_a_dataset_with_a_damaged_manifest_is_refused():
+    """A manifest whose checksum is wrong does not tell what may be removed."""
+    path = Path("../a/meta/manifest.json")
+    path.write_text(path.read_text().replace("data/part-00000", "data/part-00009"))
+    before = contents("../a")
+    with pytest.raises(UsageError, match="not a dataset of ibdata, left as it is"):
+        WRITERS["overwrite"]("../a")
+    assert contents("../a") == before
+
+
+def test_overwriting_replaces_damaged_files(made, files):
+    """Pipes, folders and cut files in the place of a dataset's files are replaced with the dataset."""
+    first, second, *_ = Path("../a/data").iterdir()
+    first.unlink()
+    os.mkfifo(first)
+    second.write_bytes(b"x")
+    Path("../a/README.md").unlink()
+    WRITERS["overwrite"]("../a")
+    assert is_right("../a", made[0], files)
+
+
+@pytest.mark.parametrize("folder", ["..", "../a", "../a/data", "../a/meta"])
+def test_overwriting_a_folder_without_write_access_is_refused(here, monkeypatch, folder):
+    """A folder that may not be written is refused before the first row."""
+    denied, access = Path(folder).resolve(), os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != denied and access(path, mode))
+    before = contents(here)
+    with pytest.raises(UsageError, match="cannot be written, expected a folder that overwrite=True may rep"):
+        WRITERS["overwrite"]("../a")
+    assert contents(here) == before
+
+
+@pytest.mark.parametrize("number", [errno.EBUSY, errno.EXDEV], ids=errno.errorcode.get)
+@pytest.mark.parametrize("place", ["../a", "empty"])
+def test_a_folder_that_cannot_be_moved_is_refused(here, monkeypatch, place, number):
+    """A folder that the system does not move, such as one in a container's image, is refused at once."""
+    Path("empty").mkdir()
+    before, rename = contents(here), Path.rename
+
+    def refusing(path, other):
+        if path == Path(place).resolve():
+            raise OSError(number, os.strerror(number))
+        return rename(path, other)
+
+    monkeypatch.setattr(Path, "rename", refusing)
+    with pytest.raises(UsageError, match=f"^{place}: cannot be moved: {os.strerror(number)}; choose another"):
+        WRITERS["overwrite"](place)
+    assert contents(here) == before
+
+
+MEANWHILE = {
+    "generate": ("ibdata.generation.generate.finish", WRITERS["generate"], "out"),
+    "overwrite": ("ibdata.generation.generate.finish", WRITERS["overwrite"], "../a"),
+    "merge": ("ibdata.maintenance.rewrite.finish", WRITERS["merge"], "out"),
+}
+
+
+@pytest.mark.parametrize(("name", "write", "out"), MEANWHILE.values(), ids=MEANWHILE)
+def test_what_appears_at_the_place_meanwhile_stays(monkeypatch, name, write, out):
+    """A file that somebody puts at the place while the dataset is made is neither removed nor taken along."""
+
+    def meanwhile(*args):
+        Path(out).mkdir(exist_ok=True)
+        Path(out, "mine").write_text("mine")
+        return finish(*args)
+
+    monkeypatch.setattr(name, meanwhile)
+    with pytest.raises(UsageError, match=f"{out}.*: (not a dataset|found a file that is not|exists already)"):
+        write(out)
+    assert Path(out, "mine").read_text() == "mine"

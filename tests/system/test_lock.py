@@ -1,0 +1,174 @@
+"""Locks of writers: one at a time, and none where the file system has no locks."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from helpers.folders import contents
+from helpers.tiny import FOUR_SHARDS as TINY
+
+import ibdata
+from ibdata.errors import BusyError, IbdataError
+from ibdata.generation import make_shard
+from ibdata.maintenance.card import card
+from ibdata.system import part as parts
+from ibdata.system.lock import locked
+from ibdata.system.part import Part, locked_part, refusals
+
+OTHER = TINY.model_copy(update={"seed": 1})
+WRITERS = {
+    "generate": lambda: ibdata.generate(TINY, "new", workers=1),
+    "overwrite": lambda: ibdata.generate(OTHER, "new", workers=1, overwrite=True),
+    "shards": lambda: ibdata.generate_shards(TINY, "1/2", "new", workers=1),
+    "merge": lambda: ibdata.merge(["a", "b"], "new"),
+    "materialize": lambda: ibdata.split("a", scheme="leave-one-out", materialize="new"),
+    "split": lambda: ibdata.split("a", scheme="leave-one-out"),
+    "card": lambda: card("a"),
+    "repair": lambda: ibdata.repair("c", workers=1),
+    "replace": lambda: ibdata.generate(OTHER, "a", workers=1, overwrite=True),
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    return [ibdata.generate(each, folder / str(each.seed), workers=1).path for each in (TINY, OTHER)]
+
+
+@pytest.fixture(autouse=True)
+def _beside_two_datasets(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, path in zip("abc", [*made, made[0]], strict=True):
+        shutil.copytree(path, name)
+    next(Path("c/data").iterdir()).write_bytes(b"")  # for `repair`
+    monkeypatch.setattr(parts, "PATIENCE", 0.05)
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_a_second_writer_is_refused(write):
+    """While one process writes at a place, any other writer there gets BusyError and changes nothing."""
+    with ExitStack() as held:
+        for name in ("new", "a", "c"):
+            held.enter_context(locked_part(Path(name).absolute()))
+        before = contents()
+        with pytest.raises(BusyError, match=r"(new|a|c): another process is writing here; wait") as error:
+            write()
+        assert (error.value.exit_code, contents()) == (75, before)
+    write()
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK], ids=errno.errorcode.get)
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_without_locks_nothing_is_written(monkeypatch, write, number):
+    """A file system without locks is named in one line, and nothing is written there."""
+
+    def flock(descriptor, operation):
+        raise OSError(number, os.strerror(number))
+
+    before = contents()
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(IbdataError, match=r"the file system has no locks \(.*\); choose a folder ") as error:
+        write()
+    assert error.value.exit_code == 1
+    assert "\n" not in str(error.value)
+    assert contents() == before
+
+
+def test_without_locks_a_dataset_is_read(monkeypatch):
+    """Reading, validating and reproducing a dataset need no lock."""
+    monkeypatch.setattr(fcntl, "flock", None)
+    assert ibdata.validate("b") == []
+    assert len(ibdata.open("b").table()) == 20
+    assert ibdata.reproduce("b")[1] == []
+    assert ibdata.generate(OTHER, "b", workers=1).path == Path("b")
+
+
+def test_of_several_threads_one_at_a_time_has_the_lock():
+    """However often the lock's file is removed and made again, only one holds the place."""
+    place, inside, together = Path("new").absolute(), [], []
+
+    def run(name):
+        for _ in range(20):
+            done = False
+            while not done:
+                try:
+                    with locked_part(place) as part:
+                        assert isinstance(part, Part)
+                        inside.append(name)
+                        together.append(len(inside))
+                        time.sleep(0.0005)
+                        inside.remove(name)
+                        done = True
+                except BusyError:
+                    time.sleep(0.0005)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(run, range(4)))
+    assert together == [1] * 80
+    assert not Path(".new.part").exists()
+
+
+def test_a_lock_waits_as_long_as_it_is_told_to():
+    """A lock that is free again in time is taken, and otherwise an error."""
+    with ThreadPoolExecutor(1) as threads, locked(Path("x/lock")):
+
+        def wait(seconds):
+            with locked(Path("x/lock"), seconds):
+                return True
+
+        with pytest.raises(BusyError):
+            threads.submit(wait, 0.05).result()
+        waiting = threads.submit(wait, 20.0)
+        time.sleep(0.1)
+        assert not waiting.done()
+    assert waiting.result()
+
+
+def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
+    """While the first host of an array job loads and compiles, another one can begin."""
+    from ibdata.generation import origin
+
+    waiting, real = [lambda: ibdata.generate_shards(TINY, "2/2", "new", workers=1)], origin.warm_up
+
+    def slow(experiment):
+        if waiting:
+            waiting.pop()()
+        real(experiment)
+
+    monkeypatch.setattr(origin, "warm_up", slow)
+    assert ibdata.generate_shards(TINY, "1/2", "new", workers=1).missing == 0
+
+
+@pytest.mark.parametrize("shards", [0, 1])
+def test_a_part_is_hidden_and_removed_with_its_lock(monkeypatch, shards):
+    """A part is beside the dataset while it is made, and stays only if a shard is finished."""
+    real, seen = make_shard.make_shard, []
+
+    def failing(spec, shard, *rest):
+        seen.append(os.listdir("deep"))
+        if len(seen) > shards:
+            raise OSError(28, "No space left on device")
+        real(spec, shard, *rest)
+
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)
+    monkeypatch.setattr("ibdata.generation.workers.make_shard", failing)
+    with pytest.raises(IbdataError, match="No space left"):
+        ibdata.generate(TINY, "deep/new", workers=1)
+    assert seen[0] == [".new.part"]
+    assert Path("deep").exists() == bool(shards)
+
+
+def test_refusals_of_the_system_name_the_place():
+    """A limit of threads is a refusal of the system; another RuntimeError is none."""
+    with pytest.raises(IbdataError, match="out: the system starts no more threads"), refusals(Path("out")):
+        raise RuntimeError("can't start new thread")
+    with pytest.raises(RuntimeError, match="else"), refusals(Path("out")):
+        raise RuntimeError("something else")
