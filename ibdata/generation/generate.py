@@ -172,9 +172,7 @@ def prepare(
 def unfinished(place: Path, other: str | None, resume: bool) -> UsageError:
     """The error for an unfinished run that the options do not fit; `other` says how it differs."""
     if other is None:
-        return TakenError(
-            f"{place}: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
-        )
+        return TakenError(f"{place}: holds an unfinished run; --resume to go on with it")
     kind = UsageError if resume else TakenError
     return kind(
         f"{place}: holds an unfinished run {other}; --overwrite to start again, or choose another --out"

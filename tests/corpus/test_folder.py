@@ -127,7 +127,7 @@ TABLE = {
         MADE,
     ),
     unfinished(FOUR_SHARDS): (
-        (2, f"{BEGUN}; --resume to go on with it, or --overwrite to start again"),
+        (2, f"{BEGUN}; --resume to go on with it"),
         MADE,
         MADE,
     ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import subprocess
 import sys
 import textwrap
@@ -232,7 +233,7 @@ def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Random, "history_length", 1)
-    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: 1)  # shards in order
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
     monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
 
     def generate(answer, resume=False):
@@ -254,10 +255,12 @@ def test_a_run_that_a_policy_ends_leaves_what_can_be_resumed_or_nothing(generate
 
     with pytest.raises(PolicyError, match=r"^policy random: episode \d: step \d: found action"):
         generated(answer)
-    assert Path("out").exists() == (asked >= 2 + STEPS)
-    assert not [*Path().rglob("*manifest.json"), *Path().rglob(".tmp-*"), *Path().rglob(".lock")]
+    assert not Path("out").exists()
+    assert Path(".out.part").exists() == (asked >= 2 + STEPS)
+    assert not [*Path().rglob("*manifest.json"), *Path().rglob(".tmp-*")]
     assert generated(lambda h, u, call: good(h, u), resume=True).manifest["rows"] == 4 * STEPS
     assert validate(Path("out")) == []
+    assert os.listdir() == ["out"]
 
 
 def test_clipped_actions_are_counted_in_the_manifest(generated):
@@ -291,12 +294,12 @@ SCRIPT = """
     print(sorted(os.listdir()))
 """
 ENDING = """
-    import multiprocessing, os
+    import os, sys
 
     class Ending:
         def act(self, history, u):
-            if multiprocessing.parent_process() is not None:
-                os._exit(0)
+            if sys.argv[0] == "-c":  # in a worker
+                os._exit(7)
             return 2.0 * u - 1.0
 """
 
@@ -314,6 +317,9 @@ def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path)
         timeout=120,
     )
     line, left = done.stdout.splitlines()
-    assert line.startswith("three worker processes died in a row, probably out of memory; run again")
+    assert line == (
+        "a worker process ended with code 7, perhaps for lack of memory; run again with resume=True and fewer "
+        "workers=…"
+    )
     assert left == "['ending.py', 'script.py']"
     assert done.stderr == "ibdata: running the code of ending:Ending\n"

@@ -45,7 +45,7 @@ STATES = {
     "replacing another": replacing,
 }
 REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
-BEGUN = "out: holds an unfinished run; --resume to go on with it, or --overwrite to start again"
+BEGUN = "out: holds an unfinished run; --resume to go on with it"
 ANOTHER = "out: holds an unfinished run of another experiment; --overwrite to start again, or choose another"
 OUTCOMES = {  # without options, with --resume, with --overwrite
     "nothing": ("made", "made", "made"),
