@@ -88,7 +88,12 @@ def generate(
             upload.upload(remote, work)
         return Dataset(url)
     place = default_folder(experiment) if out is None else Path(out)
-    make_dataset(experiment, resolved(place), place, run, resume, overwrite, progress)
+    target = resolved(place)
+    if already_there(experiment, target, place, resume, overwrite):
+        told = f"ibdata: {place}: already there; nothing was written"
+        print(printable(told), file=sys.stderr, flush=True)
+    else:
+        make_dataset(experiment, target, place, run, resume, overwrite, progress)
     return Dataset(place)
 
 
@@ -108,9 +113,6 @@ def make_dataset(
 ) -> None:
     """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
     spec = DatasetSpec.of(experiment)
-    if already_there(experiment, target, place, resume, overwrite):
-        say_there(place)
-        return
     option = "--overwrite" if overwrite else "--resume"
     with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), option):
         here = origin.observe(spec, place)
@@ -145,11 +147,6 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
         found = f"ibdata: {place}: was made with other code than is here, in {names_of(changed)}"
         print(printable(found), file=sys.stderr, flush=True)
     return True
-
-
-def say_there(place: Path) -> None:
-    """Say on stderr that nothing is to be made."""
-    print(printable(f"ibdata: {place}: already there; nothing was written"), file=sys.stderr, flush=True)
 
 
 def prepare(

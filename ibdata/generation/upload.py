@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
@@ -78,6 +78,9 @@ def upload(remote: Remote, work: Path) -> None:
                 if (work / path).is_file():
                     remote.put(work / path, path)
                 check()
+    except Interrupted as error:
+        error.left = "the dataset is not uploaded; --resume uploads it"
+        raise
     except OSError as error:
         raise IbdataError(
             f"{remote.name}: cannot be written: {reason(error)}; --resume tries again"

@@ -184,13 +184,17 @@ def test_a_signal_ends_a_loop_over_experiments(signalled, number, at, left):
     """`except Exception` around each run does not swallow a signal, which says what is left behind."""
     signalled(number, at)
     tried = []
-    with pytest.raises(Interrupted) as stopped:
+
+    def loop():
         for name in ("a", "b"):
             tried.append(name)
             try:
                 ibdata.generate(TINY, name, workers=1)
             except Exception:
                 continue
+
+    with pytest.raises(Interrupted) as stopped:
+        loop()
     assert tried == ["a"]
     assert isinstance(stopped.value, KeyboardInterrupt)
     assert stopped.value.exit_code == 128 + number

@@ -207,7 +207,10 @@ def test_code_beside_machine_code_must_be_its_file(here, monkeypatch):
 
 # --- workers and finishing
 
-BITS = "import os, ibdata.simulation.self_check as s; s.digest = s.digest if os.getpid() == {} else lambda *_: 'x'"
+BITS = """
+import os, ibdata.simulation.self_check as check
+check.digest = check.digest if os.getpid() == {} else lambda *_: "x"
+"""
 
 
 @slow

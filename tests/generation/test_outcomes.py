@@ -141,7 +141,7 @@ def test_a_preview_says_the_outcome(state, options, outcome):
 @pytest.mark.parametrize("call", [ibdata.generate, preview, ibdata.estimate])
 def test_resume_and_overwrite_exclude_each_other(call):
     """Both options together are refused, whatever is there."""
-    with pytest.raises(UsageError, match="^resume=True and overwrite=True exclude each other"):
+    with pytest.raises(UsageError, match=r"^resume=True and overwrite=True exclude each other"):
         call(TINY, "out", resume=True, overwrite=True)
 
 
@@ -158,7 +158,7 @@ def test_a_merged_dataset_is_another_one():
     ibdata.generate(TINY, "a", workers=1)
     ibdata.generate(OTHER, "b", workers=1)
     ibdata.merge(["a", "b"], "out")
-    with pytest.raises(UsageError, match="^out: holds the dataset of another experiment"):
+    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
         ibdata.generate(TINY, "out", workers=1, resume=True)
 
 

@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 import pytest
-from helpers.folders import contents, is_right, part_of
+from helpers.folders import is_right, part_of
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
@@ -90,7 +90,7 @@ def test_who_opened_the_old_dataset_is_told(read, exchange):
     """Whatever a dataset that was opened before the replacement reads afterwards is a BusyError."""
     before = ibdata.open("out")
     replace()
-    with pytest.raises(BusyError, match="^out: replaced while it was read; open it again") as error:
+    with pytest.raises(BusyError, match=r"^out: replaced while it was read; open it again") as error:
         read(before)
     assert error.value.exit_code == 75
     assert len(ibdata.open("out").table()) == 20
@@ -261,22 +261,3 @@ def test_a_small_file_is_on_the_disk_before_it_replaces_another(events, tmp_path
     (_, temporary), (_, *renamed), (_, folder) = events
     assert renamed == [temporary, str(tmp_path / "out/README.md")]
     assert folder == str(tmp_path / "out")
-
-
-def test_what_a_part_cannot_publish_stays(monkeypatch, made, files):
-    """A run that the system keeps from publishing leaves the old dataset, and --overwrite goes on with it."""
-
-    def refuse(*_):
-        raise OSError(16, "Device or resource busy")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(part, "exchanged", refuse)
-        with pytest.raises(ibdata.IbdataError, match="^out: cannot be written: Device or resource busy"):
-            replace()
-    assert files("out") == files(made[1].path)
-    before = contents("out")
-    with pytest.raises(ibdata.IbdataError, match="holds the dataset of another experiment"):
-        ibdata.generate(TINY, "out", workers=1, resume=True)
-    assert contents("out") == before
-    replace()
-    assert is_right("out", made[0].path, files)

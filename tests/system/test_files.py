@@ -19,9 +19,14 @@ class Stop(BaseException):
 @pytest.mark.parametrize("error", [ValueError, Stop])
 def test_an_exception_leaves_no_file(tmp_path, error):
     """A block that raises leaves nothing of its file."""
-    with pytest.raises(error), new_file(tmp_path / "data/x") as file:
-        file.write(b"half")
-        raise error
+
+    def failing():
+        with new_file(tmp_path / "data/x") as file:
+            file.write(b"half")
+            raise error
+
+    with pytest.raises(error):
+        failing()
     assert [path.name for path in tmp_path.rglob("*")] == ["data"]
 
 

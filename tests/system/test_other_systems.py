@@ -11,15 +11,10 @@ import pytest
 
 from ibdata.system import disk
 from ibdata.system.exchange import exchanged
+from ibdata.system.files import write
 from ibdata.system.processes import available_processors
 
 F_FULLFSYNC = 51
-
-
-@pytest.fixture
-def opened(tmp_path):
-    with (tmp_path / "file").open("wb") as file:
-        yield file.fileno()
 
 
 @pytest.fixture
@@ -30,36 +25,28 @@ def synced(monkeypatch):
     return asked
 
 
-def test_linux_syncs_by_fsync(opened, synced):
-    disk.sync(opened)
-    assert synced == ["fsync"]
+@pytest.mark.parametrize(
+    ("macos", "number", "expected"),
+    [
+        (False, 0, "fsync"),
+        (True, 0, F_FULLFSYNC),
+        (True, errno.ENOTSUP, "fsync"),
+        (True, errno.ENOTTY, "fsync"),
+    ],
+)
+def test_a_file_and_its_folder_are_synced(monkeypatch, tmp_path, synced, macos, number, expected):
+    """macOS waits for the disk itself, where the file system knows how, and other systems use fsync."""
 
+    def control(descriptor, command):
+        if number:
+            raise OSError(number, os.strerror(number))
+        synced.append(command)
 
-def test_macos_waits_for_the_disk_itself(monkeypatch, opened, synced):
-    monkeypatch.setattr(fcntl, "F_FULLFSYNC", F_FULLFSYNC, raising=False)
-    monkeypatch.setattr(fcntl, "fcntl", lambda descriptor, command: synced.append(command))
-    disk.sync(opened)
-    assert synced == [F_FULLFSYNC]
-
-
-@pytest.mark.parametrize("number", [errno.ENOTSUP, errno.EINVAL, errno.ENOTTY])
-def test_macos_falls_back_to_fsync_on_other_file_systems(monkeypatch, opened, synced, number):
-    def refuse(descriptor, command):
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(fcntl, "F_FULLFSYNC", F_FULLFSYNC, raising=False)
-    monkeypatch.setattr(fcntl, "fcntl", refuse)
-    disk.sync(opened)
-    assert synced == ["fsync"]
-
-
-def test_a_folder_is_synced_in_the_same_way(monkeypatch, tmp_path, synced):
-    from ibdata.system.atomic_files import write
-
-    monkeypatch.setattr(fcntl, "F_FULLFSYNC", F_FULLFSYNC, raising=False)
-    monkeypatch.setattr(fcntl, "fcntl", lambda descriptor, command: synced.append(command))
+    if macos:
+        monkeypatch.setattr(fcntl, "F_FULLFSYNC", F_FULLFSYNC, raising=False)
+        monkeypatch.setattr(fcntl, "fcntl", control)
     write(tmp_path, "x", b"data")
-    assert synced == [F_FULLFSYNC, F_FULLFSYNC]  # the file, then its folder
+    assert synced == [expected] * 2
 
 
 class MacOS:
@@ -77,37 +64,51 @@ class MacOS:
         return -1 if self.number else 0
 
 
-def test_macos_exchanges_folders_by_its_own_call(monkeypatch, tmp_path):
-    library = MacOS()
+@pytest.mark.parametrize(("number", "done"), [(0, True), (errno.ENOTSUP, False)])
+def test_macos_exchanges_folders_by_its_own_call(monkeypatch, tmp_path, number, done):
+    """Where the file system cannot exchange, that is no error; the caller uses two renames."""
+    library = MacOS(number)
     monkeypatch.setattr(ctypes, "CDLL", library)
-    assert exchanged(tmp_path / "a", tmp_path / "b")
+    assert exchanged(tmp_path / "a", tmp_path / "b") is done
     assert library.called == [(os.fsencode(tmp_path / "a"), os.fsencode(tmp_path / "b"), 2)]
 
 
-def test_a_file_system_of_macos_that_cannot_exchange_is_no_error(monkeypatch, tmp_path):
-    monkeypatch.setattr(ctypes, "CDLL", MacOS(errno.ENOTSUP))
-    assert not exchanged(tmp_path / "a", tmp_path / "b")
-
-
-def test_another_refusal_of_macos_is_one(monkeypatch, tmp_path):
+def test_another_refusal_to_exchange_is_an_error(monkeypatch, tmp_path):
+    """On both systems, a refusal for another reason is an OSError."""
+    with pytest.raises(FileNotFoundError):
+        exchanged(tmp_path / "a", tmp_path / "b")
     monkeypatch.setattr(ctypes, "CDLL", MacOS(errno.EPERM))
     with pytest.raises(PermissionError):
         exchanged(tmp_path / "a", tmp_path / "b")
 
 
+def test_linux_exchanges_folders(tmp_path):
+    """Two folders change places with all that is in them."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"of-{name}").touch()
+    if not exchanged(tmp_path / "a", tmp_path / "b"):
+        pytest.skip("this file system cannot exchange two folders")
+    assert [path.name for name in ("a", "b") for path in (tmp_path / name).iterdir()] == ["of-b", "of-a"]
+
+
 def test_a_system_without_either_call_exchanges_nothing(monkeypatch, tmp_path):
+    """A C library with neither call is no error."""
     monkeypatch.setattr(ctypes, "CDLL", lambda name, use_errno: object())
     assert not exchanged(tmp_path / "a", tmp_path / "b")
 
 
-def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, opened):
+def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
+    """Where no room can be reserved, a file that is too large for the disk is still refused."""
     monkeypatch.delattr(os, "posix_fallocate")
-    disk.reserve(opened, 1)
-    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
-        disk.reserve(opened, 2**62)
+    with (tmp_path / "file").open("wb") as file:
+        disk.reserve(file.fileno(), 1)
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+            disk.reserve(file.fileno(), 2**62)
 
 
-def test_the_processors_of_the_machine_count_where_those_of_the_process_are_unknown(monkeypatch):
+def test_the_processors_of_the_machine_count(monkeypatch):
+    """Where the processors of the process are unknown, those of the machine count."""
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 7)
     assert available_processors() == 7

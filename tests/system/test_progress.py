@@ -9,6 +9,7 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import cli
+from ibdata.generation.generate import _Counted
 from ibdata.plots import plot
 
 slow = pytest.mark.slow
@@ -58,7 +59,8 @@ def moves_by_parts(bars, steps):
 
 @pytest.mark.parametrize("processors", [1, 2])
 def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, processors):
-    monkeypatch.setattr("ibdata.generation.division.available_processors", lambda: processors)
+    """The bar moves by less than a file, with one thread and with two."""
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: processors)
     monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 10 * 256)
     ibdata.generate(parts(10), tmp_path / "made", workers=1, progress=True)
     assert moves_by_parts(bars, 10)
@@ -66,11 +68,13 @@ def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch
 
 @slow
 def test_the_bar_of_generate_moves_by_what_workers_tell(bars, tmp_path):
+    """The bar moves by less than a file also where worker processes make the files."""
     ibdata.generate(parts(1000), tmp_path / "made", workers=2, progress=True)
     assert moves_by_parts(bars, 1000)
 
 
 def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
+    """A run that goes on begins its bar with the shards that are finished."""
     tiny = parts(5).model_copy(update={"episodes": 4, "output": {"shard_rows": 5}})
     ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1)
     ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1, progress=True)
@@ -80,16 +84,11 @@ def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
 
 
 def test_a_shard_that_is_begun_again_takes_the_bar_back():
-    from ibdata.generation.make_shard import CountedParts
-
+    """Pieces of shards may be told in any order, and again; each row counts once."""
     moves = []
-    counted = CountedParts(moves.append)
-    counted.tell(3, 10)
-    counted.tell(4, 5)
-    counted.tell(3, 20)
-    counted.tell(3, 10)
-    counted.done(3, 30)
-    counted.done(4, 5)
+    counted = _Counted(moves.append)
+    for number, rows in ((3, 10), (4, 5), (3, 20), (3, 10), (3, 30), (4, 5)):
+        counted.tell(number, rows)
     assert moves == [10, 5, 10, -10, 20, 0]
 
 
@@ -107,6 +106,7 @@ calls = [pytest.param(call, id=name, marks=[slow] if name == "plot" else []) for
 
 @pytest.mark.parametrize("call", calls)
 def test_a_bar_is_shown_in_python_when_asked_for(bars, dataset, tmp_path, call):
+    """Functions that take long show a bar only when asked for, and it reaches its end."""
     call(dataset.path, tmp_path / "one")
     assert bars == []
     call(dataset.path, tmp_path / "two", progress=True)
@@ -134,6 +134,7 @@ commands = [
 def test_a_command_shows_its_bar_only_in_a_terminal(
     bars, dataset, tmp_path, monkeypatch, line, terminal, more
 ):
+    """Commands show a bar in a terminal, and not with --quiet."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     cli.main((line + more).format(folder=dataset.path, out=tmp_path).split(), standalone_mode=False)
     assert bool(bars) == (terminal and not more)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import signal
+import threading
 
 import pytest
 
-from ibdata.errors import Interrupted
+from ibdata.errors import IbdataError, Interrupted
 from ibdata.system.signals import STOPPING, check, held, stoppable
 
 
@@ -24,14 +25,18 @@ def _handlers_are_as_before():
 
 
 @pytest.mark.parametrize("number", STOPPING)
-def test_a_signal_is_an_exception_with_the_exit_code_of_shells(number):
+def test_a_signal_is_a_keyboard_interrupt(number):
+    """Each signal that asks to stop raises Interrupted, which no `except Exception` sees."""
     with pytest.raises(Interrupted) as error, stoppable():
         arrive(number)
     assert error.value.exit_code == 128 + number
+    assert isinstance(error.value, KeyboardInterrupt)
+    assert not isinstance(error.value, IbdataError | Exception)
 
 
 @pytest.mark.parametrize("send", [arrive, signal.raise_signal])
 def test_a_signal_waits_until_what_is_held_is_done(send):
+    """In blocks of `held`, a signal is raised at the end of the outermost one."""
     done = []
 
     def work():
@@ -49,6 +54,8 @@ def test_a_signal_waits_until_what_is_held_is_done(send):
 
 
 def test_a_second_signal_changes_nothing():
+    """While a signal is handled, others are ignored, so that cleaning up is not disturbed."""
+
     def work():
         with stoppable():
             try:
@@ -61,12 +68,14 @@ def test_a_second_signal_changes_nothing():
     assert error.value.exit_code == 128 + signal.SIGTERM
 
 
-def test_code_that_takes_the_exception_for_its_own_error_does_not_hide_the_signal():
+def test_an_error_made_of_the_signal_does_not_hide_it():
+    """Code that turns Interrupted into an error of its own, as a library may, does not hide the signal."""
+
     def work():
         with stoppable():
             try:
                 arrive(signal.SIGHUP)
-            except ValueError:
+            except BaseException:
                 raise OSError("cannot be written") from None
 
     with pytest.raises(Interrupted):
@@ -74,15 +83,37 @@ def test_code_that_takes_the_exception_for_its_own_error_does_not_hide_the_signa
 
 
 def test_other_errors_stay_as_they_are():
+    """Without a signal, errors pass."""
+    with pytest.raises(OSError, match="full"), stoppable():
+        raise OSError("full")
+
+
+def test_a_signal_that_is_ignored_stays_so():
+    """Under nohup, SIGHUP is ignored, and a run goes on."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stoppable():
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_other_threads_install_no_handlers():
+    """Python handles signals in its main thread only; elsewhere, `stoppable` does nothing."""
+    found = []
+
     def work():
         with stoppable():
-            raise OSError("full")
+            found.append(signal.getsignal(signal.SIGTERM))
 
-    with pytest.raises(OSError, match="full"):
-        work()
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [signal.getsignal(signal.SIGTERM)]
 
 
-def test_a_signal_that_arrives_while_handlers_are_installed_leaves_none_of_them(monkeypatch):
+def test_a_signal_while_handlers_are_installed_leaves_none(monkeypatch):
+    """A signal that arrives after the first of three handlers is installed restores all."""
     install, installed = signal.signal, []
 
     def installing(number, handler):

@@ -1,184 +1,165 @@
-"""An upload that was interrupted goes on, or is refused where it is not the same."""
+"""Writing a dataset to a URL: made on this machine, then uploaded whole, the manifest last."""
 
 from __future__ import annotations
 
 import itertools
-import shutil
+import signal
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 from helpers.at_url import made
-from helpers.tiny import FOUR_SHARDS
-from ibdata.system.object_store import Remote
+from helpers.folders import contents
+from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
-from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.errors import BusyError, IbdataError, UsageError
+from ibdata.errors import IbdataError, Interrupted, UsageError
 from ibdata.generation import upload
+from ibdata.system.storage import Remote
+
+FILES = 11  # of the dataset
+PUT = Remote.put
 
 
-@pytest.fixture
-def machine(tmp_path, monkeypatch):
-    """Go to a machine: its folder of unfinished uploads is another."""
-
-    def go(name):
-        monkeypatch.setattr(upload, "cache_base", lambda: str(tmp_path / name))
-
-    go("first")
-    return go
+@pytest.fixture(autouse=True)
+def cache(url, tmp_path, monkeypatch):
+    """The folder of this machine in which datasets wait for their upload."""
+    folder = tmp_path / "cache"
+    monkeypatch.setattr(upload, "places", lambda url, e: (folder / str(e.seed) / "dataset", Remote(url)))
+    return folder
 
 
-def interrupted(monkeypatch, url, puts, torn=False, **options):
-    """An upload that ends after so many files, or in the next one."""
-    calls, put = iter(range(puts)), Remote.put
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
+
+
+def interrupted(monkeypatch, url, puts, torn=False):
+    """An upload that ends after so many files, perhaps with a part of the next one."""
+    calls = iter(range(puts))
 
     def failing(self, source, path):
         if next(calls, None) is None:
             if torn:
-                Path("part").write_bytes(source.read_bytes()[:-7])
-                put(self, Path("part"), path)
+                Path("piece").write_bytes(source.read_bytes()[:-7])
+                PUT(self, Path("piece"), path)
+                Path("piece").unlink()
             raise OSError("connection lost")
-        put(self, source, path)
+        PUT(self, source, path)
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        with pytest.raises(IbdataError, match=r"connection lost; resume=True uploads what is missing$"):
-            made(url, **options)
-
-
-def names(folder="there"):
-    """The names of the files below a folder."""
-    return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())
-
-
-def is_one_dataset(url):
-    """Whether a URL holds the files of its dataset, and no others."""
-    dataset = ibdata.open(url)
-    listed = [file["path"] for file in dataset.manifest["files"]]
-    rows = sum(pq.read_metadata(path).num_rows for path in Path("there/data").iterdir())
-    return (
-        names() == sorted([*listed, manifest.SPLITS, manifest.PATH])
-        and rows == len(dataset)
-        and ibdata.validate(url) == []
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("puts", "torn"), [(0, True), *itertools.product((1, 5, 9), (False, True))])
-def test_an_upload_is_resumed_here_and_begun_again_on_another_machine(url, machine, monkeypatch, puts, torn):
-    root = made("plain").content_root
-    for name in ("first", "second"):
-        shutil.rmtree("there", ignore_errors=True)
-        machine("first")
-        interrupted(monkeypatch, url, puts, torn)
-        before = names()
-        with pytest.raises(UsageError, match="holds an upload that was interrupted; resume=True"):
+        with pytest.raises(
+            IbdataError, match=r"there: cannot be written: connection lost; resume=True tries"
+        ):
             made(url)
-        assert names() == before
-        machine(name)
-        if puts == 0 and name == "second":
-            with pytest.raises(UsageError, match=r"there/meta/pending\.json: found no valid JSON"):
-                made(url, resume=True)
-            assert names() == before
-            continue
-        assert made(url, resume=True).content_root == root
-        assert is_one_dataset(url)
 
 
-@pytest.mark.parametrize("name", ["first", "second"])
-@pytest.mark.parametrize("puts", [1, 4, 9])
-def test_an_upload_of_another_experiment_is_left_alone(url, machine, monkeypatch, puts, name):
-    interrupted(monkeypatch, url, puts)
-    before = names()
-    machine(name)
-    for options in ({}, {"resume": True}):
-        with pytest.raises(UsageError, match=r"upload (that was interrupted|of another experiment);"):
-            made(url, seed=1, **options)
-    assert names() == before
-    assert made(url, resume=True).manifest["experiments"][0]["seed"] == 0
+def test_the_same_files_are_there_as_in_a_folder(url, plain, cache, files):
+    """A dataset at a URL has the files of one in a folder, and nothing stays on this machine."""
+    dataset = made(url)
+    assert files("there") == files(plain.path)
+    assert len(files("there")) == FILES
+    assert dataset.table().equals(plain.table())
+    assert (dataset.place, dataset.content_root) == (url, plain.content_root)
+    assert not contents(cache)
 
 
-@pytest.mark.parametrize("name", ["first", "second"])
-def test_an_upload_that_lacks_its_last_step_only_is_finished(url, machine, monkeypatch, name):
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "remove", lambda self, path: next(iter(())))
-        with pytest.raises(StopIteration):
+def test_the_manifest_is_uploaded_last(url, monkeypatch):
+    """Until all other files are there, nobody takes the place for a dataset."""
+    paths = []
+
+    def noting(self, source, path):
+        paths.append(path)
+        PUT(self, source, path)
+
+    monkeypatch.setattr(Remote, "put", noting)
+    made(url)
+    assert (len(paths), paths[-1]) == (FILES, manifest.PATH)
+
+
+@pytest.mark.parametrize(("puts", "torn"), list(itertools.product((0, 1, 7, FILES - 1), (False, True))))
+def test_a_broken_upload_is_repeated(url, plain, monkeypatch, files, puts, torn, capsys):
+    """After an upload that failed, the place is refused without --resume, with which all is uploaded again."""
+    interrupted(monkeypatch, url, puts, torn)
+    before = contents("there")
+    if before:
+        with pytest.raises(IbdataError):
             made(url)
-    assert "meta/pending.json" in names()
-    before = names()
-    machine(name)
-    for options, line in (({}, "exists already"), ({"seed": 1, "resume": True}, "of another experiment")):
-        with pytest.raises(UsageError, match=line):
-            made(url, **options)
-    assert names() == before
+        assert contents("there") == before
+    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)  # no shard is made again
     made(url, resume=True)
-    assert names() == [path for path in before if path != "meta/pending.json"]
-    assert is_one_dataset(url)
+    assert files("there") == files(plain.path)
+    assert ibdata.validate(url) == []
+    assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("puts", [2, 5])
-def test_an_upload_stops_where_another_machine_has_begun_its_own(url, monkeypatch, puts):
-    put, count = Remote.put, 0
-
-    def counted(self, source, path):
-        nonlocal count
-        count += 1
-        put(self, source, path)
-        if count == puts:
-            with self._files.open_output_stream(f"{self._base}/meta/pending.json") as stream:
-                stream.write(b"another upload")
-
-    monkeypatch.setattr(Remote, "put", counted)
-    with pytest.raises(BusyError, match="another machine is uploading there; this upload has stopped"):
-        made(url)
-    assert count == puts
-    assert manifest.PATH not in names()
+def test_another_experiment_is_refused(url, monkeypatch):
+    """Neither a dataset nor an upload that failed is replaced by another experiment."""
+    interrupted(monkeypatch, url, 4)
+    for _ in range(2):
+        before = contents("there")
+        for options in ({}, {"resume": True}):
+            with pytest.raises(
+                UsageError, match=r"holds (files, but no finished|the dataset of another exp)"
+            ):
+                made(url, seed=1, **options)
+        assert contents("there") == before
+        made(url, resume=True)
 
 
-@pytest.mark.parametrize("path", ["README.md", "meta/statistics.json", "data/own.parquet", manifest.PATH])
+@pytest.mark.parametrize("path", ["notes.txt", "meta/own.json", "data/own.parquet"])
 @pytest.mark.parametrize("begun", [False, True])
-def test_files_that_no_upload_has_put_are_refused_by_name_and_left_alone(
-    url, machine, monkeypatch, path, begun
-):
-    path = f"own-{path}" if begun and path == "README.md" else path
-    path = path.replace("statistics", "own") if begun else path
+def test_other_files_are_named_and_left_alone(url, plain, monkeypatch, files, path, begun):
+    """Files that no upload of this machine has put are refused, also with --resume."""
     if begun:
         interrupted(monkeypatch, url, 4)
     Path("there", path).parent.mkdir(parents=True, exist_ok=True)
     Path("there", path).write_text("mine")
-    before = names()
+    before = contents("there")
     for options in ({}, {"resume": True}):
-        with pytest.raises(UsageError, match=rf"there.*{path}") as error:
+        with pytest.raises(UsageError, match=r"there: holds files, but no finished dataset, such as "):
             made(url, **options)
-        assert "resume" not in str(error.value)
-    assert names() == before
-    assert Path("there", path).read_text() == "mine"
+    assert contents("there") == before
     Path("there", path).unlink()
     made(url, resume=True)
-    assert is_one_dataset(url)
+    assert files("there") == files(plain.path)
 
 
-def test_other_code_than_an_upload_began_with_is_not_to_be_overwritten(url, monkeypatch):
-    experiment = {**FOUR_SHARDS.model_dump(), "policies": [{"kind": "custom", "target": "own_code:P"}]}
-    text = "class P:\n    def predict(self, o):\n        return [[{}] * 3] * len(o)\n"
+@pytest.mark.parametrize("options", [{}, {"resume": True}])
+def test_a_dataset_that_is_there_is_opened(url, monkeypatch, options):
+    """A finished dataset of the same experiment is opened, and nothing is put."""
+    first = made(url).manifest
+    monkeypatch.setattr(Remote, "put", None)
+    assert made(url, **options).manifest == first
 
-    def make(size, **options):
-        Path("own_code.py").write_text(text.format(size))
-        policy = Experiment.model_validate(experiment)
-        return ibdata.generate(policy, url, workers=1, allow_code=True, **options)
 
-    def cut(*_):
-        raise OSError("cut")
+def test_a_dataset_at_a_url_is_not_replaced(url):
+    """--overwrite is for folders: an object store cannot exchange two of them."""
+    dataset = made(url)
+    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
+        ibdata.generate(TINY, dataset.place, workers=1, seed=1, overwrite=True)
+
+
+def test_a_signal_stops_an_upload(url, plain, monkeypatch, files):
+    """A signal ends an upload between two files, and --resume repeats it."""
+
+    def stopping(self, source, path):
+        PUT(self, source, path)
+        signal.raise_signal(signal.SIGTERM)
 
     with monkeypatch.context() as patched:
-        patched.setattr(upload, "_put_all", cut)
-        with pytest.raises(IbdataError, match="cut"):
-            make(0.25)
-    for _ in range(2):
-        said = r"restore it and resume=True, or choose another out=…$"
-        with pytest.raises(UsageError, match=said) as refused:
-            make(0.5, resume=True)
-        assert str(refused.value).startswith(f"{url}: found other code")
-        make(0.25, resume=True)
+        patched.setattr(Remote, "put", stopping)
+        with pytest.raises(Interrupted, match="; the dataset is not uploaded; --resume uploads it$"):
+            made(url)
+    assert len(files("there")) == 1
+    made(url, resume=True)
+    assert files("there") == files(plain.path)
+
+
+def test_a_url_inside_a_dataset_is_refused(url, tmp_path):
+    """A URL that names a folder of this machine is refused like that folder."""
+    made(url)
+    with pytest.raises(UsageError, match="lies within the dataset"):
+        made(f"file://{tmp_path}/there/data/in")
+    assert not Path("there/data/in").exists()

@@ -1,17 +1,21 @@
-"""URLs: which texts are URLs, the credentials in them, and the functions and commands that refuse them."""
+"""Datasets at URLs, in pyarrow's local file system: what reads them, what refuses them, and no credentials.
+
+scripts/bridges tests S3 and the file systems of fsspec.
+"""
 
 from __future__ import annotations
 
 import pickle
 import shutil
 import sys
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
 from helpers.at_url import made
-from helpers.tiny import FOUR_SHARDS
+from helpers.folders import contents
+from helpers.tiny import FOUR_SHARDS as TINY
 from pyarrow.fs import FileSystem
 
 import ibdata
@@ -28,13 +32,95 @@ from ibdata.system.storage import is_url
 
 @pytest.mark.parametrize("place", ["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs+x://y"])
 def test_urls(place):
+    """A text with a scheme of at least two letters and two slashes is a URL."""
     assert is_url(place)
 
 
 @pytest.mark.parametrize("place", ["s3:/a/b", "a/b", "/s3://x", "://x", "c://x", Path("s3://a"), None, ""])
 def test_no_urls(place):
+    """All else is a path."""
     assert not is_url(place)
 
+
+# --- reading
+
+
+@pytest.mark.slow
+def test_every_reading_command_takes_a_url(url, ibdata):
+    """Commands that read a dataset say the same of it at a URL and in a folder."""
+    made(url)
+    for command in ("info", "head", "stats", "validate"):
+        done, plain = ibdata(command, url), ibdata(command, "there")
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.replace(url, "there") == plain.stdout
+
+
+def test_damage_is_found_and_named(url, shard_file):
+    """`validate` finds changed, strange and missing files at a URL, and `open` names the last."""
+    made(url)
+    shard = shard_file("there", 1)
+    Path("there", shard).write_bytes(Path("there", shard).read_bytes()[:-1] + b"x")
+    shutil.copy(Path("there", shard), "there/data/part-00009-00000000.parquet")
+    Path("there/meta/statistics.json").unlink()
+    found = {(problem.path, problem.rule) for problem in ibdata.validate(url, quick=True)}
+    lost, strange = "meta/statistics.json", "data/part-00009-00000000.parquet"
+    assert found == {(shard, "hash"), (strange, "file"), (lost, "file")}
+    with pytest.raises(DatasetError, match=f"^{url}/{lost}: missing$"):  # `repair` takes no URL
+        ibdata.open(url).statistics()
+
+
+@pytest.mark.parametrize(
+    "path", ["meta/manifest.json", "meta/dataset.json", "meta/episodes.parquet", "data/*.parquet"]
+)
+def test_errors_name_the_file_at_the_url(url, path):
+    """Whatever file is damaged, the error begins with its place at the URL."""
+    made(url)
+    file = next(Path("there").glob(path))
+    file.write_bytes(b"{")
+    with pytest.raises(DatasetError, match=f"^{url}/{file.relative_to('there')}: "):
+        everything_in(ibdata.open(url))
+
+
+def everything_in(dataset):
+    return dataset.info, dataset.episodes, dataset.table()
+
+
+def test_threads_may_read_one_dataset(url):
+    """A dataset at a URL that several threads read at once gives each all rows."""
+    dataset = made(url)
+    with ThreadPoolExecutor(8) as threads:
+        tables = [threads.submit(dataset.table) for _ in range(24)]
+    assert {len(table.result()) for table in tables} == {20}
+
+
+@pytest.mark.slow
+def test_another_process_may_read_a_dataset(url):
+    """A dataset at a URL can be pickled, as for the workers of a data loader."""
+    dataset = made(url)
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        table = pool.submit(Dataset.table, dataset).result()
+    assert table.equals(dataset.table())
+    assert pickle.loads(pickle.dumps(dataset)).place == url
+
+
+def test_the_scheme_of_a_url_may_be_in_capitals(url):
+    """The scheme of a URL has no case."""
+    made(url)
+    assert len(ibdata.open(url.replace("file", "FILE", 1))) > 0
+
+
+@pytest.mark.parametrize(("mark", "code"), [("#", "%23"), ("?", "%3F")])
+def test_a_part_that_would_be_passed_over_is_refused(mark, code, url):
+    """pyarrow passes over # and ?, so that another place would be read; the error says how to write them."""
+    made(url)
+    line = rf"/there\{mark}x: found \{mark}, .*; expected {code} where it belongs"
+    with pytest.raises(UsageError, match=line):
+        ibdata.open(f"{url}{mark}x")
+    made(f"{url}{code}x")
+    assert Path(f"there{mark}x/data").is_dir()
+
+
+# --- credentials
 
 SECRETS = ("KEY", "SECRET", "TOKEN")
 URLS = {  # and how errors begin that name them
@@ -49,6 +135,7 @@ URLS = {  # and how errors begin that name them
 
 @pytest.mark.parametrize("url", URLS)
 def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
+    """No error of a function that gets a URL with credentials holds them."""
     monkeypatch.chdir(tmp_path)
     if url.startswith("odd"):
         monkeypatch.setitem(sys.modules, "fsspec", None)
@@ -64,6 +151,7 @@ def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
 
 
 def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch, capsys):
+    """Neither a dataset's representation nor what commands print of it holds credentials."""
     monkeypatch.chdir(tmp_path)
     made("there")
     files = FileSystem.from_uri(tmp_path.as_uri())[0]
@@ -97,10 +185,12 @@ def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch, capsys):
     ],
 )
 def test_what_is_hidden(text, shown):
+    """Credentials and the values of unknown parameters are hidden, and nothing else."""
     assert hidden(text) == shown
 
 
-def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):
+def test_a_scheme_that_nobody_knows_is_refused(monkeypatch):
+    """A URL without a file system or without a name is an error of one line."""
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(MissingError, match=r"^odd:// needs the package fsspec: pip install fsspec, or"):
         ibdata.open("odd://x/y")
@@ -108,23 +198,11 @@ def test_a_scheme_that_nobody_knows_is_refused_in_one_line(monkeypatch):
         ibdata.open("s3://")
 
 
-@pytest.mark.parametrize(("mark", "code"), [("#", "%23"), ("?", "%3F")])
-def test_a_part_of_a_url_that_would_be_passed_over_is_refused(mark, code, url):
-    made(url)
-    with pytest.raises(
-        UsageError, match=rf"/there\{mark}x: found \{mark}, .*; expected {code} where it belongs"
-    ):
-        ibdata.open(f"{url}{mark}x")
-    made(f"{url}{code}x")
-    assert Path(f"there{mark}x/data").is_dir()
-
-
-def test_the_scheme_of_a_url_may_be_in_capitals(url):
-    made(url)
-    assert len(ibdata.open(url.replace("file", "FILE", 1))) > 0
-
+# --- what takes no URL
 
 WITHOUT_URLS = {
+    "path": lambda url: ibdata.open(url).path,
+    "fspath": lambda url: Path(ibdata.open(url)),
     "materialize": lambda url: ibdata.split("here", "episode", fractions=(0.5, 0.5), materialize=url),
     "label": lambda url: ibdata.split(url, "episode", fractions=(0.5, 0.5)),
     "merge": lambda url: ibdata.merge(["here", "other"], url),
@@ -140,64 +218,20 @@ WITHOUT_URLS = {
 }
 
 
-def test_functions_that_take_no_url_say_so_and_write_nothing(url):
-    made(url)
-    shutil.copytree("there", "here")
-    ibdata.generate(FOUR_SHARDS, "other", workers=1, seed=1)
-    before = sorted(Path().rglob("*"))
-    for call in WITHOUT_URLS.values():
-        with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
-            call(url)
-    dataset = ibdata.open(url)
-    for name in WITHOUT_URLS.keys() - {"figure", "template"}:  # whose place is a file
-        with pytest.raises(UsageError, match=f"^{url}: found a URL, expected a path on this machine$"):
-            WITHOUT_URLS[name](dataset)
-    assert sorted(Path().rglob("*")) == before
-    assert ibdata.validate(url) == []
-
-
-def test_a_dataset_at_a_url_is_not_replaced(url):
-    dataset = ibdata.open(made(url).place)
-    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
-        ibdata.generate(FOUR_SHARDS, dataset, workers=1, seed=1, overwrite=True)
-
-
-def everything_in(url):
-    dataset = ibdata.open(url)
-    return dataset.info, dataset.episodes, dataset.table()
-
-
-@pytest.mark.parametrize(
-    ("path", "changed"),
-    [
-        ("meta/manifest.json", b"{"),
-        ("meta/dataset.json", b"{"),
-        ("meta/episodes.parquet", b"x"),
-        (None, b"PAR1"),
-    ],
-    ids=["manifest", "info", "episodes", "shard"],
-)
-def test_errors_name_the_file_at_the_url(url, path, changed):
+def test_functions_that_take_no_url_say_so(url):
+    """Functions that need a folder refuse a URL, and a dataset at one, in one line and write nothing."""
     dataset = made(url)
-    path = path or dataset.manifest_model.shards[0].path
-    Path("there", path).write_bytes(changed)
-    with pytest.raises(DatasetError, match=f"^{url}/{path}: "):
-        everything_in(url)
-
-
-def test_merge_names_the_urls_that_it_refuses(url):
-    made(url)
+    shutil.copytree("there", "here")
+    ibdata.generate(TINY, "other", workers=1, seed=1)
+    before = contents()
+    for name, call in WITHOUT_URLS.items():
+        as_dataset = name not in ("figure", "template", "path", "fspath")  # whose place is no dataset
+        for place in (url, dataset) if as_dataset else (url,):
+            with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
+                call(place)
     with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; make"):
         ibdata.merge([url, url], "merged")
-
-
-@pytest.mark.slow
-def test_a_dataset_at_a_url_is_read_in_another_process(url):
-    dataset = ibdata.open(made(url).place)
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        table = pool.submit(Dataset.table, dataset).result()
-    assert table.equals(dataset.table())
-    assert pickle.loads(pickle.dumps(dataset)).place == url
+    assert contents() == before
 
 
 COMMANDS = {
@@ -216,10 +250,11 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("args", COMMANDS.values(), ids=COMMANDS)
-def test_commands_that_take_no_url_say_so_and_write_nothing(args, tmp_path, monkeypatch, capsys):
+def test_commands_that_take_no_url_say_so(args, tmp_path, monkeypatch, capsys):
+    """Commands that need a path refuse a URL in one line without credentials, and write nothing."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
         main([*args, "s3://user:secret@bucket/name"])
     assert ended.value.code == 2
     assert capsys.readouterr().err == "s3://…@bucket/name: found a URL, expected a path on this machine\n"
-    assert list(tmp_path.iterdir()) == []
+    assert contents() == {}
