@@ -23,7 +23,7 @@ from ibdata.writing.metadata import as_json
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, lambda number, frame: None)
 
-pytest_plugins = ["helpers.datasets", "helpers.use_with"]
+pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.use_with"]
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]

@@ -6,6 +6,7 @@ different times give equal files here.
 
 import os
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,9 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_surroundings_do_not_change_a_byte(tools: Any) -> None:
+    """Time zone, locale, hash seed and the like change no byte of any file."""
     usual = tools.where / "usual"
-    assert tools.generate(tools.tiny, usual, "--workers", 1).returncode == 0
+    assert tools.generate(tools.tiny, usual).returncode == 0
     expected, wrong = files(usual), []
     for name, env in SURROUNDINGS.items():
         if name == "no home" and not tools.full:
@@ -54,7 +56,8 @@ def test_surroundings_do_not_change_a_byte(tools: Any) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_a_umask_does_not_change_the_data_and_is_obeyed(tools: Any) -> None:
+def test_a_umask_is_obeyed(tools: Any) -> None:
+    """A umask decides who may read, and changes no data."""
     roots = set()
     for mask in (0o077, 0o022, 0o000):
         out = tools.where / f"out-{mask}"
@@ -68,25 +71,16 @@ def test_a_umask_does_not_change_the_data_and_is_obeyed(tools: Any) -> None:
 
 @pytest.mark.parametrize("name", [b"caf\xc3\xa9", b"latin-\xe9", b"new\nline", b"-dash", b"\xff\xfe"])
 def test_an_ascii_terminal_reads_about_any_folder(tools: Any, name: bytes) -> None:
-    import subprocess
-
+    """A name that the terminal cannot show is written as escapes, in one line, and every command works."""
     out = os.fsencode(tools.where) + b"/" + name
-    env = {**os.environ, **ASCII}
-    start = [
-        tools.command,
-        "generate",
-        "--quiet",
-        "--config",
-        str(tools.tiny),
-        "--workers",
-        "1",
-        "--out",
-        out,
-    ]
-    runs = [start, start]
-    runs += [[tools.command, what, out] for what in ("info", "head", "stats", "validate")]
+    generate = [*tools.args(tools.tiny, "OUT")]
+    place = generate.index("OUT")
+    runs = [[*generate[:place], out, *generate[place + 1 :], *more] for more in ([], ["--seed", "1"])]
+    runs += [[what, out] for what in ("info", "head", "stats", "validate")]
     for i, args in enumerate(runs):
-        ran = subprocess.run(args, env=env, capture_output=True, timeout=60)
+        ran = subprocess.run(
+            [tools.command, *args], env={**os.environ, **ASCII}, capture_output=True, timeout=60
+        )
         said = ran.stderr.decode("latin-1")
         assert ran.returncode == (2 if i == 1 else 0), (args, said)
         assert "Traceback" not in said

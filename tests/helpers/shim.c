@@ -3,8 +3,8 @@
    shim_arm in the program.
 
    Modes: ENOSPC, EIO (the operation fails), full (it and all later writes and creations fail with ENOSPC),
-   before, after (the process is killed there), half (half of a write is done, then it is killed), none (operations
-   are only recorded).
+   before, after (the process is killed there), half (half of a write is done, then it is killed), SIGINT, SIGTERM,
+   SIGHUP, SIGSTOP (the process gets that signal before the operation), none (operations are only recorded).
    A record is a line "operation path", or "rename source path", which is written after the operation; it begins
    with "-" if the system refused. With SHIM_NO_EXCHANGE set, two paths cannot be exchanged. */
 #define _GNU_SOURCE
@@ -67,6 +67,13 @@ static void die(void) {
     for (;;) pause();
 }
 
+static int number(const char *name) {
+    if (!strcmp(name, "SIGINT")) return SIGINT;
+    if (!strcmp(name, "SIGTERM")) return SIGTERM;
+    if (!strcmp(name, "SIGHUP")) return SIGHUP;
+    return strcmp(name, "SIGSTOP") ? 0 : SIGSTOP;
+}
+
 /* Whether the operation is to be done; its number if it is the chosen one. */
 static int decide(const char *path, int creates, long *k) {
     *k = 0;
@@ -78,6 +85,7 @@ static int decide(const char *path, int creates, long *k) {
     if (!strcmp(mode, "before")) die();
     if (!strcmp(mode, "ENOSPC")) return errno = ENOSPC, 0;
     if (!strcmp(mode, "EIO")) return errno = EIO, 0;
+    if (number(mode)) syscall(SYS_kill, getpid(), number(mode));
     return 1;
 }
 

@@ -1,0 +1,145 @@
+"""What a place for a dataset holds, and what each command is expected to answer and to leave there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+SHARDS = {"A": 4, "B": 8}  # of the experiments
+MANIFEST, LABELS = "meta/manifest.json", "meta/splits.json"
+NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the splits by episode and by policy
+
+
+def options(by: str) -> list[str]:
+    """Those of the command `split`."""
+    return ["--by", by, *(["--fractions", "0.5,0.5"] if by == "episode" else [])]
+
+
+class Part(NamedTuple):
+    """An unfinished run: its experiment, and how many shards are finished; None and 0 if nobody needs it."""
+
+    experiment: str | None
+    shards: int = 0
+
+
+USELESS = Part(None)
+
+
+@dataclass(frozen=True)
+class Place:
+    """What is known of one place; the default is that nothing is there."""
+
+    holds: str | None = None  # the name of its content root: A, B, AB or BA
+    experiment: str | None = None  # that makes it; none makes a merged dataset, or a copy with other files
+    splits: frozenset[str] = frozenset()
+    declared: frozenset[str] = frozenset()
+    damaged: frozenset[str] = frozenset()
+    part: Part | None = None
+    file: bool = False  # of a user, in the place of the folder
+    note: str | None = None  # a user's file inside
+    words: str | None = None  # that a user has added to the card
+
+    @property
+    def unfinished(self) -> Part | None:
+        """The run that somebody may want to go on with."""
+        return self.part if self.part and self.part.shards else None
+
+    def made(self, holds: str, experiment: str | None, splits: frozenset[str] = frozenset()) -> Place:
+        """A new dataset here, with the declared splits; only the words of a user stay."""
+        return Place(holds, experiment, splits, splits, words=self.words)
+
+
+class Expected(NamedTuple):
+    """The exit codes that a command may have, and the place after exit code 0."""
+
+    codes: frozenset[int]
+    after: Place
+
+
+DONE, USAGE, NO, ANY = (frozenset(codes) for codes in ((0,), (2,), (1, 2, 3), (0, 1, 2, 3)))
+
+
+def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
+    """A whole dataset; what is there stays unless --overwrite is said, and nobody's files are deleted."""
+    overwrite = "--overwrite" in flags
+    codes, after = DONE, place.made(experiment, experiment)
+    if place.file or ("--resume" in flags and overwrite):
+        codes = USAGE
+    elif place.holds and not overwrite:
+        after = place
+        codes = DONE if place.experiment == experiment else USAGE
+    elif place.note:
+        codes = USAGE
+    elif place.unfinished and not overwrite:
+        codes = DONE if flags and place.unfinished.experiment == experiment else USAGE
+    if {MANIFEST, "meta/experiment.yaml"} & place.damaged:  # whose dataset this is cannot be told
+        codes = NO if codes == USAGE else ANY
+    return Expected(codes, after)
+
+
+def generate_range(place: Place, experiment: str) -> Expected:
+    """Some shards: of a run that nobody else has begun."""
+    if place.holds:
+        codes = DONE if place.experiment == experiment else USAGE
+        return Expected(ANY if place.damaged else codes, place)
+    foreign = place.unfinished and place.unfinished.experiment != experiment
+    return Expected(
+        USAGE if place.file or place.note or foreign else DONE, replace(place, part=Part(experiment))
+    )
+
+
+def finalize(place: Place) -> Expected:
+    """A dataset of a run whose shards are all finished."""
+    if place.holds:  # an unfinished replacement is never finished unasked
+        return Expected(ANY if place.damaged or place.part else DONE, place)
+    if not place.unfinished or place.file:
+        return Expected(NO, place)
+    experiment, shards = place.unfinished
+    whole = experiment is not None and shards == SHARDS[experiment]
+    return Expected(DONE if whole else NO, place.made(str(experiment), experiment))
+
+
+def new(place: Place, after: Place, sources: Sequence[Place]) -> Expected:
+    """A dataset from others, where nothing is yet."""
+    if not all(source.holds for source in sources):
+        return Expected(NO, place)
+    if place.file or place.note or place.holds or place.unfinished:
+        return Expected(NO, place)
+    return Expected(ANY if any(source.damaged for source in sources) else DONE, after)
+
+
+def merge(place: Place, sources: Sequence[Place]) -> Expected:
+    """A dataset of all rows, whose splits have files."""
+    holds = "".join(source.holds or "" for source in sources)
+    splits = frozenset[str]().union(*(source.splits for source in sources))
+    expected = new(place, place.made(holds, None, splits), sources)
+    return expected if len(set(holds)) == len(holds) else Expected(NO, place)
+
+
+def materialize(place: Place, source: Place, by: str) -> Expected:
+    """A copy whose splits have files."""
+    labelled = split(source, by)
+    expected = new(place, place.made(str(source.holds), None, labelled.after.splits), [source])
+    return expected if 0 in labelled.codes else Expected(NO, place)
+
+
+def split(place: Place, by: str) -> Expected:
+    """Labels, where no split of that name was declared."""
+    if not place.holds or NAMES[by] & place.declared:
+        return Expected(NO, place)
+    return Expected(ANY if place.damaged else DONE, replace(place, splits=place.splits | NAMES[by]))
+
+
+def card(place: Place) -> Expected:
+    """A new card; the words of a user are kept beside it."""
+    return Expected(NO if not place.holds else ANY if place.damaged else DONE, replace(place))
+
+
+def repair(place: Place) -> Expected:
+    """The dataset, whole; not without its manifest. Labels that were lost stay lost."""
+    if not place.holds or MANIFEST in place.damaged:
+        return Expected(NO, place)
+    splits = place.declared if LABELS in place.damaged else place.splits
+    needed = {"meta/experiment.yaml"} & place.damaged
+    return Expected(ANY if needed or place.note else DONE, replace(place, damaged=frozenset(), splits=splits))

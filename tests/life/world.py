@@ -1,0 +1,208 @@
+"""A folder with three places for datasets, in which commands run, and what is seen there."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from helpers.forks import Answer, Forks
+from helpers.readers import Rewards, opened, rewards
+
+import ibdata
+from life.model import LABELS, MANIFEST, SHARDS, USELESS, Expected, Part, Place
+
+EXPERIMENT = "name: life\nsetpoints: {}\npolicies: [random, safe]\nepisodes: 2\nsteps: 3\nseed: {}\noutput: {{shard_rows: 3}}\n"
+EXPERIMENTS = {"A": EXPERIMENT.format(20, 0), "B": EXPERIMENT.format([30, 60], 1)}
+KILLS = ("before", "after", "half")
+SIGNALS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}
+FAULTS = {**dict.fromkeys(KILLS, -9), **SIGNALS, "full": 1, "EIO": 1, "SIGSTOP": None, "none": None}
+NOTICE = re.compile("is discarded$|is now README.md.old$")
+Moment = tuple[str, int]  # a fault, and the number of the operation that meets it
+Readers = dict[str, Callable[[], Rewards | None]]
+
+
+@dataclass
+class Known:
+    """What is made once: every dataset, its content root and rewards."""
+
+    forks: Forks
+    folder: Path
+    roots: dict[str, str] = field(default_factory=dict)
+    rewards: dict[str, Rewards] = field(default_factory=dict)
+    figures: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        for name, text in EXPERIMENTS.items():
+            (self.folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+        for name in ("A", "B", "AB", "BA"):
+            merge = ["merge", *(self.folder / part for part in name)]
+            args = merge if len(name) > 1 else ["generate", self.folder / f"{name}.yaml", "--quiet"]
+            answer = self.forks.run(*args, "--out", self.folder / name)
+            assert answer.code == 0, answer
+            self.roots[name] = ibdata.open(self.folder / name).content_root
+            (self.rewards[name],) = {tuple(found or ()) for found in rewards(self.folder / name).values()}
+
+
+class World:
+    """The folder of one story."""
+
+    def __init__(self, known: Known, starts: dict[str, str | None]) -> None:
+        self.known, self.home = known, Path(tempfile.mkdtemp(prefix="ibdata-life-"))
+        self.places = {name: Place(start, start) for name, start in starts.items()}
+        self.killed: set[str] = set()  # places at which a kill may have left a temporary file
+        self.checked: dict[str, object] = {}
+        for name, start in starts.items():
+            if start:
+                shutil.copytree(known.folder / start, self.home / name)
+
+    def run(
+        self,
+        out: str,
+        expected: Expected,
+        moment: Moment,
+        *args: object,
+        experiment: str | None = None,
+        meanwhile: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Run a command that writes at a place, perhaps with a fault, and check what it leaves."""
+        place, before, mode = self.places[out], self.signature(out), moment[0]
+        readers = opened(self.home / out) if mode == "SIGSTOP" else {}
+        wanted = {place.holds, expected.after.holds} - {None}
+
+        def stopped() -> None:
+            self.known.figures["looks"] += 1
+            self.read(opened(self.home / out), wanted, place, place.holds is not None)
+            meanwhile()
+
+        answer = self.known.forks.run(*args, folder=self.home, mode=mode, at=moment[1], meanwhile=stopped)
+        self.known.figures.update(["commands", *(["kills"] if answer.code == -9 else [])])
+        try:
+            after = self.outcome(out, answer, expected, mode)
+            if after is place and answer.code != FAULTS[mode]:
+                assert self.signature(out) == before, "something changed"
+            self.read(readers, wanted, place)
+            self.places[out] = replace(after, part=self.part(out, after, answer, mode, experiment))
+            self.check_all()
+        except AssertionError as error:
+            raise AssertionError(f"{args} at {place}: expected {expected}, found {answer}: {error}") from None
+
+    def outcome(self, out: str, answer: Answer, expected: Expected, mode: str) -> Place:
+        """The place as a command left it, but for its part: as before, or as it was to be."""
+        place, struck = self.places[out], answer.code == FAULTS[mode]
+        if answer.code == -9:
+            self.killed.add(out)
+        else:
+            lines = [line for line in answer.output.splitlines() if not NOTICE.search(line)]
+            assert answer.code == 0 or len(lines) == 1, "not one line"
+            assert "a bug of ibdata" not in answer.output
+        assert struck or answer.code in expected.codes, "exit code"
+        if answer.code == 0:
+            return expected.after
+        return expected.after if struck and self.is_done(out, expected.after) else place
+
+    def is_done(self, out: str, after: Place) -> bool:
+        """Whether a command that was struck had done its work."""
+        place = self.places[out]
+        if (
+            after is place
+            or place.file
+            or (after.damaged != place.damaged and ibdata.validate(self.home / out))
+        ):
+            return False
+        return self.seen(out) == (self.known.roots[after.holds], after.splits) if after.holds else False
+
+    def seen(self, out: str) -> tuple[str, set[str]] | None:
+        """Content root and splits; None where nothing can be opened."""
+        try:
+            found = ibdata.open(self.home / out)
+        except Exception:
+            return None
+        return found.content_root, set(found.splits)
+
+    def part(self, out: str, after: Place, answer: Answer, mode: str, experiment: str | None) -> Part | None:
+        """The unfinished run that is beside a place now, as `ibdata ls` shows it."""
+        before, done = self.places[out].part, answer.code == 0 and after is not self.places[out]
+        if not (self.home / f".{out}.part").exists():
+            assert before is None or answer.code != 2, "the unfinished run is lost"
+            return None
+        listed = self.known.forks.run("ls", self.home, "--json")
+        assert listed.code == 0, listed
+        states = {each["path"]: each["state"] for each in json.loads(listed.output)["datasets"]
+                  if each["state"].startswith("unfinished")}  # fmt: skip
+        found = re.fullmatch(r"unfinished, (\d+) of (\d+) shards", states.get(str(self.home / out), ""))
+        if not found or found[1] == "0":
+            assert mode != "none" or before == USELESS, "a part is left that is of no use"
+            return USELESS
+        part = Part(next((name for name in SHARDS if SHARDS[name] == int(found[2])), None), int(found[1]))
+        if part != before:
+            assert part.experiment == experiment, "whose part?"
+            lost = before and before.experiment == experiment and part.shards < before.shards
+            assert not lost or after.holds == experiment, "lost shards"
+            )
+        assert not done or not after.holds or part == before, "a part is left of a run that is done"
+        return part
+
+    def read(self, readers: Readers, wanted: set[str | None], place: Place, must: bool = False) -> None:
+        """Read by all readers: one of these datasets, or an error unless they must find one."""
+        if place.damaged or (place.note or "").startswith("data/"):
+            return
+        for name, read in readers.items():
+            values = read()
+            self.known.figures[f"{name}: {'an error' if values is None else 'one dataset'}"] += 1
+            assert values is not None or not must, f"{name} meets an error"
+            known = [self.known.rewards[str(each)] for each in wanted]
+            assert values is None or tuple(sorted(values)) in known, f"{name} finds a mixture"
+
+    def read_now(self, out: str) -> None:
+        """Read a place at rest."""
+        place = self.places[out]
+        self.read(opened(self.home / out), {place.holds} - {None}, place, place.holds is not None)
+
+    def files(self, out: str) -> list[str]:
+        """All files of a folder."""
+        folder = self.home / out
+        return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+    def signature(self, out: str) -> list[tuple[str, int, int, int]]:
+        """What changes with any change of a folder."""
+        paths = [path for path in (self.home / out, *sorted((self.home / out).rglob("*"))) if path.exists()]
+        return [(str(p), p.stat().st_ino, p.stat().st_size, p.stat().st_mtime_ns) for p in paths]
+
+    def check_all(self) -> None:
+        """Nothing else lies beside the places, and every place that has changed is as expected."""
+        names = {name for name in self.places if (self.home / name).exists()}
+        assert set(os.listdir(self.home)) == names | {
+            f".{name}.part" for name in self.places if self.places[name].part
+        }
+        for name, place in self.places.items():
+            if self.checked.get(name) != (seen := (self.signature(name), place)):
+                self.check(name, place)
+                self.checked[name] = seen
+
+    def check(self, out: str, place: Place) -> None:
+        """A folder is there if and only if it is a finished dataset, whole unless somebody damaged it."""
+        path = self.home / out
+        if place.file:
+            assert path.read_text() == "mine"
+        elif not place.holds:
+            assert self.files(out) == ([place.note] if place.note else []), "files without a dataset"
+        elif MANIFEST not in place.damaged:
+            problems = {problem.path for problem in ibdata.validate(path)}
+            problems -= {place.note}  # in data/, where other readers would find it
+            assert place.damaged - {LABELS} <= problems
+            assert bool(place.damaged) == bool(problems), f"problems: {problems}"
+            assert place.damaged or self.seen(out) == (self.known.roots[place.holds], place.splits), (
+                "contents"
+            )
+            hidden = [name for name in self.files(out) if "/." in f"/{name}"]
+            assert not hidden or out in self.killed, f"temporary files: {hidden}"
+        assert not place.note or (path / place.note).read_text() == "mine"
+        cards = [card.read_text() for card in (path / "README.md", path / "README.md.old") if card.exists()]
+        assert not place.words or any(place.words in card for card in cards), "a user's words are lost"
