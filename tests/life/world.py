@@ -145,7 +145,6 @@ class World:
             assert part.experiment == experiment, "whose part?"
             lost = before and before.experiment == experiment and part.shards < before.shards
             assert not lost or after.holds == experiment, "lost shards"
-            )
         assert not done or not after.holds or part == before, "a part is left of a run that is done"
         return part
 
