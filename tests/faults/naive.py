@@ -7,11 +7,10 @@ import json
 import sys
 from pathlib import Path
 
-from ibdata.system.atomic_files import HashingFile
-
 from ibdata.experiment import load
 from ibdata.experiment.plan import plan
 from ibdata.simulation.rollout import rollout
+from ibdata.system.files import HashingFile
 from ibdata.writing.shard_writer import encode
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from helpers.forks import Answer, Forks
 from helpers.readers import Rewards, opened, rewards
+from life.model import LABELS, MANIFEST, SHARDS, USELESS, Expected, Part, Place
 
 import ibdata
-from life.model import LABELS, MANIFEST, SHARDS, USELESS, Expected, Part, Place
 
 EXPERIMENT = "name: life\nsetpoints: {}\npolicies: [random, safe]\nepisodes: 2\nsteps: 3\nseed: {}\noutput: {{shard_rows: 3}}\n"
 EXPERIMENTS = {"A": EXPERIMENT.format(20, 0), "B": EXPERIMENT.format([30, 60], 1)}
