@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-SHARDS = {"A": 4, "B": 8}  # of the experiments
+SHARDS = {"A": 2, "B": 4}  # of the experiments
 MANIFEST, LABELS = "meta/manifest.json", "meta/splits.json"
 NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the splits by episode and by policy
 
@@ -73,7 +73,7 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
         codes = USAGE
     elif place.unfinished and not overwrite:
         codes = DONE if flags and place.unfinished.experiment == experiment else USAGE
-    if {MANIFEST, "meta/experiment.yaml"} & place.damaged:  # whose dataset this is cannot be told
+    if (place.damaged and not overwrite) or MANIFEST in place.damaged:  # it may not be told whose it is
         codes = NO if codes == USAGE else ANY
     return Expected(codes, after)
 

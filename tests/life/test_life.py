@@ -14,10 +14,16 @@ from dataclasses import replace
 import pytest
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 from life import model
 from life.model import Expected, Place
-from life.world import EXPERIMENTS, FAULTS, Known, Moment, World
+from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
 
 STEPS, PARTS = 25, 4  # of a story; of the many stories, for as many processes of pytest
 USERS = {"README.md", "README.md.old", "report.html"}  # files that the manifest does not list
@@ -34,14 +40,21 @@ def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
 
 
 ANYWHERE = places(bool)
-DATASETS, OTHERS, PARTS_LEFT = (
-    places(fits) for fits in (lambda p: p.holds, lambda p: not p.holds, lambda p: p.part)
-)
+HOLDS, EMPTY, PART, MINE = (
+    lambda place: place.holds, lambda place: not place.holds, lambda place: place.part,
+    lambda place: place.note or place.file,
+)  # fmt: skip
+DATASETS, OTHERS, PARTS_LEFT = places(HOLDS), places(EMPTY), places(PART)
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
 OPTIONS = st.sampled_from(
     [(), ("--resume",), ("--overwrite",), ("--overwrite",), ("--resume", "--overwrite")]
 )
-FAULT = st.sampled_from([*FAULTS, "none", "none", "none"])
+FAULT = st.sampled_from([*FAULTS, *KILLS, "SIGSTOP", "SIGSTOP", "none", "none"])
+
+
+def some(fits: Callable[[Place], object]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A rule for stories in which a place fits."""
+    return precondition(lambda story: any(map(fits, story.world.places.values())))
 
 
 def moments(operations: int) -> st.SearchStrategy[Moment]:
@@ -69,45 +82,50 @@ class Life(RuleBasedStateMachine):
     def config(self, name: str) -> object:
         return self.known.folder / f"{name}.yaml"
 
-    @rule(name=NAMES, out=ANYWHERE | OTHERS | PARTS_LEFT, options=OPTIONS, moment=moments(150))
+    @rule(name=NAMES, out=ANYWHERE | OTHERS | PARTS_LEFT, options=OPTIONS, moment=moments(90))
     def generate(self, name: str, out: str, options: tuple[str, ...], moment: Moment) -> None:
         expected = model.generate(self.world.places[out], name, options)
         args = ["generate", self.config(name), "--quiet", "--workers", 1, "--out", out, *options]
         self.run(out, expected, moment, *args, experiment=name)
 
-    @rule(name=NAMES, out=OTHERS | PARTS_LEFT, i=st.integers(1, 2), moment=moments(60))
+    @rule(name=NAMES, out=OTHERS | PARTS_LEFT, i=st.integers(1, 2), moment=moments(40))
     def generate_range(self, name: str, out: str, i: int, moment: Moment) -> None:
         expected = model.generate_range(self.world.places[out], name)
         args = ["generate", self.config(name), "--workers", 1, "--out", out, "--shards", f"{i}/2"]
         self.run(out, expected, moment, *args, experiment=name)
 
-    @rule(out=PARTS_LEFT, moment=moments(50))
+    @some(PART)
+    @rule(out=PARTS_LEFT, moment=moments(45))
     def finalize(self, out: str, moment: Moment) -> None:
         place = self.world.places[out]
         experiment = place.part.experiment if place.part else None
         self.run(out, model.finalize(place), moment, "finalize", out, experiment=experiment)
 
-    @rule(sources=st.permutations("xyz"), moment=moments(110))
+    @rule(sources=st.permutations("xyz"), moment=moments(75))
     def merge(self, sources: list[str], moment: Moment) -> None:
         *parts, out = sources
         expected = model.merge(self.world.places[out], [self.world.places[name] for name in parts])
         self.run(out, expected, moment, "merge", *parts, "--out", out)
 
+    @some(HOLDS)
     @rule(out=DATASETS, by=BY, moment=moments(12))
     def split(self, out: str, by: str, moment: Moment) -> None:
         self.run(out, model.split(self.world.places[out], by), moment, "split", out, *model.options(by))
 
-    @rule(source=DATASETS, out=OTHERS, by=BY, moment=moments(65))
+    @some(HOLDS)
+    @rule(source=DATASETS, out=OTHERS, by=BY, moment=moments(55))
     def materialize(self, source: str, out: str, by: str, moment: Moment) -> None:
         expected = model.materialize(self.world.places[out], self.world.places[source], by)
         if source != out:
             self.run(out, expected, moment, "split", source, *model.options(by), "--materialize", out)
 
-    @rule(out=DATASETS, moment=moments(20))
+    @some(HOLDS)
+    @rule(out=DATASETS, moment=moments(12))
     def repair(self, out: str, moment: Moment) -> None:
         self.run(out, model.repair(self.world.places[out]), moment, "repair", out, "--workers", 1)
 
-    @rule(out=DATASETS, moment=moments(20))
+    @some(HOLDS)
+    @rule(out=DATASETS, moment=moments(12))
     def card(self, out: str, moment: Moment) -> None:
         self.run(out, model.card(self.world.places[out]), moment, "card", out)
 
@@ -145,13 +163,15 @@ class Life(RuleBasedStateMachine):
             path.write_text("mine")
             self.world.places[out] = replace(place, note=name)
 
-    @rule(out=places(lambda place: place.note or place.file))
+    @some(MINE)
+    @rule(out=places(MINE))
     def remove_what_is_mine(self, out: str) -> None:
         place, path = self.world.places[out], self.world.home / out
         if place.note or place.file:
             (path / place.note if place.note else path).unlink()
         self.world.places[out] = replace(place, note=None, file=False)
 
+    @some(EMPTY)
     @rule(out=OTHERS, folder=st.booleans())
     def take_the_place(self, out: str, folder: bool) -> None:
         path = self.world.home / out
@@ -159,6 +179,7 @@ class Life(RuleBasedStateMachine):
             path.mkdir() if folder else path.write_text("mine")
             self.world.places[out] = replace(self.world.places[out], file=not folder)
 
+    @some(HOLDS)
     @rule(out=DATASETS, words=st.integers(0, 999))
     def edit_the_card(self, out: str, words: int) -> None:
         if self.world.places[out].holds:
@@ -166,6 +187,7 @@ class Life(RuleBasedStateMachine):
             card.write_text(f"{card.read_text()}\nwords {words}\n")
             self.world.places[out] = replace(self.world.places[out], words=f"\nwords {words}\n")
 
+    @some(HOLDS)
     @rule(
         out=DATASETS,
         number=st.integers(0, 99),
@@ -186,6 +208,7 @@ class Life(RuleBasedStateMachine):
                 path.write_bytes(data if how == "change" else data[:at])
             self.world.places[out] = replace(place, damaged=place.damaged | {whole[number % len(whole)]})
 
+    @some(HOLDS)
     @rule(out=DATASETS)
     def read(self, out: str) -> None:
         self.world.read_now(out)

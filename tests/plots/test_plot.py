@@ -14,10 +14,8 @@ from PIL import Image
 
 import ibdata
 from ibdata import Experiment
-from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.plots import plot, plots
-from ibdata.writing.metadata import as_json
 
 pytestmark = pytest.mark.slow
 
@@ -132,8 +130,11 @@ def repeat_a_shard(folder, shard_file, sign):
 
 
 DAMAGE = {
-    "no range": (edit(lambda all: all["reward"].update(min=None)), r"statistics\.json: reward: found min None"),
-    "no column": (edit(lambda all: all.pop("reward")), r"statistics\.json: reward: found min None"),
+    "no range": (
+        edit(lambda all: all["reward"].update(min=None)),
+        r"statistics\.json: reward: found min None",
+    ),
+    "no column": (edit(lambda all: all.pop("reward")), r"statistics\.json: reward: found min"),
     "other rows": (repeat_a_shard, r"data/part-00000-[0-9a-f]{8}\.parquet: found 240 rows, expected 120"),
 }
 
