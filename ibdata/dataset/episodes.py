@@ -33,6 +33,6 @@ def read_episodes(place: Any, listed: Manifest) -> pa.Table:
     """Read the table of episodes. Raises DatasetError if it is damaged or does not match the manifest."""
     data = manifest.listed_content(place, listed, PATH)
     table = parquet.read(place, PATH, SCHEMA.names, rows=listed.shards[-1].episodes[1], data=data)
-    if not table.schema.equals(SCHEMA):
+    if not table.schema.equals(SCHEMA) or any(column.null_count for column in table.columns):
         raise damaged(place, PATH, "found other columns than ibdata writes; see ibdata validate")
     return table

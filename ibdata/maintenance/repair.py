@@ -8,10 +8,9 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.custom_code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec, spec_in
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt
@@ -23,6 +22,7 @@ from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url, storage
+from ibdata.validation.derived import splits_problems
 from ibdata.validation.files import unlisted_files
 from ibdata.validation.rows import check_shard
 from ibdata.writing import metadata
@@ -92,17 +92,9 @@ def _refuse_strangers(place: Path, listed: Manifest) -> None:
 def _broken(folder: Path, listed: Manifest) -> list[str]:
     """The paths of the files that are missing, or not as the manifest lists them."""
     broken = [path for path, entry in listed.entries().items() if _entry(folder, path) != entry]
-    if not _has_its_splits(folder, listed):
+    if any(splits_problems(storage(folder), listed)):
         broken.append(manifest.SPLITS)
     return broken
-
-
-def _has_its_splits(folder: Path, listed: Manifest) -> bool:
-    """Whether the splits can be read, and each later one has the episodes of its definition."""
-    try:
-        return read_splits(folder, listed) == metadata.splits(spec_in(folder, listed))
-    except DatasetError:
-        return False
 
 
 def _entry(folder: Path, path: str) -> FileEntry | None:

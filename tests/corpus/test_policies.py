@@ -318,8 +318,8 @@ def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path)
     )
     line, left = done.stdout.splitlines()
     assert line == (
-        "a worker process ended with code 7, perhaps for lack of memory; run again with resume=True and fewer "
-        "workers=…"
+        "a worker process ended with code 7, perhaps for lack of memory; run again with resume=True and "
+        "fewer workers=…"
     )
     assert left == "['ending.py', 'script.py']"
     assert done.stderr == "ibdata: running the code of ending:Ending\n"

@@ -97,7 +97,7 @@ def failing(path):
 def test_a_signal_in_the_middle_leaves_nothing(dataset, tmp_path, to, name, code):
     done = run(KILL.format(name=name), *command(dataset, to, tmp_path / "a" / "b"))
     assert (done.returncode, done.stdout) == (code, "")
-    assert "nothing of the export is left behind" in done.stderr
+    assert "nothing unfinished is left behind" in done.stderr
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 

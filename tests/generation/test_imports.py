@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import py_compile
 import sys
 import textwrap
 from pathlib import Path
@@ -35,7 +34,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    for folder in ("lib", "pkg", "extra", "part", "installed/site-packages/part"):
+    for folder in ("lib", "installed/site-packages"):
         Path(folder).mkdir(parents=True)
 
 
@@ -48,30 +47,10 @@ def for_the_import_only():
     return "lib/helper_a.py"
 
 
-def extended_package():
-    Path("pkg/__init__.py").write_text("__path__.append(__path__[0] + '/../extra')\n")
-    policy("from pkg.helper_b import SIZE\n")
-    return "extra/helper_b.py"
-
-
-def partly_installed():
-    Path("installed/site-packages/part/base.py").write_text("")
-    sys.path.append(str(Path("installed/site-packages").absolute()))
-    policy("from part.helper_c import SIZE\n")
-    return "part/helper_c.py"
-
-
 def loose():
     sys.path.append(str(Path("installed/site-packages").absolute()))
     policy("from helper_d import SIZE\n")
     return "installed/site-packages/helper_d.py"
-
-
-def without_source():
-    Path("mid.py").write_text("from helper_e import SIZE\n")
-    py_compile.compile("mid.py", cfile="mid_e.pyc")
-    policy("from mid_e import SIZE\n")
-    return "helper_e.py"
 
 
 def by_its_name():
@@ -79,7 +58,7 @@ def by_its_name():
     return "helper_f.py"
 
 
-WAYS = (for_the_import_only, extended_package, partly_installed, loose, without_source, by_its_name)
+WAYS = (for_the_import_only, loose, by_its_name)
 
 
 def generate(out, size, helper, **options):
@@ -87,8 +66,8 @@ def generate(out, size, helper, **options):
     return ibdata.generate(OWN, out, workers=1, allow_code=True, **options)
 
 
-def half(text="1/2", experiment=OWN):
-    return ibdata.generate_shards(experiment, text, "half", workers=1, allow_code=True)
+def half(text="1/2"):
+    return ibdata.generate_shards(OWN, text, "half", workers=1, allow_code=True)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -197,24 +176,3 @@ def test_two_modules_of_one_name_are_refused(here, other):
     experiment = Experiment.model_validate({**OWN.plain(), "policies": policies})
     with pytest.raises(UsageError, match=r"helper_two\.py: found another module with the name helper_two in"):
         ibdata.generate(experiment, "two", workers=1, allow_code=True)
-
-
-def test_a_declared_file_hides_no_module_of_its_name(here):
-    """A module beside the policy and a declared file of the same name are both recorded and compared."""
-    Path("sub").mkdir()
-    policy("from conf import SIZE\n")
-    Path("pol_imports.py").rename("sub/pol_conf.py")
-    block = {"kind": "custom", "target": "sub/pol_conf.py:P", "files": ["conf.py"]}
-    experiment = Experiment.model_validate({**OWN.plain(), "policies": [block]})
-    for path, size in (("conf.py", 0.5), ("sub/conf.py", 0.25)):
-        Path(path).write_text(f"SIZE = {size}\n")
-    half(experiment=experiment)
-    for path in ("sub/conf.py", "conf.py"):
-        was = Path(path).read_text()
-        Path(path).write_text("SIZE = 0.75\n")
-        with pytest.raises(UsageError, match=r"with other code, in .*conf\.py"):
-            half("2/2", experiment)
-        Path(path).write_text(was)
-    half("2/2", experiment)
-    files = ibdata.finalize("half").manifest["code"][0]["files"]
-    assert {"conf.py", "conf.py as declared"} <= files.keys()

@@ -134,7 +134,7 @@ def test_overwriting_names_what_is_not_the_dataset_s(name):
     assert contents("../a") == before
 
 
-def test_overwriting_a_dataset_with_a_damaged_manifest_is_refused():
+def test_overwriting_a_damaged_manifest_is_refused():
     """A manifest whose checksum is wrong does not tell what may be removed."""
     path = Path("../a/meta/manifest.json")
     path.write_text(path.read_text().replace("data/part-00000", "data/part-00009"))

@@ -270,3 +270,35 @@ def test_files_in_the_folder_of_a_dataset_do_not_run(plain, tmp_path):
     child = python(tmp_path / "script.py", cwd=made)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
+
+
+BEGIN = """
+import time
+from ibdata.generation.worker import Job, Worker
+worker = Worker(Job({}, {}, None, True, ".", None))
+print(worker._process.pid, flush=True)
+time.sleep(600)
+"""
+
+
+def lives(process):
+    """Whether a process runs; one that has ended may still be listed."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3], ids=["importing", "waiting"])
+def test_a_worker_ends_with_its_parent(after):
+    """However the parent ends, and while the worker still imports."""
+    parent = subprocess.Popen([sys.executable, "-c", BEGIN], stdout=subprocess.PIPE, text=True)
+    process = int(parent.stdout.readline())
+    time.sleep(after)
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    until = time.monotonic() + 10
+    while lives(process) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not lives(process)

@@ -1,4 +1,4 @@
-"""Run `ibdata …` in forks of one process that has used every command before, so that a run takes milliseconds.
+"""Run `ibdata …` in forks of one process that has used every command before, which takes milliseconds.
 
 Reads requests as JSON lines on stdin and answers each with code and output. The keys of a request are args;
 folder, at, mode and log (see shim.c); user (whose rights the run has), megabytes (of memory) and exchange

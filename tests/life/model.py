@@ -73,7 +73,7 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
         codes = USAGE
     elif place.unfinished and not overwrite:
         codes = DONE if flags and place.unfinished.experiment == experiment else USAGE
-    if place.damaged and not overwrite or MANIFEST in place.damaged:  # it may not be told whose it is
+    if (place.damaged and not overwrite) or MANIFEST in place.damaged:  # it may not be told whose it is
         codes = NO if codes == USAGE else ANY
     return Expected(codes, after)
 

@@ -21,7 +21,6 @@ from hypothesis.stateful import (
     rule,
     run_state_machine_as_test,
 )
-
 from life import model
 from life.model import Expected, Place
 from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
@@ -151,7 +150,7 @@ class Life(RuleBasedStateMachine):
         root = self.known.roots["A"]
         seen = self.world.seen(out)
         self.world.places[out] = first.after if seen and seen[0] == root else second.after
-        assert answers[-1].code == 0 or seen and seen[0] != root, answers
+        assert answers[-1].code == 0 or (seen and seen[0] != root), answers
         self.world.check_all()
 
     # What people do.

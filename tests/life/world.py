@@ -14,11 +14,19 @@ from pathlib import Path
 
 from helpers.forks import Answer, Forks
 from helpers.readers import Rewards, opened, rewards
-
-import ibdata
 from life.model import LABELS, MANIFEST, SHARDS, USELESS, Expected, Part, Place
 
-EXPERIMENT = "name: life\nsetpoints: {}\npolicies: [random, safe]\nepisodes: 2\nsteps: 3\nseed: {}\noutput: {{shard_rows: 6}}\n"
+import ibdata
+
+EXPERIMENT = """\
+name: life
+setpoints: {}
+policies: [random, safe]
+episodes: 2
+steps: 3
+seed: {}
+output: {{shard_rows: 6}}
+"""
 EXPERIMENTS = {"A": EXPERIMENT.format(20, 0), "B": EXPERIMENT.format([30, 60], 1)}
 KILLS = ("before", "after", "half")
 SIGNALS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}

@@ -79,8 +79,8 @@ def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, worke
 def test_a_file_has_the_same_identity_as_a_module(beside, tmp_path):
     made = beside("code/own-policy.py:Own")
     (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.25")
-    with pytest.raises(UsageError, match=r"other code than the run began with, in size_of_mine\.py"):
-        beside("code/own-policy.py:Own", resume=True)
+    with pytest.raises(UsageError, match=r"of this experiment with other code, in size_of_mine\.py"):
+        beside("code/own-policy.py:Own")
     again = beside("code/own-policy.py:Own", overwrite=True)
     assert again.content_root != made.content_root
     assert (again.to_pandas()["act_gain"] == 0.25).all()

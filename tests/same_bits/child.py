@@ -5,14 +5,13 @@
                      known_answer, and expect: facts that must hold here and in every worker process
 
 Each setting is a process of its own, because numpy, numba and the C library read the tested environment
-variables when they are loaded. The workers, which begin with `start` below, have the same sizes of blocks.
+variables when they are loaded. The workers begin with `start` below, and have the same sizes of blocks.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-import importlib
 import json
 import math
 import os
@@ -32,12 +31,20 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.experiment import Experiment
-from ibdata.generation import local, receipt, worker_pool
+from ibdata.generation import receipt, worker, workers
 from ibdata.simulation import rollout, self_check
+from ibdata.system.part import Part
 
 HERE = Path(__file__).resolve().parent
 STARTED = time.monotonic()
-BEGIN = worker_pool._start
+BEGIN = """\
+import sys
+sys.path[:] = sys.argv[2:]
+import child
+child.start()
+from ibdata.generation.worker import main
+main(int(sys.argv[1]))
+"""
 
 
 def experiments(size: str, shards: float = 0) -> list[Experiment]:
@@ -114,43 +121,45 @@ def unmet(expect: dict[str, object], found: dict[str, object]) -> list[str]:
 
 def interrupted(after: int) -> None:
     """Make the engine stop, as by Ctrl-C, when so many shards are written."""
-    run = local.run
+    run = workers.run
 
     def stopping(*args):
-        for count, written in enumerate(run(*args), start=1):
-            yield written
+        for count, number in enumerate(run(*args), start=1):
+            yield number
             if count == after:
-                local.run = run
+                workers.run = run
                 raise KeyboardInterrupt
 
-    local.run = stopping
+    workers.run = stopping
 
 
-def with_receipts(folder: Path) -> list[Path]:
-    """The shards of an unfinished run that resuming is to keep."""
-    names = [path.stem for path in (folder / receipt.FOLDER).glob("*.receipt")]
-    return [path for name in names for path in (folder / "data").glob(f"{name}-*.parquet")]
+def with_receipts(folder: Path) -> dict[str, int]:
+    """The names of the shards of an unfinished run that resuming is to keep, with their inodes."""
+    part = Part(folder)
+    data = part.folder / receipt.DATASET / "data"
+    shards = [path for one in part.receipts for path in data.glob(f"part-{one.stem}-*.parquet")]
+    return {path.name: path.stat().st_ino for path in shards}
 
 
 def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
     """Generate an experiment, stopping and resuming if asked to; what its manifest says."""
     out = Path(spec["folder"]) / experiment.name
-    workers, after = spec.get("workers", 1), spec.get("stop_after")
+    processes, after = spec.get("workers", 1), spec.get("stop_after")
     prepare(spec)
     if after:
         interrupted(after)
         try:
-            ibdata.generate(experiment, out, workers=workers)
+            ibdata.generate(experiment, out, workers=processes)
         except KeyboardInterrupt:
-            assert not (out / "meta" / "manifest.json").exists()
-            kept = {path: path.stat().st_ino for path in with_receipts(out)}
+            assert not out.exists()
+            kept = with_receipts(out)
             assert len(kept) >= after
         else:
             raise AssertionError("not interrupted")
         rollout.LANES = rollout.CHUNK = 11  # goes on in other blocks, where this process does the work
-    ibdata.generate(experiment, out, workers=workers, resume=bool(after))
+    ibdata.generate(experiment, out, workers=processes, resume=bool(after))
     if after:
-        assert all(path.stat().st_ino == inode for path, inode in kept.items())  # not made again
+        assert all((out / "data" / name).stat().st_ino == inode for name, inode in kept.items())
     manifest = json.loads((out / "meta" / "manifest.json").read_bytes())
     files = {file["path"]: file["sha256"] for file in manifest["files"]}
     return {
@@ -169,7 +178,7 @@ def without_tokens(path: Path) -> str:
 def main(spec: dict[str, object]) -> None:
     """Check the setting, generate, and print results, facts and versions."""
     prepare(spec)
-    worker_pool._start = importlib.import_module(Path(__file__).stem).start  # workers know no __main__
+    worker.BEGIN = BEGIN
     found = facts()
     if not numba.config.DISABLE_JIT:
         found["fuses"] = fuses()
@@ -178,18 +187,18 @@ def main(spec: dict[str, object]) -> None:
     if "known_answer" in spec:
         self_check.SHA256 = spec["known_answer"]
     with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
-        os.environ["SAME_BITS_NOTES"] = notes
+        os.environ |= {"SAME_BITS_NOTES": notes, "SAME_BITS_SPEC": json.dumps(spec)}
         results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}
-        workers = [json.loads(path.read_bytes()) for path in Path(notes).iterdir()]
-    assert bool(workers) == (spec.get("workers", 1) > 1)
-    wrong = [x for worker in workers for x in unmet(spec.get("expect", {}), worker)]
+        others = [json.loads(path.read_bytes()) for path in Path(notes).iterdir()]
+    assert bool(others) == (spec.get("workers", 1) > 1)
+    wrong = [x for other in others for x in unmet(spec.get("expect", {}), other)]
     assert not wrong, wrong
     json.dump(
         {
             "results": results,
             "facts": found,
             "known answer": self_check.digest(),
-            "workers": len(workers),
+            "workers": len(others),
             "versions": {"python": platform.python_version(), "numpy": np.__version__}
             | {"numba": numba.__version__, "pyarrow": pa.__version__},
             "seconds": time.monotonic() - STARTED,
@@ -204,11 +213,10 @@ def prepare(spec: dict[str, object]) -> None:
     rollout.CHUNK = spec.get("chunk", rollout.CHUNK)
 
 
-def start(*args):
-    """What a worker does first, in place of the package's own beginning."""
-    prepare(json.loads(sys.argv[1]))
+def start() -> None:
+    """What a worker does before all else."""
+    prepare(json.loads(os.environ["SAME_BITS_SPEC"]))
     Path(os.environ["SAME_BITS_NOTES"], str(os.getpid())).write_text(json.dumps(facts()))
-    BEGIN(*args)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
 from helpers.forging import seal
-from ibdata.system.files import FileEntry
 
 import ibdata
 from ibdata.dataset import manifest
@@ -22,6 +21,7 @@ from ibdata.dataset.digest import content_root
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
+from ibdata.system.files import FileEntry
 from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
