@@ -94,4 +94,6 @@ def forks(shim: str) -> Iterator[Forks]:
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
-        yield Forks(process)
+        forks = Forks(process)
+        assert forks.run("--version").code == 0  # it has loaded everything
+        yield forks

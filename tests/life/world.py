@@ -112,18 +112,17 @@ class World:
         assert struck or answer.code in expected.codes, "exit code"
         if answer.code == 0:
             return expected.after
-        return expected.after if struck and self.is_done(out, expected.after) else place
+        if not struck or not expected.after.holds or place.file:
+            return place
+        if expected.after.damaged != place.damaged and not place.damaged & {MANIFEST}:
+            damaged = place.damaged & {*self.problems(out), LABELS}  # a repair mends file by file
+            place = replace(place, damaged=damaged) if self.problems(out) else expected.after
+        done = self.seen(out) == (self.known.roots[expected.after.holds], expected.after.splits)
+        return expected.after if done and place.damaged == expected.after.damaged else place
 
-    def is_done(self, out: str, after: Place) -> bool:
-        """Whether a command that was struck had done its work."""
-        place = self.places[out]
-        if (
-            after is place
-            or place.file
-            or (after.damaged != place.damaged and ibdata.validate(self.home / out))
-        ):
-            return False
-        return self.seen(out) == (self.known.roots[after.holds], after.splits) if after.holds else False
+    def problems(self, out: str) -> set[str | None]:
+        """The files that are not whole; a user's note in data/ counts as one for other readers only."""
+        return {problem.path for problem in ibdata.validate(self.home / out)} - {self.places[out].note}
 
     def seen(self, out: str) -> tuple[str, set[str]] | None:
         """Content root and splits; None where nothing can be opened."""
@@ -200,8 +199,7 @@ class World:
         elif not place.holds:
             assert self.files(out) == ([place.note] if place.note else []), "files without a dataset"
         elif MANIFEST not in place.damaged:
-            problems = {problem.path for problem in ibdata.validate(path)}
-            problems -= {place.note}  # in data/, where other readers would find it
+            problems = self.problems(out)
             assert place.damaged - {LABELS} <= problems
             assert bool(place.damaged) == bool(problems), f"problems: {problems}"
             assert place.damaged or self.seen(out) == (self.known.roots[place.holds], place.splits), (
