@@ -24,7 +24,6 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import TakenError, present, refuse_immovable
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import Advance, bar
-from ibdata.system.signals import stoppable
 from ibdata.system.storage import url_of
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -114,9 +113,9 @@ def make_dataset(
     """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
     spec = DatasetSpec.of(experiment)
     option = "--overwrite" if overwrite else "--resume"
-    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), option):
-        here = origin.observe(spec, place)
-        with locked_part(target, place) as part:
+    with in_one_folder(spec):
+        here = origin.observe(spec, place)  # a signal may end the process, since nothing is written yet
+        with locked_part(target, place) as part, counted_if_stopped(part, option):
             settle(part)
             if already_there(experiment, target, place, resume, overwrite):
                 return
