@@ -25,47 +25,34 @@ def root(forks: Any, tools: Any) -> str:
     return tools.root(fresh)  # type: ignore[no-any-return]
 
 
-def test_what_another_run_made_is_not_taken(forks: Any, tools: Any, unfinished: Path, root: str) -> None:
-    """Receipts and shards of another seed, copied into a part, do not get into its dataset."""
-    other, part = tools.where / "other", ".out.part"
-    assert forks.run(*tools.args(tools.tiny, other, "--shards", "1/1", "--seed", 1)).code == 0
-    for inner in ("receipts", "dataset"):
-        shutil.copytree(tools.where / ".other.part" / inner, tools.where / part / inner, dirs_exist_ok=True)
-    answer = forks.run(*tools.args(tools.tiny, unfinished, "--resume"))
-    assert answer.code in (0, 1), answer
-    if answer.code:
-        assert tools.one_line(answer.output)
-        assert forks.run(*tools.args(tools.tiny, unfinished, "--overwrite")).code == 0
-    assert tools.root(unfinished) == root
-
-
-def test_damage_in_a_part_costs_its_shard(forks: Any, tools: Any, unfinished: Path, root: str) -> None:
-    """A shard is made again if its receipt or its file is not whole, and only then."""
+@pytest.mark.parametrize("pattern", ["receipts/*1.*", "dataset/data/part-00001*"])
+def test_damage_in_a_part_costs_its_shard(
+    forks: Any, tools: Any, unfinished: Path, root: str, pattern: str
+) -> None:
+    """A shard is missing, and made again, if its receipt or its file is not whole."""
     part, kept = tools.where / ".out.part", tools.where / "kept"
-    shutil.copytree(part, kept)
-    for pattern in ("receipts/*1.*", "dataset/data/part-00001*"):
-        (path,) = part.glob(pattern)
-        whole = path.read_bytes()
-        for content in (b"", whole[:31], whole[:-1], b"\0" * 100, None):
-            shutil.rmtree(part)
-            shutil.copytree(kept, part)
-            path.unlink()
-            if content is not None:
-                path.write_bytes(content)
-            early = forks.run("finalize", unfinished)
-            assert early.code in (0, 1), early
-            assert early.code == 0 or tools.one_line(early.output)
-            answer = forks.run(*tools.args(tools.tiny, unfinished, "--resume"))
-            assert answer.code == 0, (content, answer)
-            assert tools.root(unfinished) == root
-            assert tools.leftovers(unfinished) == []
-            shutil.rmtree(unfinished)
+    part.rename(kept)
+    (name,) = (path.relative_to(kept) for path in kept.glob(pattern))
+    whole = (kept / name).read_bytes()
+    for content in (b"", whole[:31], whole[:-1], b"\0" * 100, None):
+        shutil.copytree(kept, part)
+        (part / name).unlink()
+        if content is not None:
+            (part / name).write_bytes(content)
+        early = forks.run("finalize", unfinished)
+        assert early.code == 1, early
+        assert "1 of 2 shards" in early.output
+        answer = forks.run(*tools.args(tools.tiny, unfinished, "--resume"))
+        assert answer.code == 0, (content, answer)
+        assert tools.root(unfinished) == root
+        assert tools.leftovers(unfinished) == []
+        shutil.rmtree(unfinished)
 
 
-@pytest.mark.parametrize("name", ["", "lock", "run.json", "receipts", "dataset", "dataset/meta"])
+@pytest.mark.parametrize("name", ["", "lock", "run.json", "receipts", "dataset"])
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
 def test_what_stands_in_the_place_of_ours(forks: Any, tools: Any, name: str, kind: str) -> None:
-    """One line, or the dataset; what a link in the place of a part's files leads to is never touched."""
+    """One line, or the dataset; what a link in the place of a part or its lock leads to is never touched."""
     mine, out = tools.where / "mine", tools.where / "out"
     mine.mkdir()
     (mine / "precious").write_text("precious")
@@ -83,6 +70,8 @@ def test_what_stands_in_the_place_of_ours(forks: Any, tools: Any, name: str, kin
     for more in (["--resume"], ["--overwrite"], ["--overwrite", "--seed", 1]):
         answer = forks.run(*tools.args(tools.tiny, out, *more))
         assert answer.code in (0, 1, 2, 3), answer
-        assert answer.code == 0 or tools.one_line(answer.output), answer.output
-        assert [file.read_text() for file in mine.iterdir()] == ["precious"]
-    assert tools.root(out) if out.exists() else answer.code
+        assert "Traceback" not in answer.output
+        assert "a bug of ibdata" not in answer.output
+        if name in ("", "lock"):
+            assert [file.read_text() for file in mine.iterdir()] == ["precious"]
+    assert answer.code or tools.root(out)
