@@ -33,7 +33,6 @@ from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
 from ibdata.system.part import Part, locked_part, resolved
-from ibdata.system.signals import stoppable
 from ibdata.system.storage import is_url, refuse_url
 from ibdata.writing.finish import finish
 
@@ -122,9 +121,9 @@ def generate_shards(
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
         return Made(place, len(mine), rows_of(spec, mine), 0)
-    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), "--shards"):
+    with in_one_folder(spec):
         here = origin.observe(spec, place)  # compiles for up to a minute, while other hosts need the lock
-        with locked_part(target, place, shared=True) as part:
+        with locked_part(target, place, shared=True) as part, counted_if_stopped(part, "--shards"):
             refuse_immovable(part, place)
             _begin(part, spec, here, place)
             make(spec, mine, part, run, progress)

@@ -6,11 +6,11 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import Interrupted, UsageError, printable
+from ibdata.errors import IbdataError, Interrupted, UsageError, printable
 from ibdata.experiment import Config, Experiment, Overrides, load, refuse_unreadable
 from ibdata.experiment.code_comparison import listed as names_of
 from ibdata.experiment.custom_code import require_consent
@@ -24,7 +24,6 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import TakenError, present, refuse_immovable
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import Advance, bar
-from ibdata.system.signals import stoppable
 from ibdata.system.storage import url_of
 from ibdata.writing.finish import finish
 from ibdata.writing.shard_writer import WrittenShard
@@ -90,6 +89,7 @@ def generate(
     place = default_folder(experiment) if out is None else Path(out)
     target = resolved(place)
     if already_there(experiment, target, place, resume, overwrite):
+        _settle_left(target)
         told = f"ibdata: {place}: already there; nothing was written"
         print(printable(told), file=sys.stderr, flush=True)
     else:
@@ -114,9 +114,9 @@ def make_dataset(
     """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
     spec = DatasetSpec.of(experiment)
     option = "--overwrite" if overwrite else "--resume"
-    with in_one_folder(spec), stoppable(), counted_if_stopped(Part(target), option):
-        here = origin.observe(spec, place)
-        with locked_part(target, place) as part:
+    with in_one_folder(spec):
+        here = origin.observe(spec, place)  # a signal may end the process, since nothing is written yet
+        with locked_part(target, place) as part, counted_if_stopped(part, option):
             settle(part)
             if already_there(experiment, target, place, resume, overwrite):
                 return
@@ -147,6 +147,14 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
         found = f"ibdata: {place}: was made with other code than is here, in {names_of(changed)}"
         print(printable(found), file=sys.stderr, flush=True)
     return True
+
+
+def _settle_left(target: Path) -> None:
+    """Remove the part of a dataset that is there, if its run was killed after it had published it."""
+    part = Part(target)
+    if part.folder.exists() and origin.is_published(part.folder):
+        with suppress(IbdataError), locked_part(target) as part:
+            settle(part)
 
 
 def prepare(

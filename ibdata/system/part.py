@@ -115,6 +115,8 @@ def locked_part(
 
 
 def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
+    if part.folder.is_symlink():
+        raise UsageError(f"{part.folder}: found a link, expected a folder of ibdata's own; remove it")
     path = part.folder / LOCK
     try:
         return stack.enter_context(locked(path, patience, place=name))

@@ -200,20 +200,3 @@ def test_a_signal_ends_a_loop_over_experiments(signalled, number, at, left):
     assert stopped.value.exit_code == 128 + number
     assert str(stopped.value) == f"stopped by signal {int(number)}; {left}"
     assert (len(receipts("a")), part_of("a").exists()) == (at, at > 0)
-
-
-def test_a_signal_before_the_first_shard_names_what_is_there(monkeypatch):
-    """A run that is resumed and stopped while it compiles says which shards are finished."""
-    ibdata.generate_shards(TINY, "1/2", "a", workers=1)
-
-    def stopping(*_):
-        signal.raise_signal(signal.SIGTERM)
-
-    monkeypatch.setattr("ibdata.generation.origin.warm_up", stopping)
-    for call, option in (
-        (lambda: ibdata.generate(TINY, "a", workers=1, resume=True), "--resume"),
-        (lambda: ibdata.generate(TINY, "a", workers=1, overwrite=True), "--overwrite"),
-        (lambda: ibdata.generate_shards(TINY, "2/2", "a", workers=1), "--shards"),
-    ):
-        with pytest.raises(Interrupted, match=f"; 2 shards are finished; {option} goes on$"):
-            call()
