@@ -128,9 +128,9 @@ class World:
         """Content root and splits; None where nothing can be opened."""
         try:
             found = ibdata.open(self.home / out)
-        except Exception:
+            return found.content_root, set(found.splits)
+        except Exception:  # whatever is wrong with it
             return None
-        return found.content_root, set(found.splits)
 
     def part(self, out: str, after: Place, answer: Answer, mode: str, experiment: str | None) -> Part | None:
         """The unfinished run that is beside a place now, as `ibdata ls` shows it."""
