@@ -70,15 +70,15 @@ def test_the_lock_of_a_killed_run_does_not_block(tools: Any, whole: Any) -> None
 
 @pytest.mark.parametrize("what", ["the part", "the parent"])
 def test_a_run_whose_part_is_moved_away(tools: Any, ending: Any, whole: Any, what: str) -> None:
-    """It ends with one line and does not touch the next run at that place; moved back, it can be resumed."""
+    """It ends with one line, and the next run at that place begins anew."""
     parent = tools.where / "parent"
     out = parent / "out"
     moved = parent / ".out.part" if what == "the part" else parent
     with begin(tools, out) as first:
         ending(first)
         moved.rename(tools.where / "gone")
-        second = tools.generate(tools.many, out, "--seed", 7)
         _, stderr = first.communicate(timeout=60)
+    second = tools.generate(tools.many, out, "--seed", 7)
     assert first.returncode == 1, stderr
     assert tools.one_line(stderr), stderr
     assert second.returncode == 0, second

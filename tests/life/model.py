@@ -93,7 +93,7 @@ def finalize(place: Place) -> Expected:
     """A dataset of a run whose shards are all finished."""
     if place.holds:  # an unfinished replacement is never finished unasked
         return Expected(ANY if place.damaged or place.part else DONE, place)
-    if not place.unfinished or place.file:
+    if not place.unfinished or place.file or place.note:
         return Expected(NO, place)
     experiment, shards = place.unfinished
     whole = experiment is not None and shards == SHARDS[experiment]
