@@ -20,10 +20,9 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
     from ibdata.generation.array_job import finalize as finalize
-    from ibdata.generation.array_job import generate_shards as generate_shards
     from ibdata.generation.estimate import estimate as estimate
     from ibdata.generation.generate import generate as generate
-    from ibdata.generation.suite import generate_all as generate_all
+    from ibdata.maintenance.compile_all import compile_all as compile_all
     from ibdata.maintenance.merge import merge as merge
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
@@ -40,14 +39,13 @@ _MODULES = {
     "Experiment": "experiment",
     "IbdataError": "errors",
     "baselines": "evaluation.baselines",
+    "compile_all": "maintenance.compile_all",
     "difference": "dataset.difference",
     "estimate": "generation.estimate",
     "evaluate": "evaluation",
     "export": "exporters",
     "finalize": "generation.array_job",
     "generate": "generation.generate",
-    "generate_all": "generation.suite",
-    "generate_shards": "generation.array_job",
     "importance": "evaluation.importance",
     "load": "experiment",
     "merge": "maintenance.merge",
@@ -70,6 +68,10 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'ibdata' has no attribute {name!r}")
     return getattr(import_module(f"ibdata.{_MODULES[name]}"), "Dataset" if name == "open" else name)
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 if "gymnasium" in sys.modules:

@@ -38,52 +38,16 @@ def _without_value(pair: re.Match[str]) -> str:
     return f"{pair[1]}={pair[2] if pair[1].lower() in OPEN_VALUES else HIDDEN}"
 
 
-# An option as the command line spells it; commands, which are to be typed as they are, are passed over.
-OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]+)*)(?P<colon>:?)")
-SWITCHES = ("allow-code", "overwrite", "resume")
-
-
-def in_python(message: str) -> str:
-    """Name options as Python does.
-
-    >>> in_python("data/x: exists already; choose another --out, or --overwrite to replace a dataset")
-    'data/x: exists already; choose another out=…, or overwrite=True to replace a dataset'
-    >>> in_python("--set steps=0: steps: found 0"), in_python("--shards: found 'a'")
-    ('overrides: steps=0: steps: found 0', "shards: found 'a'")
-    """
-    return OPTION.sub(_keyword, message)
-
-
-def _keyword(option: re.Match[str]) -> str:
-    name = option["name"]
-    if name is None:
-        return option[0]
-    if name == "set":
-        return "overrides:"
-    name = "names" if name == "name" else name  # of `split`
-    value = ":" if option["colon"] else "=True" if name in SWITCHES else "=…"
-    return name.replace("-", "_") + value
-
-
 class IbdataError(ValueError):
     """Base class of ibdata's exceptions. Credentials in URLs are removed from the message.
 
-    A message is written with the options of the command line, such as --overwrite, and the command line
-    prints these. `str` gives the message with the arguments of Python, such as overwrite=True.
+    A message names a parameter as the command line does: --allow-code is allow_code=True in Python.
     """
 
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
         super().__init__(hidden(message))
-
-    def __str__(self) -> str:
-        return in_python(self.with_options)
-
-    @property
-    def with_options(self) -> str:
-        """The message with the options of the command line."""
-        return str(self.args[0])
 
 
 class UsageError(IbdataError):
@@ -92,15 +56,17 @@ class UsageError(IbdataError):
     exit_code = 2
 
 
-class MissingError(IbdataError, ImportError):
-    """An optional library is not installed."""
+class PolicyError(IbdataError):
+    """A policy cannot be loaded, raised an exception, or returned no valid action or log density."""
 
-    def __init__(self, what: str, library: str, extra: str) -> None:
-        self.arguments = (what, library, extra)
-        super().__init__(f"{what} needs the package {library}: pip install {library}, or 'ibdata[{extra}]'")
 
-    def __reduce__(self) -> tuple[type[MissingError], tuple[str, str, str]]:
-        return type(self), self.arguments
+class _MissingError(IbdataError, ImportError):
+    """An optional library is not installed; as an `ImportError`, it is what a failed import raises."""
+
+
+def missing(what: str, library: str, extra: str) -> IbdataError:
+    """The error, also an ImportError, for an optional library that is not installed."""
+    return _MissingError(f"{what} needs the package {library}: pip install {library}, or 'ibdata[{extra}]'")
 
 
 def printable(line: str) -> str:
@@ -155,7 +121,7 @@ class ConfigError(UsageError):
         return tuple(str(self).split("\n"))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[list[str]]]:
-        return type(self), (self.with_options.split("\n"),)  # pickled on the way back from a worker process
+        return type(self), (str(self).split("\n"),)  # pickled on the way back from a worker process
 
 
 class DatasetError(IbdataError):

@@ -39,7 +39,7 @@ def test_the_column_of_python_runs_alone(tmp_path: Path):
 
 
 def test_every_command_policy_and_format_that_is_named_exists():
-    """Lists of all of them: `ibdata --help`, `ibdata policies`, `ibdata export --help`, docs/policies.md."""
+    """`ibdata -h`, `ibdata config policies` and `ibdata export -h` list all of them."""
     from ibdata.cli import cli
     from ibdata.exporters import FORMATS
 

@@ -15,6 +15,7 @@ from helpers.baseline_lines import baseline
 import ibdata
 from ibdata.evaluation.baselines import FILE, SETTINGS, Baseline, measured, shipped_baselines
 from measuring.documents import measured as tables_of
+from training.runner import Runner
 
 LINES = shipped_baselines()
 PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
@@ -23,6 +24,20 @@ PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
 @pytest.fixture(scope="module")
 def baselines():
     return script("baselines")
+
+
+@pytest.fixture
+def run(baselines, tmp_path, monkeypatch, capsys):
+    """A function that runs a part of the plan untrained, and returns the results and what it prints."""
+
+    def run(plan, *arguments, made=lambda key, data: line(key), file="x.jsonl"):
+        one = Runner("", plan, Baseline, tmp_path / file, made, baselines.said, lambda lines: None)
+        monkeypatch.setattr(sys, "argv", ["baselines", *arguments])
+        capsys.readouterr()
+        one.main()
+        return list(one.known(one.file).values()), capsys.readouterr().out.splitlines()
+
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -58,90 +73,88 @@ def test_a_line_keeps_the_returns_and_their_statistics():
     assert measured(None) == {"mean_return": None, "standard_error": None, "p10": None, "returns": None}
 
 
-def test_lines_are_kept_in_the_order_of_the_plan_and_are_never_replaced(baselines, tmp_path):
-    plan, file = baselines.plan()[:20], tmp_path / "x.jsonl"
-    for run in reversed(plan):
-        assert baselines.add(line(run), file)
-    assert not baselines.add(line(plan[3], shift=1.0), file)
-    assert shipped_baselines(file) == [line(run) for run in plan]
-    assert [path.name for path in tmp_path.iterdir()] == ["x.jsonl"]
-
-
-def test_the_script_makes_what_is_missing_and_says_so(baselines, tmp_path, monkeypatch, capsys):
+def test_the_script_makes_what_is_missing_and_says_so(baselines, run):
     plan, made = baselines.plan()[14:20], []
-    monkeypatch.setattr(baselines, "plan", lambda: plan)
-    monkeypatch.setattr(baselines, "made", lambda run, data: made.append(run) or line(run))
-    monkeypatch.setattr(sys, "argv", ["baselines", "--out", str(tmp_path / "x.jsonl")])
-    baselines.add(line(plan[1]), tmp_path / "x.jsonl")
-    baselines.main()
+
+    def make(key, data):
+        made.append(key)
+        return line(key)
+
+    run([plan[1]])
+    lines, _ = run(plan, made=make)
     assert made == [plan[0], *plan[2:]]
-    baselines.main()
+    assert lines == [line(key) for key in plan]
+    run(plan, made=make)
     assert len(made) == 5
-    capsys.readouterr()
-    monkeypatch.setattr(sys, "argv", [*sys.argv, "--list"])
-    baselines.main()
-    printed = capsys.readouterr().out.splitlines()
+    lines, printed = run(plan, "--list")
     assert printed[2] == (
         "3/6 siemens-offline/bad-0 bc 0: return -65.00 ± 0.21, 10th percentile -69.00, in hundreds"
     )
 
 
-def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, tmp_path, monkeypatch, capsys):
+def test_words_choose_runs(baselines, run):
+    lines, _ = run(baselines.plan(), "optimized-40", "bc", "1")
+    assert [each.key for each in lines] == [("siemens-offline/optimized-40", "bc", 1)]
+    with pytest.raises(SystemExit, match="expected words that --list prints"):
+        run(baselines.plan(), "optimized-41")
+
+
+def test_the_file_is_sorted_for_the_page(baselines, run, tmp_path):
+    plan = baselines.plan()[14:20]
+    run(plan[::-1])
+    run(plan, "--page")
+    assert shipped_baselines(tmp_path / "x.jsonl") == [line(key) for key in plan]
+
+
+def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, run, tmp_path, capsys):
     plan = baselines.plan()[14:18]
 
-    def made(run, data):
-        if run == plan[1]:
+    def made(key, data):
+        if key == plan[1]:
             raise FloatingPointError("NaN")
-        return line(run)
+        return line(key)
 
-    monkeypatch.setattr(baselines, "plan", lambda: plan)
-    monkeypatch.setattr(baselines, "made", made)
-    monkeypatch.setattr(sys, "argv", ["baselines", "--out", str(tmp_path / "x.jsonl")])
     with pytest.raises(SystemExit, match="failed: 1 of 4 runs"):
-        baselines.main()
-    assert shipped_baselines(tmp_path / "x.jsonl") == [line(run) for run in (plan[0], *plan[2:])]
+        run(plan, made=made)
+    assert shipped_baselines(tmp_path / "x.jsonl") == [line(key) for key in (plan[0], *plan[2:])]
     assert "2/4 siemens-offline/optimized-80 behaviour: failed\nTraceback" in capsys.readouterr().err
 
 
-def test_one_run_is_made_again_and_compared(baselines, tmp_path, monkeypatch, capsys):
-    file = tmp_path / "x.jsonl"
-    run = baselines.Run("siemens-offline/optimized-40", "bc", 0)
-    baselines.add(line(run), file)
-    monkeypatch.setattr(baselines, "made", lambda run, data: line(run, shift=100.0))
-    wanted = ["--set", "optimized-40", "--algorithm", "bc", "--seed", "0"]
-    monkeypatch.setattr(sys, "argv", ["baselines", *wanted, "--out", str(file)])
-    baselines.main()
-    new, old = capsys.readouterr().out.splitlines()
+def test_a_known_result_is_made_again_and_compared(baselines, run):
+    plan = [baselines.Run("siemens-offline/optimized-40", "bc", 0)]
+    run(plan)
+    lines, (new, old) = run(plan, "--again", made=lambda key, data: line(key, shift=100.0))
     assert "return -64.00" in new
     assert "bc 0, in x.jsonl: return -65.00" in old
-    assert shipped_baselines(file) == [line(run)]
+    assert lines == [line(plan[0])]
 
 
 CODE = f"""
 import sys, time
+from pathlib import Path
 sys.path[:0] = [{str(ROOT / "scripts")!r}, {str(ROOT / "tests")!r}]
 from helpers import script
 from test_baselines import line
+from training.runner import Runner
 
 baselines, seconds = script("baselines"), float(sys.argv.pop())
 plan = baselines.plan()[14:20]
-baselines.plan = lambda: plan
-baselines.made = lambda run, data: time.sleep(seconds if run == plan[2] else 0) or line(run)
-baselines.main()
+made = lambda run, data: time.sleep(seconds if run == plan[2] else 0) or line(run)
+Runner("", plan, baselines.Baseline, Path("x.jsonl"), made, baselines.said, print).main()
 """
 
 
 @pytest.mark.slow
 def test_runs_that_are_killed_go_on_where_they_stopped(tmp_path):
     """The third run sleeps, and the process is killed meanwhile."""
-    command = [sys.executable, "-c", CODE, "--out", str(tmp_path / "x.jsonl")]
-    with subprocess.Popen([*command, "3600"], stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-c", CODE]
+    with subprocess.Popen([*command, "3600"], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
         printed = [process.stdout.readline() for _ in range(2)]
         time.sleep(0.2)
         process.kill()
     assert [text.split()[0] for text in printed] == ["1/6", "2/6"]
     assert len(shipped_baselines(tmp_path / "x.jsonl")) == 2
-    done = subprocess.run([*command, "0"], capture_output=True, text=True, check=True)
+    done = subprocess.run([*command, "0"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert [text.split()[0] for text in done.stdout.splitlines()] == ["3/6", "4/6", "5/6", "6/6"]
     plan = script("baselines").plan()[14:20]
     assert shipped_baselines(tmp_path / "x.jsonl") == [line(run) for run in plan]

@@ -36,6 +36,16 @@ def test_the_code_of_a_guide_prints_what_it_says(guide, tmp_path):
     assert done.stdout == "".join(text for language, text in blocks if language == "text")
 
 
+def test_policies_of_ones_own_work_as_the_page_says(tmp_path):
+    """The rest of custom-policies.md needs torch and SB3; a bridge runs all of it."""
+    text = (DOCS / "custom-policies.md").read_text(encoding="utf-8").partition("## A torch module")[0]
+    (tmp_path / "page.md").write_text(text, encoding="utf-8")
+    command = [sys.executable, str(ROOT / "scripts/guide"), "page.md"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "".join(shown for language, shown in BLOCK.findall(text) if language == "text")
+
+
 def test_several_hosts_make_a_dataset_as_the_page_says(tmp_path):
     """The rest of engines.md needs Ray or an object store; bridges run it."""
     text = (DOCS / "engines.md").read_text(encoding="utf-8")
@@ -47,7 +57,7 @@ def test_several_hosts_make_a_dataset_as_the_page_says(tmp_path):
 
 
 def test_the_guides_are_found():
-    assert {"index.md", "experiments.md", "off-policy-evaluation.md", "transfer.md"} <= set(GUIDES)
+    assert {"index.md", "experiments.md", "off-policy-evaluation.md", "splits.md"} <= set(GUIDES)
     assert {"use-with.md", "transfer-example.md"} & set(GUIDES) == set()
 
 

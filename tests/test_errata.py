@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from dataclasses import fields
 from fractions import Fraction
 from functools import cache
@@ -23,7 +22,8 @@ from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.dynamics.miscalibration import SAFE_ZONE
 from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.dynamics.steering import D_H
-from measuring.documents import CLOSE, OPEN
+from measuring.documents import measured as tables_of
+from measuring.documents import write_measured
 
 TEXT = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 FIELDS = [field.name for field in fields(Variant)]
@@ -95,11 +95,6 @@ def test_every_field_has_a_measured_row_of_its_own_kind_of_setpoint(script):
             assert ((name, f"setpoint, from {p}") in measured) == moving
 
 
-def test_the_markers_stand_once_each_and_in_order():
-    assert [TEXT.count(marker) for marker in (OPEN, CLOSE)] == [1, 1]
-    assert TEXT.index(OPEN) < TEXT.index(CLOSE)
-
-
 @pytest.mark.parametrize(
     ("printed", "value"),
     [
@@ -133,7 +128,7 @@ def test_what_is_rendered_is_read_back_to_the_last_digit(script):
     }
     lines = script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
     assert lines == script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
-    read = script.parse("\n".join(lines))
+    read = script.parse(lines)
     for p in script.SETPOINTS:
         for q in ("reward", "fatigue"):
             base, other = measured["siemens", p][q], measured["eta_mean", p][q]
@@ -142,33 +137,13 @@ def test_what_is_rendered_is_read_back_to_the_last_digit(script):
             assert other.minus(base).error == pytest.approx(math.hypot(base.error, other.error))
 
 
-BLOCK = TEXT.split(f"{OPEN}\n")[1].split(f"\n{CLOSE}")[0]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "change", "code", "written"),
-    [
-        (["--check"], False, 0, False),
-        (["--check"], True, 1, False),
-        ([], True, 0, True),
-        (["--chekc"], True, 2, False),
-    ],
-    ids=["check equal", "check other", "write", "unknown option"],
-)
-def test_the_script_checks_without_writing_and_writes_between_the_markers_only(
-    script, monkeypatch, tmp_path, capsys, arguments, change, code, written
-):
-    document = tmp_path / "errata.md"
-    document.write_text(TEXT, encoding="utf-8")
-    block = BLOCK.replace("± 0", "± 1", 1) if change else BLOCK
-    monkeypatch.setattr(script, "DOCUMENT", document)
-    monkeypatch.setattr(script, "everything", lambda: block)
-    monkeypatch.setattr(sys, "argv", ["errata", *arguments])
-    assert script.main() == code
-    assert bool(capsys.readouterr().err) == (code != 0)
-    expected = TEXT.replace(BLOCK, block) if written else TEXT
-    assert document.read_text(encoding="utf-8") == expected
-    assert (block != BLOCK) == change
+def test_the_script_writes_between_the_markers_only(tmp_path):
+    (tmp_path / "page.md").write_text(TEXT, encoding="utf-8")
+    write_measured(tmp_path / "page.md", "other")
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == TEXT.replace(tables_of(TEXT), "other")
+    (tmp_path / "page.md").write_text(TEXT.replace("<!-- /measured -->", ""), encoding="utf-8")
+    with pytest.raises(ValueError, match="measured"):
+        write_measured(tmp_path / "page.md", "other")
 
 
 def measured_again(script, name, p, quantity, drifting, episodes):

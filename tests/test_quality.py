@@ -21,7 +21,7 @@ def script():
 
 
 def test_the_table_is_that_of_the_stored_results(script):
-    assert measured(TEXT).strip() == script.table(STORED)
+    assert measured(TEXT).strip() == script.listed(STORED)
 
 
 def test_every_shipped_set_has_a_row(script):

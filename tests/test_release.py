@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 
-from helpers import ROOT, script
+from helpers import ROOT
 from ruamel.yaml import YAML
 
 import ibdata
 
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_citation_names_this_version_and_the_authors_of_the_package():
@@ -44,19 +43,6 @@ def test_workflows_and_the_hook_before_a_commit_call_scripts_only():
     for line in [*steps, *re.findall(r"entry: (.*)", (ROOT / ".pre-commit-config.yaml").read_text())]:
         assert line.startswith("scripts/")
         assert (ROOT / line.split()[0]).is_file()
-
-
-def test_the_packaged_readme_has_absolute_links_once_the_address_is_known():
-    build = script("build")
-    assert build.source_address(PROJECT) is None  # no address is known; invent none
-    assert build.with_absolute_links(README, None, "1.0") == README
-    named = PROJECT + '\n[project.urls]\nSource = "https://host/ibdata/"\n\n[tool.other]\n'
-    assert build.source_address(named) == "https://host/ibdata"
-    text = build.with_absolute_links(README, "https://host/ibdata", "1.0")
-    assert "](https://host/ibdata/raw/v1.0/docs/picture.png)" in text
-    assert "](https://host/ibdata/blob/v1.0/docs/faq.md)" in text
-    assert "](https://arxiv.org/abs/1709.09480)" in text
-    assert re.findall(r"\]\((?!https://)", text) == []
 
 
 def test_what_the_documents_say_of_installing_is_true_before_it_is_published():

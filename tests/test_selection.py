@@ -6,7 +6,6 @@ import itertools
 import json
 import math
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from training import selecting, selection_page
 from training.selecting import ESTIMATORS, Checkpoint, Estimate, Line, plan
 
 FILE = ROOT / "docs" / "policy-selection.jsonl"
-LINES = selecting.read(FILE)
+LINES = [Line.model_validate_json(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 PAGE = (ROOT / "docs/policy-selection.md").read_text(encoding="utf-8")
 FOUR = np.array([-5.0, -1.0, -2.0, -4.0])
 
@@ -128,36 +127,9 @@ def test_intervals_are_counted_that_contain_the_true_value():
     assert selection_page.covered(lines, "FQE") == "1 of 3"
 
 
-def test_results_are_kept_in_the_order_of_the_plan(selection, tmp_path):
-    some, file = plan()[18:24], tmp_path / "x.jsonl"
-    for one in reversed(some):
-        selection.add(line(one), file)
-    assert selecting.read(file) == [line(one) for one in some]
-    assert [path.name for path in tmp_path.iterdir()] == ["x.jsonl"]
-
-
-def test_the_script_makes_what_is_missing_and_says_so(selection, tmp_path, monkeypatch, capsys):
-    some, trained = plan()[58:63], []
-    monkeypatch.setattr(selection, "plan", lambda: some)
-    monkeypatch.setattr(selection, "train", lambda one, options: trained.append(one))
-    monkeypatch.setattr(selection, "made", lambda one, options: line(one))
-    (tmp_path / "siemens-offline-global-100").mkdir()
-    some[0].file(tmp_path).write_bytes(b"")
-    selection.add(line(some[2], -1.0), tmp_path / "x.jsonl")
-    places = ["--policies", str(tmp_path), "--out", str(tmp_path / "x.jsonl")]
-    monkeypatch.setattr(sys, "argv", ["selection", *places, "--set", "global-100"])
-    selection.main()
-    assert trained == some[1:2]
-    monkeypatch.setattr(sys, "argv", ["selection", *places])
-    selection.main()
-    assert trained == [some[1], *some[3:]]
-    assert selecting.read(tmp_path / "x.jsonl")[2] == line(some[2], -1.0)
-    capsys.readouterr()
-    monkeypatch.setattr(sys, "argv", ["selection", *places, "--list", "--set", "global-100"])
-    selection.main()
-    assert capsys.readouterr().out.splitlines()[1] == (
-        "2/2 siemens-offline/global-100 cql 6000: value -60.0, per decision -60.0, weighted -60.0, "
-        "FQE -60.0, model -60.0, in hundreds"
+def test_a_result_is_said_in_a_line(selection):
+    assert selection.said(line(plan()[0])) == (
+        "value -60.0, per decision -60.0, weighted -60.0, FQE -60.0, model -60.0, in hundreds"
     )
 
 
@@ -181,12 +153,3 @@ def test_every_number_of_the_reading_stands_in_the_tables():
     numbers = re.findall(r"−?\d+\.\d+", reading)
     assert numbers
     assert [number for number in numbers if f" {number}" not in tables_of(PAGE)] == []
-
-
-def test_the_script_writes_the_tables_and_leaves_the_text(selection, tmp_path, monkeypatch):
-    page = tmp_path / "page.md"
-    page.write_text(PAGE.replace("80 of 80", "none of 80") + "Kept.\n", encoding="utf-8")
-    monkeypatch.setattr(selection_page, "PAGE", page)
-    monkeypatch.setattr(sys, "argv", ["selection", "--page"])
-    selection.main()
-    assert page.read_text(encoding="utf-8") == PAGE + "Kept.\n"

@@ -7,88 +7,89 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from ibdata.policies import POLICIES, Deterministic, Policy
-from ibdata.policies.checked import PolicyError
-from ibdata.policies.given import Decision
+from ibdata.errors import PolicyError
+from ibdata.policies import POLICIES, Decision, Deterministic, Needs, Policy
 from ibdata.testing import check_policy
 
 
 class Coin(Policy):
     """Up or down, one as often as the other."""
 
-    uniforms_per_step: ClassVar[int] = 1
+    needs: ClassVar[Needs] = Needs(step_draws=1)
     kind: str = "coin"
 
-    def act(self, history, u):
-        return np.where(u < 0.5, 0.5, -0.5) * np.ones(3)
+    def decide(self, given):
+        u = given.uniforms
+        return Decision(np.where(u < 0.5, 0.5, -0.5) * np.ones(3), given.memory)
 
-    def log_prob(self, history, action):
+    def log_density(self, given, action):
         return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), -np.inf)
 
 
 class Changing(Coin):
-    def act(self, history, u):
-        history[:] = 0.0
-        return super().act(history, u)
+    def decide(self, given):
+        given.observations[:] = 0.0
+        return Decision(super().decide(given).actions, given.memory)
 
 
 class Batch(Coin):
-    def act(self, history, u):
-        return super().act(history, u) - history[:, 0].mean() / 1000.0
+    def decide(self, given):
+        others = given.observations[:, 0].mean() / 1000.0
+        return Decision(super().decide(given).actions - others, given.memory)
 
 
 class Counting(Coin):
     calls: ClassVar[list[int]] = []
 
-    def act(self, history, u):
+    def decide(self, given):
         self.calls.append(0)
-        return np.full((len(history), 3), len(self.calls) / 10000.0)
+        return Decision(np.full((len(given.step), 3), len(self.calls) / 10000.0), given.memory)
 
 
 class Reusing(Coin):
     made: ClassVar[dict[int, np.ndarray]] = {}
 
-    def act(self, history, u):
-        out = self.made.setdefault(len(history), np.empty((len(history), 3)))
-        out[:] = super().act(history, u)
-        return out
+    def decide(self, given):
+        n = len(given.step)
+        out = self.made.setdefault(n, np.empty((n, 3)))
+        out[:] = super().decide(given).actions
+        return Decision(out, given.memory)
 
 
 class Infinite(Coin):
-    def log_prob(self, history, action):
+    def log_density(self, given, action):
         return np.full(len(action), -np.inf)
 
 
 class Peak(Coin):
-    def log_prob(self, history, action):
+    def log_density(self, given, action):
         return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), np.inf)
 
 
 class Single(Coin):
-    def log_prob(self, history, action):
-        return super().log_prob(history, action).astype(np.float32)
+    def log_density(self, given, action):
+        return super().log_density(given, action).astype(np.float32)
 
 
 class Unlikely(Coin):
-    def log_prob(self, history, action):
-        return super().log_prob(history, action) - 0.2
+    def log_density(self, given, action):
+        return super().log_density(given, action) - 0.2
 
 
 class Wide(Coin):
-    def act(self, history, u):
-        return np.zeros((len(history), 4))
+    def decide(self, given):
+        return Decision(np.zeros((len(given.step), 4)), given.memory)
 
 
 class Broken(Coin):
-    def act(self, history, u):
-        return np.full((len(history), 3), np.nan)
+    def decide(self, given):
+        return Decision(np.full((len(given.step), 3), np.nan), given.memory)
 
 
 class Stubborn(Policy):
     """Keeps the side of the first coin of an episode, in its memory."""
 
-    memory_size: ClassVar[int] = 1
-    uniforms_per_step: ClassVar[int] = 1
+    needs: ClassVar[Needs] = Needs(step_draws=1, memory=1)
     kind: str = "stubborn"
 
     def decide(self, given):
@@ -152,13 +153,15 @@ def test_an_object_that_predicts_passes_with_the_history_it_asks_for():
             return observations[:, 6:9] / 100.0, None
 
     check_policy(Learned(), history=2)
-    with pytest.raises(PolicyError, match=r"given \(256, 6\), history=1; it returned \(256, 0\)"):
+    with pytest.raises(
+        PolicyError, match=r"found actions of shape \(32, 0\), .* given observations \(32, 1, 6\)"
+    ):
         check_policy(Learned())
 
 
 @pytest.mark.parametrize(
     "around",
-    [{"kind": "gaussian", "scale": 0.1}, {"kind": "epsilon_greedy", "epsilon": 1.0, "per_dimension": True}],
+    [{"kind": "gaussian", "scale": 0.1}, {"kind": "epsilon_greedy", "epsilon": 1.0}],
     ids=lambda block: block["kind"],
 )
 def test_noise_around_a_policy_of_ones_own_passes(tmp_path, monkeypatch, around):
@@ -175,8 +178,8 @@ def test_a_policy_without_a_density_passes():
     class Still(Policy):
         kind: str = "still"
 
-        def act(self, history, u):
-            return np.zeros((len(history), 3))
+        def decide(self, given):
+            return Decision(np.zeros((len(given.step), 3)), given.memory)
 
     class Sure(Still, Deterministic):
         kind: str = "sure"
@@ -188,16 +191,12 @@ def test_a_policy_without_a_density_passes():
 @pytest.mark.parametrize(
     ("policy", "message"),
     [
-        (Changing, "act changed the history"),
-        (Batch, "in a batch, .* alone, at row 0"),
-        (Counting, "other actions for the same inputs"),
-        (Reusing, "changed the array that an earlier one returned"),
+        (Changing, "decide changed the observations"),
+        (Reusing, "changed an array that an earlier one returned"),
         (Infinite, "finite at the policy's own actions"),
-        (Peak, r"log_prob is \[inf\] at"),
+        (Peak, r"log_density is \[inf\] at"),
         (Single, "must return float64"),
-        (Remembering, "decide gave other actions for the same inputs"),
         (Overwriting, "decide changed the memory that it was given"),
-        (Shared, "another memory in a batch than alone, at row 0"),
         (Peeking, "depends on the random numbers of its own step"),
         (Surprised, "the probability 0.5000, but its share of 2000 draws was 1.0000"),
         (Unlikely, "the probability 0.4094, but its share of 2000 draws was 0.[45]"),
@@ -208,7 +207,17 @@ def test_what_is_wrong_is_said(policy, message):
         check_policy(policy())
 
 
-@pytest.mark.parametrize(("policy", "message"), [(Wide, "expected"), (Broken, "expected finite numbers")])
-def test_an_invalid_answer_is_a_policy_error(policy, message):
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (Wide, "expected"),
+        (Broken, "expected finite numbers"),
+        (Batch, "for the same episodes in another order"),
+        (Counting, "when the same was asked again"),
+        (Remembering, "for the same episodes in another order"),
+        (Shared, "for the same episodes without half of them"),
+    ],
+)
+def test_an_invalid_answer_and_one_that_depends_on_more_is_a_policy_error(policy, message):
     with pytest.raises(PolicyError, match=message):
         check_policy(policy())

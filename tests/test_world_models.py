@@ -22,7 +22,7 @@ def script():
 
 def test_the_tables_are_those_of_the_stored_results(script):
     text = (ROOT / "docs/world-models.md").read_text(encoding="utf-8")
-    assert measured(text).strip() == script.table(STORED)
+    assert measured(text).strip() == script.listed(STORED)
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,10 @@ from typing import TextIO
 
 import click
 
-from ibdata.cli._shared import MAX_LINES, Suggesting, print_json, say
+from ibdata.cli._printing import print_json, say, shortened
+from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
+from ibdata.system import processes
 from ibdata.version import __version__
 
 INTERRUPTED = 130
@@ -38,16 +40,16 @@ class Stopped(Exception):
 
 
 class Commands(Suggesting):
-    """Every module of this folder whose name does not begin with _ holds a `command`; warm_up is warm-up."""
+    """Every module of this folder whose name does not begin with _ holds a `command`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         names = (module.name for module in pkgutil.iter_modules(__path__))
-        return sorted(name.replace("_", "-") for name in names if not name.startswith("_"))
+        return sorted(name for name in names if not name.startswith("_"))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.list_commands(ctx):
             return None
-        command: click.Command = import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
+        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
         return command
 
     def invoke(self, ctx: click.Context) -> None:
@@ -58,7 +60,7 @@ class Commands(Suggesting):
 
     def summary(self, ctx: click.Context, name: str) -> str:
         """The first sentence of a command's help, read without importing its module."""
-        code = ast.parse(Path(__path__[0], f"{name.replace('-', '_')}.py").read_bytes())
+        code = ast.parse(Path(__path__[0], f"{name}.py").read_bytes())
         (found,) = (
             node for node in code.body if isinstance(node, ast.FunctionDef) and node.name == "command"
         )
@@ -80,7 +82,7 @@ def cli() -> None:
     \b
     ibdata generate random.yaml   the paper's random batch in data/random
     ibdata info data/random       a summary of that dataset
-    ibdata configs                the experiments that come with ibdata
+    ibdata config list            the experiments that come with ibdata
     """
 
 
@@ -90,6 +92,8 @@ def main(args: Sequence[str] | None = None) -> None:
     Where `args` is None the process has no other purpose, and ends at once: Python would take 0.4 s to clear
     its memory.
     """
+    if args is None:
+        processes.purpose = "command"
     given = list(sys.argv[1:] if args is None else args)
     debug, as_json = "--debug" in given, "--json" in given
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
@@ -176,11 +180,9 @@ def _instead(error: click.ClickException) -> str | None:
 
 def _lines(error: Exception) -> list[str]:
     if isinstance(error, ConfigError):
-        lines = error.with_options.split("\n")
-        more = len(lines) - MAX_LINES
-        return [*lines[:MAX_LINES], *([f"and {more} more"] if more > 0 else [])]
+        return shortened(str(error).split("\n"))
     if isinstance(error, IbdataError):
-        return [printable(error.with_options)]
+        return [printable(str(error))]
     if isinstance(error, OSError) and error.strerror:
         unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]
@@ -209,4 +211,4 @@ def _tell(lines: list[str], code: int, as_json: bool, context: click.Context | N
             "file": place["file"] if place else None,
             "line": int(place["line"]) if place else None,
         }
-        print_json({"error": error})
+        print_json({"version": 1, "error": error})

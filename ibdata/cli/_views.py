@@ -1,4 +1,4 @@
-"""The options of a view on the command line."""
+"""The options of a view, and options that are YAML."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ from typing import Any
 
 import click
 
-OPTIONS = [
+reward_option = click.option(
+    "--reward",
+    metavar="REWARD",
+    default="classic",
+    help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
+)
+VIEW_OPTIONS = [
     click.option(
         "--observe",
         metavar="COLUMNS",
@@ -16,12 +22,7 @@ OPTIONS = [
         "such as obs_gain,latent_mu_v.",
     ),
     click.option("--actions", is_flag=True, help="Observe the action of the step before too."),
-    click.option(
-        "--reward",
-        metavar="REWARD",
-        default="classic",
-        help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
-    ),
+    reward_option,
     click.option(
         "--imperfections",
         metavar="YAML",
@@ -33,12 +34,12 @@ OPTIONS = [
 
 def view_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a view to a command."""
-    for option in reversed(OPTIONS):
+    for option in reversed(VIEW_OPTIONS):
         command = option(command)
     return command
 
 
-def as_keywords(observe: str, actions: bool, reward: str, imperfections: str | None) -> dict[str, Any]:
+def view_keywords(observe: str, actions: bool, reward: str, imperfections: str | None) -> dict[str, Any]:
     """The options of a view as Python takes them. Raises UsageError for text that is not YAML."""
     names = [name.strip() for name in observe.split(",")]
     return {

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, say
+from ibdata.cli._options import folder_argument
+from ibdata.cli._printing import Printed, lines, prints_result
 
 
 @click.command("card")
 @folder_argument
-@json_option
-def command(folder: Path, as_json: bool) -> None:
+@prints_result
+def command(folder: Path) -> Printed:
     """Write a dataset's card (README.md) and its report (report.html).
 
     The report shows pictures, returns, statistics, experiment and provenance in one file, which needs no
@@ -24,8 +25,5 @@ def command(folder: Path, as_json: bool) -> None:
     from ibdata.maintenance.card import card
 
     written = card(folder)
-    if as_json:
-        print_json({"path": str(folder), "files": [path.name for path in written]})
-        return
-    for path in written:
-        say(path)
+    files = [path.name for path in written]
+    return Printed({"path": str(folder), "files": files}, lines(written))

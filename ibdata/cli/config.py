@@ -1,37 +1,76 @@
-"""ibdata config validate, show and schema."""
+"""ibdata config list, policies, validate, show and schema."""
 
 from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
 
 import click
 
 from ibdata.cli._completion import configs
-from ibdata.cli._generating import say_yaml
-from ibdata.cli._shared import Suggesting, json_option, print_json, say, say_json, seed_option, set_option
+from ibdata.cli._options import seed_option, set_option
+from ibdata.cli._printing import Printed, print_json, prints_result, table
+from ibdata.cli._suggesting import Suggesting
+from ibdata.errors import printable
 from ibdata.numerics.naming import counted
+
+config_argument = click.argument("config", metavar="CONFIG", shell_complete=configs)
 
 
 @click.group("config", cls=Suggesting)
 def command() -> None:
-    """Check an experiment, show it in full, or print the JSON Schema.
+    """List what experiments and policies there are, or check and show an experiment.
 
     CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment.
 
     \b
+    ibdata config list
     ibdata config validate my.yaml
     ibdata config show random --set episodes=100
     ibdata config schema > schema.json
     """
 
 
-config_argument = click.argument("config", metavar="CONFIG", shell_complete=configs)
+@command.command("list")
+@prints_result
+def list_() -> Printed:
+    """List the experiments that come with ibdata, with their rows and a description.
+
+    A name that ends with / is that of a folder of experiments.
+    """
+    from ibdata.experiment.catalogue import catalogue
+
+    found = catalogue()
+    text = table(("config", "rows", ""), [(each.name, each.rows, each.description) for each in found])
+    return Printed({"configs": [each._asdict() for each in found]}, text)
+
+
+@command.command("policies")
+@prints_result
+def policies() -> Printed:
+    """List the policies and their options."""
+    from ibdata.policies import described
+
+    found = described()
+    lines = []
+    for policy in found:
+        lines.append(f"{policy['kind']}: {policy['summary']}")
+        for option in policy["options"]:
+            lines.append(f"    {option['name']} ({_default(option)}): {option['description']}")
+    return Printed({"policies": found}, "\n".join(lines))
+
+
+def _default(option: Mapping[str, Any]) -> str:
+    return "required" if option["required"] else f"default {json.dumps(option['default'])}"
 
 
 @command.command("validate")
 @config_argument
 @set_option
 @seed_option
-@json_option
-def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
+@prints_result
+def validate(config: str, overrides: tuple[str, ...], seed: int | None) -> Printed:
     """Check an experiment, or all in a folder.
 
     Prints all errors at once; the exit code is 2 if there are any.
@@ -39,26 +78,24 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None, as_json:
     from ibdata.experiment import find, load_all
 
     rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
-    if as_json:
-        print_json({"config": str(find(config)), "valid": True, "rows": rows})
-        return
-    say(f"{find(config)}: valid, {counted(rows, 'row')}")
+    found = str(find(config))
+    return Printed({"config": found, "valid": True, "rows": rows}, f"{found}: valid, {counted(rows, 'row')}")
 
 
 @command.command("show")
 @config_argument
 @set_option
 @seed_option
-@json_option
-def show(config: str, overrides: tuple[str, ...], seed: int | None, as_json: bool) -> None:
+@prints_result
+def show(config: str, overrides: tuple[str, ...], seed: int | None) -> Printed:
     """Print an experiment in full, with overrides and defaults."""
-    from ibdata.experiment import load
+    from ibdata.experiment import as_yaml, load
 
     experiment = load(config, overrides, seed)
-    if as_json:
-        print_json({"experiment": experiment.in_full()})
-        return
-    say_yaml(experiment)
+    text = as_yaml(experiment).decode()
+    if any(printable(line) != line for line in text.splitlines()):
+        text = as_yaml(experiment, ascii=True).decode()
+    return Printed({"experiment": experiment.plain()}, text)
 
 
 @command.command("schema")
@@ -66,4 +103,4 @@ def schema() -> None:
     """Print the JSON Schema of experiments, for editors."""
     from ibdata.experiment import Experiment
 
-    say_json(Experiment.model_json_schema(), indent=1)
+    print_json(Experiment.model_json_schema(), indent=1)

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import LocalPath, json_option, print_json, say
+from ibdata.cli._options import LOCAL
+from ibdata.cli._printing import Printed, lines, prints_result
 
 
 @click.command("diff")
-@click.argument("first", metavar="A", type=LocalPath())
-@click.argument("second", metavar="B", type=LocalPath())
-@json_option
-def command(first: Path, second: Path, as_json: bool) -> None:
+@click.argument("first", metavar="A", type=LOCAL)
+@click.argument("second", metavar="B", type=LOCAL)
+@prints_result
+def command(first: Path, second: Path) -> Printed:
     """Print how two datasets differ.
 
     Compares experiments, columns and counts, and finds the first episode, step and column that differ. The
@@ -31,11 +32,6 @@ def command(first: Path, second: Path, as_json: bool) -> None:
         datasets = Dataset(first), Dataset(second)
     except NoDatasetError as error:
         raise UsageError(str(error)) from None
-    lines = difference(*datasets)
-    if as_json:
-        print_json({"same": not lines, "differences": lines})
-    else:
-        for line in lines or ["the same content"]:
-            say(line)
-    if lines:
-        raise SystemExit(3)
+    found = difference(*datasets)
+    text = lines(found or ["the same content"])
+    return Printed({"same": not found, "differences": found}, text, exit_code=3 if found else 0)

@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from ibdata.cli._completion import splits
-from ibdata.cli._shared import (
+from ibdata.cli._options import (
+    LOCAL,
     Listing,
-    LocalPath,
     folder_argument,
-    json_option,
-    print_json,
-    print_pairs,
-    quiet_option,
-    say,
-    say_all,
+    progress_option,
+    split_option,
     summaries,
 )
-from ibdata.cli._views import as_keywords, view_options
+from ibdata.cli._printing import Printed, pairs, prints_result, within
+from ibdata.cli._views import view_keywords, view_options
 from ibdata.exporters import FORMATS, added_formats
 from ibdata.numerics.naming import counted
-
-
-def _left_out(rows: int) -> str:
-    why = "the last of each episode; generate with output: {latent: next} to keep them"
-    return f"{counted(rows, 'row')}, {why}"
 
 
 def _formats() -> list[tuple[str, str]]:
@@ -42,14 +34,8 @@ def _formats() -> list[tuple[str, str]]:
     type=click.Choice([*FORMATS, *sorted(added_formats().names)]),
     help="The format; see below.",
 )
-@click.option(
-    "--out",
-    required=True,
-    type=LocalPath(),
-    metavar="PATH",
-    help="The file or folder to write.",
-)
-@click.option("--split", metavar="NAME", shell_complete=splits, help="Export only this split.")
+@click.option("--out", required=True, type=LOCAL, metavar="PATH", help="The file or folder to write.")
+@split_option
 @click.option(
     "--history",
     type=int,
@@ -60,24 +46,18 @@ def _formats() -> list[tuple[str, str]]:
 @view_options
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
-@quiet_option
-@json_option
+@progress_option
+@prints_result
 def command(
     folder: Path,
     to: str,
     out: Path,
-    split: str | None,
-    history: int | None,
-    reward_scale: float,
     observe: str,
     actions: bool,
     reward: str,
     imperfections: str | None,
-    id: str | None,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+    **options: Any,
+) -> Printed:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
     Every transition is kept, including the last of each episode with its next observation. (Only if --observe
@@ -91,28 +71,13 @@ def command(
     """
     from ibdata.exporters import export
 
-    made = export(
-        folder,
-        to,
-        out,
-        split=split,
-        history=history,
-        reward_scale=reward_scale,
-        id=id,
-        overwrite=overwrite,
-        progress=False if quiet else None,
-        **as_keywords(observe, actions, reward, imperfections),
-    )
-    if as_json:
-        print_json(made._asdict())
-        return
-    print_pairs(
-        [
-            ("export", made.path),
-            ("rows", f"{made.rows:,} in {counted(made.episodes, 'episode')}"),
-            ("format", made.format),
-            *([("left out", _left_out(made.left_out))] if made.left_out else []),
-        ]
-    )
-    say()
-    say_all(made.snippet)
+    exported = export(folder, to, out, **options, **view_keywords(observe, actions, reward, imperfections))
+    lines: list[tuple[str, object]] = [
+        ("export", exported.path),
+        ("rows", within(exported.rows, exported.episodes)),
+        ("format", exported.format),
+    ]
+    if exported.left_out:
+        why = "the last of each episode; generate with output: {latent: next} to keep them"
+        lines.append(("left out", f"{counted(exported.left_out, 'row')}, {why}"))
+    return Printed(exported._asdict(), f"{pairs(lines)}\n\n{exported.snippet}")

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import folder_argument, json_option, print_json, say
-from ibdata.numerics.naming import counted
+from ibdata.cli._made import made
+from ibdata.cli._options import folder_argument
+from ibdata.cli._printing import Printed, prints_result
 
 
 @click.command("finalize")
 @folder_argument
-@json_option
-def command(folder: Path, as_json: bool) -> None:
+@prints_result
+def command(folder: Path) -> Printed:
     """Complete a dataset whose parts were made by `ibdata generate --shards`.
 
     Every shard is checked first. If some are missing, the error names them and the command that makes them.
@@ -25,10 +26,4 @@ def command(folder: Path, as_json: bool) -> None:
     """
     from ibdata.generation.array_job import finalize
 
-    dataset = finalize(folder)
-    counts = dataset.info["counts"]
-    if as_json:
-        print_json({"out": str(folder), **counts, "content_root": dataset.content_root})
-        return
-    say(f"{folder}: {counted(counts['rows'], 'row')} in {counted(counts['shards'], 'file')}")
-    say(f"content root {dataset.content_root}")
+    return made(finalize(folder))

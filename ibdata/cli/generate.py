@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ibdata.cli._completion import configs
-from ibdata.cli._generating import (
-    estimate_one,
-    estimate_suite,
-    generate_one,
-    generate_part,
-    generate_suite,
-    refuse_with_part,
-)
-from ibdata.cli._shared import (
+from ibdata.cli._made import described, made
+from ibdata.cli._options import (
     Place,
     allow_code_option,
-    json_option,
-    quiet_option,
+    progress_option,
     seed_option,
     set_option,
+    workers_option,
 )
+from ibdata.cli._printing import Printed, pairs, prints_result, size
+from ibdata.errors import UsageError
+from ibdata.numerics.naming import counted
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+    from ibdata.generation.array_job import PartMade
 
 
 @click.command("generate")
@@ -37,12 +39,12 @@ from ibdata.cli._shared import (
 )
 @click.option(
     "--out",
-    type=Place(path_type=Path),
+    type=Place(),
     metavar="DIR|URL",
     help="The folder to make, or a URL such as s3://bucket/name; default data/<name>. The datasets of a "
-    "folder of experiments go to DIR/<name>.",
+    "folder of experiments go to DIR/<file>.",
 )
-@click.option("--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work.")
+@workers_option
 @click.option(
     "--engine",
     type=click.Choice(["local", "ray"]),
@@ -71,28 +73,20 @@ from ibdata.cli._shared import (
 )
 @click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
 @allow_code_option
-@quiet_option
-@json_option
+@progress_option
+@prints_result
 def command(
     config: str | None,
     config_option: str | None,
     out: Path | str | None,
-    workers: int | None,
-    engine: str,
-    address: str | None,
-    seed: int | None,
-    overrides: tuple[str, ...],
-    shards: str | None,
-    resume: bool,
-    overwrite: bool,
     dry_run: bool,
-    allow_code: bool,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+    shards: str | None,
+    **options: Any,
+) -> Printed:
     """Generate the dataset of an experiment, or of each experiment in a folder.
 
-    CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment: see ibdata configs.
+    CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment, as `ibdata config
+    list` shows them.
 
     \b
     ibdata generate random.yaml
@@ -100,32 +94,24 @@ def command(
     ibdata generate siemens-offline --dry-run
     ibdata generate random.yaml --shards $SLURM_ARRAY_TASK_ID/3
     """
-    from ibdata.experiment import find
-    from ibdata.experiment.shipped import is_suite
-
     config = _only_one(config, config_option)
-    changes: dict[str, Any] = {"overrides": overrides, "seed": seed}
-    common: dict[str, Any] = {"workers": workers, "allow_code": allow_code}
-    running: dict[str, Any] = {"progress": False if quiet else None, "engine": engine, "address": address}
-    whole: dict[str, Any] = {"resume": resume, "overwrite": overwrite}
-    suite = is_suite(find(config))
-    if shards is not None:
-        refuse_with_part(suite, overwrite, dry_run)
-        generate_part(config, shards, out, as_json, **changes, **common, **running)
-    elif suite and dry_run:
-        estimate_suite(config, out, as_json, **changes, **common, **whole)
-    elif suite:
-        generate_suite(config, out, as_json, **changes, **common, **running, **whole)
-    else:
-        from ibdata.experiment import load
-        from ibdata.generation.generate import default_folder
+    if dry_run:
+        return _dry_run(config, out, shards, options)
+    from ibdata.generation.generate import generate
 
-        experiment = load(config, **changes)
-        folder = out or default_folder(experiment)
-        if dry_run:
-            estimate_one(experiment, folder, as_json, **common, **whole)
-        else:
-            generate_one(experiment, folder, as_json, **common, **running, **whole)
+    start = time.perf_counter()
+    found = generate(config, out, shards=shards, **options)
+    seconds = time.perf_counter() - start
+    return _datasets(found, seconds) if shards is None else _part(found, shards)
+
+
+def _dry_run(config: str, out: Path | str | None, shards: str | None, options: dict[str, Any]) -> Printed:
+    from ibdata.generation.estimate import estimate
+
+    if shards is not None:
+        raise UsageError("--shards: found --dry-run too, but these cannot be combined")
+    of_run = ("engine", "address", "progress")
+    return _estimate(estimate(config, out, **{k: v for k, v in options.items() if k not in of_run}))
 
 
 def _only_one(argument: str | None, option: str | None) -> str:
@@ -134,5 +120,57 @@ def _only_one(argument: str | None, option: str | None) -> str:
         raise click.UsageError(f"found CONFIG {argument!r} and --config {option!r}, expected one of them")
     config = option if argument is None else argument
     if config is None:
-        raise click.UsageError("Missing argument 'CONFIG'; ibdata configs lists the shipped experiments.")
+        raise click.UsageError("Missing argument 'CONFIG'; ibdata config list lists the shipped experiments.")
     return config
+
+
+def _datasets(found: Dataset | Mapping[str, Dataset], seconds: float) -> Printed:
+    if not isinstance(found, Mapping):
+        return made(found, seconds)
+    datasets = list(found.values())
+    rows = sum(map(len, datasets))
+    folder = str(datasets[0].path.parent)
+    lines = [f"{d.place}: {counted(len(d), 'row')}, content root {d.content_root}" for d in datasets]
+    total = [
+        ("datasets", f"{len(datasets)} in {folder}"),
+        ("rows", f"{rows:,}"),
+        ("bytes", size(sum(d.manifest_model.data_bytes for d in datasets))),
+        ("time", f"{seconds:.1f} s"),
+    ]
+    listed = [{"name": name, **described(dataset)} for name, dataset in found.items()]
+    plain = {"out": folder, "datasets": listed, "rows": rows, "seconds": seconds}
+    return Printed(plain, "\n".join([*lines, "", pairs(total)]))
+
+
+def _part(part: PartMade, shards: str) -> Printed:
+    plain = {**part._asdict(), "out": str(part.folder), "range": shards}
+    del plain["folder"]
+    left = "all shards are complete"
+    if part.missing:
+        left = f"shards that are still missing: {part.missing:,}; when all are complete"
+    text = (
+        f"{part.folder}: part {shards} is complete: {counted(part.shards, 'shard')} with "
+        f"{counted(part.rows, 'row')}\n{left}, run ibdata finalize {part.folder}"
+    )
+    return Printed(plain, text)
+
+
+def _estimate(found: Mapping[str, Any]) -> Printed:
+    """What `generate` would make, and what it would do with what is at its place."""
+    lines = []
+    for run in found.get("experiments", []):
+        lines.append(
+            f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
+        )
+        if run["folder"]:
+            lines.append(f"    {run['folder']}")
+    workers = counted(found["workers"], "worker")
+    total = [
+        ("out", f"{found['out']} (nothing is written)"),
+        *((name, f"{found[name]:,}") for name in ("episodes", "rows", "shards")),
+        ("bytes", f"{found['bytes']:,} ({size(found['bytes'])}, estimated from a sample)"),
+        ("seconds", f"{found['seconds']:,.1f} with {workers} (estimated from a sample)"),
+    ]
+    if found.get("folder"):
+        total.append(("folder", found["folder"]))
+    return Printed(found, "\n".join([*lines, *([""] if lines else []), pairs(total)]))

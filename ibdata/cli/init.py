@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import LocalPath, json_option, print_json, say
+from ibdata.cli._options import LOCAL
+from ibdata.cli._printing import Printed, prints_result
 
 
 @click.command("init")
-@click.argument("file", metavar="[FILE]", default="experiment.yaml", type=LocalPath())
-@json_option
-def command(file: Path, as_json: bool) -> None:
+@click.argument("file", metavar="[FILE]", default="experiment.yaml", type=LOCAL)
+@prints_result
+def command(file: Path) -> Printed:
     """Write an example experiment with comments, for you to edit.
 
     FILE is experiment.yaml by default; an existing file is not changed.
@@ -24,7 +25,4 @@ def command(file: Path, as_json: bool) -> None:
     from ibdata.experiment.template import write_template
 
     write_template(file)
-    if as_json:
-        print_json({"file": str(file)})
-        return
-    say(f"{file}: edit it, then run ibdata generate {file} --dry-run")
+    return Printed({"file": str(file)}, f"{file}: edit it, then run ibdata generate {file} --dry-run")

@@ -6,16 +6,8 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import (
-    Listing,
-    LocalPath,
-    folder_argument,
-    json_option,
-    print_json,
-    quiet_option,
-    say,
-    summaries,
-)
+from ibdata.cli._options import LOCAL, Listing, folder_argument, progress_option, summaries
+from ibdata.cli._printing import Printed, lines, prints_result
 from ibdata.plots import FORMS, plot, plots
 
 
@@ -24,27 +16,20 @@ from ibdata.plots import FORMS, plot, plots
 )
 @folder_argument
 @click.option(
-    "--out",
-    type=LocalPath(),
-    metavar="FOLDER",
-    help="The folder for the files; default figures/<name of DIR>.",
+    "--out", type=LOCAL, metavar="FOLDER", help="The folder for the files; default figures/<name of DIR>."
 )
 @click.option(
     "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
 )
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
-@quiet_option
-@json_option
-def command(folder: Path, out: Path | None, form: str, overwrite: bool, quiet: bool, as_json: bool) -> None:
+@progress_option
+@prints_result
+def command(folder: Path, out: Path | None, form: str, overwrite: bool, progress: bool | None) -> Printed:
     """Draw all pictures of a dataset and print the names of the files.
 
     \b
     ibdata plot data/random
     ibdata plot data/transfer --out pictures --format svg
     """
-    paths = plot(folder, out, form, overwrite, progress=False if quiet else None)
-    if as_json:
-        print_json({"files": [str(path) for path in paths]})
-        return
-    for path in paths:
-        say(path)
+    files = list(map(str, plot(folder, out, form, overwrite, progress)))
+    return Printed({"files": files}, lines(files))

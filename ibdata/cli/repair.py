@@ -6,16 +6,17 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import allow_code_option, folder_argument, json_option, print_json, say
+from ibdata.cli._options import allow_code_option, folder_argument, workers_option
+from ibdata.cli._printing import Printed, prints_result
 from ibdata.numerics.naming import counted
 
 
 @click.command("repair")
 @folder_argument
-@click.option("--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work.")
+@workers_option
 @allow_code_option
-@json_option
-def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) -> None:
+@prints_result
+def command(folder: Path, workers: int | None, allow_code: bool) -> Printed:
     """Make damaged or missing files of a dataset again.
 
     No other file is touched. A file is replaced only by one with the content that the manifest lists.
@@ -29,10 +30,8 @@ def command(folder: Path, workers: int | None, allow_code: bool, as_json: bool) 
 
     repaired = repair(folder, workers, allow_code)
     root = Dataset(folder).content_root
-    if as_json:
-        print_json({"path": str(folder), "repaired": repaired, "content_root": root})
-        return
-    for path in repaired:
-        removed = path == manifest.REPORT
-        say(f"removed {path}; ibdata card {folder} makes it again" if removed else f"repaired {path}")
-    say(f"{folder}: {counted(len(repaired), 'file')} repaired, content root {root}")
+    lines = [f"repaired {path}" for path in repaired if path != manifest.REPORT]
+    if manifest.REPORT in repaired:
+        lines.append(f"removed {manifest.REPORT}; ibdata card {folder} makes it again")
+    lines.append(f"{folder}: {counted(len(repaired), 'file')} repaired, content root {root}")
+    return Printed({"path": str(folder), "repaired": repaired, "content_root": root}, "\n".join(lines))

@@ -6,14 +6,8 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._shared import (
-    allow_code_option,
-    folder_argument,
-    json_option,
-    print_json,
-    problems_json,
-    report_problems,
-)
+from ibdata.cli._options import allow_code_option, folder_argument
+from ibdata.cli._printing import Printed, prints_result, problems_found
 from ibdata.numerics.naming import counted
 
 
@@ -23,8 +17,8 @@ from ibdata.numerics.naming import counted
     "--episodes", metavar="N|A-B", help="Compare N evenly spread episodes, or episodes A to B; default: all."
 )
 @allow_code_option
-@json_option
-def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool) -> None:
+@prints_result
+def command(folder: Path, episodes: str | None, allow_code: bool) -> Printed:
     """Generate a dataset again in memory and compare it with the stored one.
 
     Prints the episodes that differ; the exit code is 3 if there are any. Nothing is written.
@@ -36,9 +30,5 @@ def command(folder: Path, episodes: str | None, allow_code: bool, as_json: bool)
     from ibdata.maintenance.reproduce import reproduce
 
     count, problems = reproduce(folder, episodes, allow_code)
-    if as_json:
-        same = not problems
-        print_json(
-            {"path": str(folder), "episodes": count, "same": same, "problems": problems_json(problems)}
-        )
-    report_problems(problems, f"{folder}: {counted(count, 'episode')} made again, all the same", as_json)
+    plain = {"path": str(folder), "episodes": count, "same": not problems}
+    return problems_found(problems, plain, f"{folder}: {counted(count, 'episode')} made again, all the same")

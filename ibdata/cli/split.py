@@ -8,40 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._completion import splits
-from ibdata.cli._shared import LocalPath, folder_argument, json_option, print_json, say, within
+from ibdata.cli._options import LOCAL, folder_argument, splits
+from ibdata.cli._printing import Printed, prints_result, within
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
 
 
-class Fractions(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer clicks
-    """Numbers separated by commas."""
-
-    name = "fractions"
-
-    def convert(
-        self, value: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        try:
-            return tuple(float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"found {value!r}, expected numbers such as 0.8,0.1,0.1", param, ctx)
+def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    try:
+        return tuple(float(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"found {value!r}, expected numbers such as 0.8,0.1,0.1") from None
 
 
-class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer clicks
-    """Two names with = between them."""
-
-    name = "renaming"
-
-    def convert(
-        self, value: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
-        made, _, name = value.partition("=")
+def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    pairs = [value.partition("=")[::2] for value in values]
+    for value, (made, name) in zip(values, pairs, strict=True):
         if not (made and name):
-            self.fail(f"found {value!r}, expected two names such as source=at-50", param, ctx)
-        return made, name
+            raise click.BadParameter(f"found {value!r}, expected two names such as source=at-50")
+    return dict(pairs)
 
 
 @click.command("split")
@@ -68,7 +57,7 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gene
 )
 @click.option(
     "--fractions",
-    type=Fractions(),
+    callback=_fractions,
     metavar="F,F,…",
     help="By episode: the shares of train, validation and test, or of train and test; default 0.8,0.1,0.1.",
 )
@@ -76,7 +65,7 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gene
 @click.option(
     "--name",
     "names",
-    type=Renaming(),
+    callback=_names,
     multiple=True,
     metavar="SPLIT=NAME",
     help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
@@ -91,14 +80,12 @@ class Renaming(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gene
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",
-    type=LocalPath(),
+    type=LOCAL,
     metavar="OUT",
     help="Write a copy to OUT in which each split has its own files.",
 )
-@json_option
-def command(
-    folder: Path, names: tuple[tuple[str, str], ...], as_list: bool, as_json: bool, **options: Any
-) -> None:
+@prints_result
+def command(folder: Path, as_list: bool, **options: Any) -> Printed:
     """Split a dataset: label its episodes, or write a copy in which every split has its own files.
 
     \b
@@ -112,20 +99,15 @@ def command(
     from ibdata.dataset.reader import Dataset
 
     if as_list:
-        _refuse_with_list({**options, "name": names})
-        _print(Dataset(folder), as_json, {})
-        return
+        for option, value in options.items():
+            if value not in (None, (), {}):
+                raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
+        return _splits(Dataset(folder), {})
     from ibdata.maintenance.split import split
 
     before = Dataset(folder).split_entries
-    after = split(folder, names=dict(names), **options)
-    _print(after, as_json, {} if options["materialize"] else _taken_away(before, after.split_entries))
-
-
-def _refuse_with_list(options: Mapping[str, Any]) -> None:
-    for option, value in options.items():
-        if value not in (None, ()):
-            raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
+    after = split(folder, **options)
+    return _splits(after, {} if options["materialize"] else _taken_away(before, after.split_entries))
 
 
 def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, list[str]]:
@@ -137,21 +119,21 @@ def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str
     return {key: names for key, names in found.items() if names}
 
 
-def _print(dataset: Dataset, as_json: bool, taken_away: Mapping[str, list[str]]) -> None:
+def _splits(dataset: Dataset, taken_away: Mapping[str, list[str]]) -> Printed:
     splits = dataset.splits
-    if as_json:
-        root = dataset.content_root
-        print_json(
-            {"path": str(dataset.path), "splits": splits, "content_root": root, "taken_away": taken_away}
-        )
-        return
-    for name in taken_away.get("removed", []):
-        say(f"removed the split {name}")
+    lines = [f"removed the split {name}" for name in taken_away.get("removed", [])]
     for name in taken_away.get("replaced", []):
-        say(f"replaced the split {name}; --prefix or --name keeps both")
+        lines.append(f"replaced the split {name}; --prefix or --name keeps both")
     width = max(map(len, splits), default=0)
     for name, made in splits.items():
         kind = "whole files" if made["declared"] else "labels"
-        say(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
+        lines.append(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
     if not splits:
-        say(f"{dataset.path}: no splits")
+        lines.append(f"{dataset.path}: no splits")
+    plain = {
+        "path": str(dataset.path),
+        "splits": splits,
+        "content_root": dataset.content_root,
+        "taken_away": taken_away,
+    }
+    return Printed(plain, "\n".join(lines))

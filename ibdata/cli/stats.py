@@ -6,23 +6,23 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._completion import splits
-from ibdata.cli._shared import json_option, place_argument, print_json, say
+from ibdata.cli._options import place_argument, split_option
+from ibdata.cli._printing import Printed, Result, prints_result, table
 
 SHOWN = ("mean", "std", "min", "max")
 
 
 @click.command("stats")
 @place_argument
-@click.option("--split", metavar="NAME", shell_complete=splits, help="Use only rows of this split.")
+@split_option
 @click.option(
     "--quality",
     "of_quality",
     is_flag=True,
     help="Print measures of the quality of the data instead. They read all rows.",
 )
-@json_option
-def command(folder: Path | str, split: str | None, of_quality: bool, as_json: bool) -> None:
+@prints_result
+def command(folder: Path | str, split: str | None, of_quality: bool) -> Result:
     """Print mean, standard deviation, range and median of each column.
 
     \b
@@ -36,19 +36,7 @@ def command(folder: Path | str, split: str | None, of_quality: bool, as_json: bo
         from ibdata.measures.quality import quality
 
         found = quality(folder, split)
-        if as_json:
-            print_json({"quality": found.plain()})
-        else:
-            for line in repr(found).splitlines():
-                say(line)
-        return
+        return Printed({"quality": found.plain()}, repr(found))
     columns = Dataset(folder).statistics(split)
-    if as_json:
-        print_json({"columns": columns})
-        return
-    width = max(map(len, columns))
-    say(" " * width + "".join(name.rjust(14) for name in (*SHOWN, "median")))
-    for name, stat in columns.items():
-        numbers = [*(stat[key] for key in SHOWN), stat["quantiles"]["0.5"]]
-        shown = ("-" if x is None else f"{x:.6g}" for x in numbers)
-        say(name.ljust(width) + "".join(x.rjust(14) for x in shown))
+    rows = [(name, *(stat[key] for key in SHOWN), stat["quantiles"]["0.5"]) for name, stat in columns.items()]
+    return Printed({"columns": columns}, table(("column", *SHOWN, "median"), rows))

@@ -17,7 +17,7 @@ from ibdata.dataset.splits import Splits, read_splits, runs_of, with_later
 from ibdata.dataset.tabular import Table, as_html
 from ibdata.errors import UsageError, printable
 from ibdata.numerics.naming import counted
-from ibdata.system.storage import storage
+from ibdata.system.storage import existing, storage
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +29,7 @@ class Contents:
     """What the files in `meta/` say of a dataset; `Dataset` adds the rows."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.storage = storage(path)
+        self.storage = storage(existing(path))
         self.place = self.storage.name
         self.manifest_model = manifest.read(self.storage)
 

@@ -22,7 +22,7 @@ CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
-DATA_VERSION: Final = 2  # raised whenever some experiment gives other rows
+DATA_VERSION: Final = 3  # raised whenever some experiment gives other rows
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 PARTITION = re.compile(r"(episode|step|policy|reward|terminated|truncated|(action|obs|act|next|latent)_\w+)=")
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
@@ -33,7 +34,8 @@ class Dataset(Contents):
     take a Dataset too.
 
     Args:
-        path: The folder, or a URL such as s3://bucket/name.
+        path: The folder, or a URL such as s3://bucket/name. If the folder is not there, it is looked for in
+            data/, so that the name of a shipped experiment finds its dataset.
 
     Attributes:
         path: The folder; UsageError at a URL.
@@ -83,9 +85,15 @@ class Dataset(Contents):
         setpoint: Setpoint = None,
         policy: Policy = None,
     ) -> pd.DataFrame:
-        """The rows as a pandas DataFrame. Arguments and errors are those of `table`."""
+        """The rows as a pandas DataFrame, whose index has their numbers in the dataset, from 0.
+
+        Arguments and errors are those of `table`.
+        """
         table = self.table(columns, split, setpoint=setpoint, policy=policy)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
+        if len(frame) < len(self):
+            inside = self.selected(split, setpoint, policy)
+            frame.index = np.flatnonzero(np.repeat(inside, self.episode_table["length"].to_numpy()))
         return frame
 
     def iter_batches(

@@ -34,8 +34,12 @@ def moments(table: Table) -> Moments:
     """The moments of a table (columns, rows), summed in a fixed order; NaN if it has no rows."""
     mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
     if table.shape[1]:
-        _moments(table, mean, squares, low, high)
-        odd = np.isnan(squares)  # min and max miss a NaN in some places
+        for c, x in enumerate(table):
+            first = np.float64(x[0])  # subtracted first, so that a constant column has no spread
+            mean[c] = first + _summed(x, first, False) / len(x)
+            squares[c] = _summed(x, mean[c], True)
+            low[c], high[c] = x.min(), x.max()
+        odd = np.isnan(squares)  # of a column with infinite values
         low[odd] = high[odd] = np.nan
     return Moments(table.shape[1], mean, squares, low, high)
 
@@ -155,19 +159,7 @@ def _number(x: float) -> float | None:
 
 def sums(rows: Table, lengths: int) -> Floats:
     """The sum of each run of `lengths` values of a column (rows,), in a fixed order."""
-    out = np.empty(len(rows) // lengths)
-    _sums(rows, lengths, out)
-    return out
-
-
-@compiled
-def _moments(table: Table, mean: Floats, squares: Floats, low: Floats, high: Floats) -> None:
-    for c in range(table.shape[0]):
-        x = table[c]
-        o = np.float64(x[0])  # subtracted first, so that a constant column has no spread
-        mean[c] = o + _summed(x, o, False) / len(x)
-        squares[c] = _summed(x, mean[c], True)
-        low[c], high[c] = _extremes(x)
+    return np.cumsum(rows.reshape(-1, lengths), axis=1, dtype=np.float64)[:, -1].copy()
 
 
 @compiled
@@ -188,24 +180,3 @@ def _summed(x: Table, o: float, squared: bool) -> float:
         for i in range(whole, len(part)):
             s0 = s0 + d[i]
     return (s0 + s1) + (s2 + s3)
-
-
-@compiled
-def _extremes(x: Table) -> tuple[float, float]:
-    """The smallest and the greatest value; every BLOCK-th has its own, so that the loop is vectorized."""
-    low, high = np.full(BLOCK, x[0]), np.full(BLOCK, x[0])
-    for start in range(0, len(x), BLOCK):
-        part = x[start : start + BLOCK]
-        for i in range(len(part)):
-            low[i] = min(low[i], part[i])
-            high[i] = max(high[i], part[i])
-    return low.min(), high.max()
-
-
-@compiled
-def _sums(rows: Table, length: int, out: Floats) -> None:
-    for e in range(out.shape[0]):
-        total = 0.0
-        for t in range(length):
-            total += np.float64(rows[e * length + t])
-        out[e] = total

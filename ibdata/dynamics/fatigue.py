@@ -119,7 +119,7 @@ def noise_component(e: float, u: float, u_event: float, effective: float, k: Par
     """Noise component η from standard draws: e ~ Exp(1) for ηᵉ, u ~ U(0, 1) for ηᵘ, u_event ~ U(0, 1) for ηᵇ.
 
     >>> from ibdata.dynamics import SIEMENS
-    >>> noise_component(0.0, 0.5, 0.1, 0.8, SIEMENS.parameters())
+    >>> noise_component(0.0, 0.5, 0.1, 0.8, SIEMENS.parameters)
     0.4
     """
     eta_e = squashed_exponential(e, k.eta_mean, k.eta_scale, k.eta_shift)

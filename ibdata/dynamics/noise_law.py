@@ -34,7 +34,7 @@ def squashed_exponential_cdf(x: Floats, k: Parameters) -> Floats:
     Hein et al. 2017, section "Dynamics of fatigue"; see `squashed_exponential`.
 
     >>> from ibdata.dynamics import SIEMENS
-    >>> squashed_exponential_cdf(np.array([-1.0, 0.0, 0.1, 1.0]), SIEMENS.parameters()).round(4).tolist()
+    >>> squashed_exponential_cdf(np.array([-1.0, 0.0, 0.1, 1.0]), SIEMENS.parameters).round(4).tolist()
     [0.0, 0.0, 0.8656, 1.0]
     """
     y = np.clip(x / k.eta_scale + k.eta_shift, 0.5, 1.0)
@@ -56,7 +56,7 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
         k: The variant; 1/eta_scale + eta_shift must be 1, as in both published ones.
 
     >>> from ibdata.dynamics import SIEMENS
-    >>> noise_component_cdf(np.array([0.0, 0.5, 1.0]), np.array(0.8), SIEMENS.parameters()).round(4).tolist()
+    >>> noise_component_cdf(np.array([0.0, 0.5, 1.0]), np.array(0.8), SIEMENS.parameters).round(4).tolist()
     [0.0, 0.6722, 1.0]
     """
     length = np.maximum(effective, SMALLEST)
@@ -81,7 +81,7 @@ def least_noise(mu: Floats, effective: Floats, k: Parameters) -> Floats:
 
     >>> from ibdata.dynamics import PAPER
     >>> mu, effective = np.array([1.0, 1.2, 1.2]), np.array([0.5, 0.5, 0.01])
-    >>> least_noise(mu, effective, PAPER.parameters()).round(6).tolist()
+    >>> least_noise(mu, effective, PAPER.parameters).round(6).tolist()
     [0.9, -inf, inf]
     """
     fixed = np.where(effective <= TOLERANCE, effective, np.minimum(AMPLIFICATION_MAX, AMPLIFICATION * mu))

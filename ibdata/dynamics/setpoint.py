@@ -97,9 +97,9 @@ def drift(
     If no steps are left, a new segment is drawn. It takes effect in the same step, and may turn in it.
 
     >>> from ibdata.dynamics import PAPER, SIEMENS
-    >>> drift(99.5, 1.0, 2, 0.5, 0.5, 0.5, 0.4, SIEMENS.parameters())
+    >>> drift(99.5, 1.0, 2, 0.5, 0.5, 0.5, 0.4, SIEMENS.parameters)
     (100.0, -1.0, 1)
-    >>> drift(100.0, 1.0, 2, 0.5, 0.5, 0.5, 0.4, PAPER.parameters())
+    >>> drift(100.0, 1.0, 2, 0.5, 0.5, 0.5, 0.4, PAPER.parameters)
     (99.0, -1.0, 1)
     """
     if left == 0:

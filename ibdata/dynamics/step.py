@@ -63,7 +63,7 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
     if not np.isfinite(a).all():
         lane = int(np.argmin(np.isfinite(a).all(axis=1)))
         raise ValueError(f"step: action: found {a[lane]} in lane {lane}, expected finite numbers")
-    advance(new, a, checked_noise(noise, n), resolve(variant).parameters())
+    advance(new, a, checked_noise(noise, n), resolve(variant).parameters)
     return new
 
 

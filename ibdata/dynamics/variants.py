@@ -7,16 +7,21 @@ fields below and in nothing else. The dynamics depend on these fields only.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 Pair = tuple[float, float]
+COUNT = 22  # of the numbers in the fields of a `Variant`
 
 
 class Parameters(NamedTuple):
-    """The fields of a `Variant` as floats and tuples of floats, which compiled code accepts."""
+    """The numbers in the fields of a `Variant`, in their order, by names that compiled code accepts."""
 
     eta_mean: float
     eta_scale: float
@@ -38,7 +43,15 @@ class Parameters(NamedTuple):
     flip_after: float
 
 
-@dataclass(frozen=True)
+def named(x: Any) -> Parameters:
+    """The names of numbers (22,), which are the fields of a `Variant` one after another; also compiled."""
+    return Parameters(
+        x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], (x[10], x[11], x[12], x[13], x[14]),
+        x[15], x[16], x[17], x[18], x[19], x[20], x[21],
+    )  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
 class Variant:
     """A version of the Industrial Benchmark, with one field for each point on which the sources differ.
 
@@ -70,7 +83,7 @@ class Variant:
     """Probabilities that b changes sign (before moving, at a bound; after moving, past one); one is 0."""
 
     def __post_init__(self) -> None:
-        k = self.parameters()
+        k = self.parameters
         rules = {
             "eta_mean must be in (0, 10]": 0.0 < k.eta_mean <= 10.0,
             "eta_squash must keep scale · (σ - shift) in [0, 1] for σ in [½, 1]": (
@@ -107,37 +120,20 @@ class Variant:
         if broken:
             raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
 
+    @cached_property
+    def numbers(self) -> npt.NDArray[np.float64]:
+        """The fields as one array (22,), in their order. Raises ValueError if one has the wrong length."""
+        fields = [np.ravel(getattr(self, field.name)) for field in dataclasses.fields(self)]
+        numbers = np.concatenate(fields, dtype=np.float64)
+        if len(numbers) != COUNT:
+            raise ValueError(f"variant: found a pair or weights of the wrong length in {self}")
+        numbers.flags.writeable = False
+        return numbers
+
+    @cached_property
     def parameters(self) -> Parameters:
-        """The fields as numbers. Raises ValueError if a pair or the list of weights has the wrong length."""
-        try:
-            eta_scale, eta_shift = self.eta_squash
-            (v0, g0), (v1, g1) = self.effective_velocity_ends
-            bernoulli_low, bernoulli_high = self.bernoulli_bounds
-            rate_low, rate_high = self.drift_rate
-            flip_before, flip_after = self.drift_flip
-            w5, w6, w7, w8, w9 = (float(w) for w in self.convolution_weights)
-        except (TypeError, ValueError):
-            raise ValueError(f"variant: found a pair or weights of the wrong length in {self}") from None
-        return Parameters(
-            eta_mean=float(self.eta_mean),
-            eta_scale=float(eta_scale),
-            eta_shift=float(eta_shift),
-            v0=float(v0),
-            g0=float(g0),
-            v1=float(v1),
-            g1=float(g1),
-            bernoulli_low=float(bernoulli_low),
-            bernoulli_high=float(bernoulli_high),
-            alpha_threshold=float(self.alpha_threshold),
-            weights=(w5, w6, w7, w8, w9),
-            consumption_offset=float(self.consumption_offset),
-            consumption_noise=float(self.consumption_noise),
-            drift_rate_low=float(rate_low),
-            drift_rate_high=float(rate_high),
-            drift_length=float(self.drift_length),
-            flip_before=float(flip_before),
-            flip_after=float(flip_after),
-        )
+        """The fields as numbers with names. Raises ValueError if one has the wrong length."""
+        return named(self.numbers.tolist())
 
 
 PAPER = Variant(

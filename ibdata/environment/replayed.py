@@ -13,7 +13,6 @@ from ibdata.environment.simulation import Indices, Simulation
 from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers
-from ibdata.simulation.episodes import Draw
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 
 if TYPE_CHECKING:
@@ -63,24 +62,16 @@ class Replay(NamedTuple):
     def asked_for(cls, options: dict[str, Any] | None, settings: Settings, lanes: int) -> Replay | None:
         """The episodes that the options of `reset` name; None if they name none.
 
-        Args:
-            options: "dataset", a Dataset or its place, and "episode", a number or one for each lane; or
-                neither of the two.
-            settings: the settings of the environment.
-            lanes: the number of lanes.
-
-        Raises:
-            UsageError: they name no such episodes, or the settings differ from those of the episodes.
-            DatasetError: this ibdata cannot simulate the episodes.
+        Raises UsageError if there are no such episodes, or if the settings are not theirs; DatasetError if
+        this ibdata cannot simulate them.
         """
-        given = {name: value for name, value in (options or {}).items() if name in ("dataset", "episode")}
-        if not given:
+        dataset, episode = ((options or {}).get(name) for name in ("dataset", "episode"))
+        if dataset is None and episode is None:
             return None
-        if len(given) == 1:
-            [found], [other] = given, {"dataset", "episode"} - set(given)
-            raise UsageError(f"options: found {found} without {other}, expected both or neither")
-        addresses = _addresses(given["dataset"])
-        episodes = addresses.episodes(given["episode"])
+        if dataset is None or episode is None:
+            raise UsageError("options: found only one of dataset and episode, expected both or neither")
+        addresses = _addresses(dataset)
+        episodes = addresses.episodes(episode)
         if len(episodes) not in (1, lanes):
             expected = "one episode" + (f", or one for each of {lanes} lanes" if lanes > 1 else "")
             raise UsageError(f"episode: found {len(episodes)} episodes, expected {expected}")
@@ -90,25 +81,16 @@ class Replay(NamedTuple):
 
     def begin(self, simulation: Simulation, which: Indices) -> list[Noise]:
         """Begin the episodes of these lanes (k,). Returns the noise of each."""
-        from ibdata.simulation.revisit import addressed
+        from ibdata.experiment.rollout import lanes_of
 
         out = {}
         for experiment, own, numbers in self.addresses.by_experiment(self.episodes[which]):
-            indices, keys, setpoints = addressed(experiment, numbers)
-            asked = self.episodes[which[own]]
-            simulation.replay(which[own], _draw(indices, keys), experiment.start, setpoints, asked)
-            for lane, index, key in zip(own.tolist(), indices.tolist(), keys, strict=True):
+            lanes, history = lanes_of(experiment, numbers), simulation.settings.history
+            begun = experiment.world.begin(lanes.draw, np.arange(len(own)), lanes.setpoints, history)
+            simulation.place(which[own], *begun, self.episodes[which[own]])
+            for lane, index, key in zip(own.tolist(), lanes.indices.tolist(), lanes.keys, strict=True):
                 out[lane] = Noise(index, key, experiment.drifting)
         return [out[lane] for lane in range(len(which))]
-
-
-def _draw(indices: Indices, keys: Raw) -> Draw:
-    """The source of the integers of episodes with these indices (k,) and keys (k, 2)."""
-
-    def draw(lanes: Indices, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
-        return integers(keys[lanes], indices[lanes], purpose, step, steps, slots)
-
-    return draw
 
 
 def _addresses(place: Any) -> Addresses:
@@ -126,11 +108,11 @@ def _addresses(place: Any) -> Addresses:
 
 def _refuse_other_settings(experiment: Experiment, settings: Settings) -> None:
     """Raise UsageError if steps of the episodes would be others than those of the environment."""
-    if experiment.variant != settings.variant:
+    if experiment.variant != settings.world.variant:
         found = experiment.plain()["dynamics"]
         raise UsageError(
             f"dataset: found the dynamics {found!r}; make the environment with dynamics={found!r}"
         )
-    if experiment.drifting != settings.drifting:
+    if experiment.drifting != settings.world.drifting:
         found, option = ("moving", '"drifting"') if experiment.drifting else ("constant", "a number")
         raise UsageError(f"dataset: found {found} setpoints; make the environment with setpoint={option}")

@@ -12,12 +12,12 @@ from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.simulation import Float32s
 from ibdata.environment.vector import SAME_STEP, Flags, IndustrialBenchmarkVectorEnv
-from ibdata.errors import MissingError
+from ibdata.errors import missing
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
 except ModuleNotFoundError:
-    raise MissingError("ibdata.environment.sb3", "stable-baselines3", "sb3") from None
+    raise missing("ibdata.environment.sb3", "stable-baselines3", "sb3") from None
 
 Infos = list[dict[str, Any]]
 Lanes = int | Iterable[int] | None
@@ -86,10 +86,6 @@ class IndustrialBenchmarkVecEnv(VecEnv):
         """Close the vector environment."""
         self._env.close()
 
-    def get_images(self) -> list[None]:
-        """No pictures: the lanes have no render mode."""
-        return [None] * self.num_envs
-
     def get_attr(self, attr_name: str, indices: Lanes = None) -> list[Any]:
         """An attribute of each lane."""
         return [getattr(lane, attr_name) for lane in self._some(indices)]
@@ -115,16 +111,10 @@ class _Lane:
     """A lane as Stable-Baselines3 sees an environment: attributes, and methods that concern it alone."""
 
     render_mode = None
-    spec = None
 
     def __init__(self, env: IndustrialBenchmarkVectorEnv, number: int) -> None:
         self._env, self._number = env, number
         self.observation_space, self.action_space = env.single_observation_space, env.single_action_space
-
-    @property
-    def np_random(self) -> np.random.Generator:
-        """The generator; some of its numbers are already read ahead."""
-        return self._env.np_random[self._number]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -137,10 +127,6 @@ class _Lane:
     def set_state(self, state: State) -> tuple[Float32s, dict[str, Any]]:
         """Begin in a state of one lane, as `IndustrialBenchmarkEnv.set_state` does."""
         return self._own(*self._env.set_state(state, self._number))
-
-    def get_wrapper_attr(self, name: str) -> Any:
-        """An attribute, as of an environment of Gymnasium."""
-        return getattr(self, name)
 
     def _own(self, seen: Float32s, info: dict[str, Any]) -> tuple[Float32s, dict[str, Any]]:
         return seen[self._number], _each(info)[self._number]

@@ -1,110 +1,81 @@
-"""The settings of an environment: setpoint, dynamics, start, length of history, and what is seen of it."""
+"""The settings of an environment, with the values that experiments and views take."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from functools import cached_property
-from typing import Annotated, Any
+import re
+from typing import Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError
 
-from ibdata.dynamics import VARIANTS, Variant
+from ibdata.dataset.viewed import checked_length
+from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
-from ibdata.environment import ID
-from ibdata.errors import ConfigError, UsageError, suggestion
-from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import Start
-from ibdata.experiment.messages import problems, shown
-from ibdata.experiment.scalars import WHOLE, Real
-from ibdata.experiment.setpoints import Setpoints, setpoint_values
-from ibdata.policies.base import FrozenModel
+from ibdata.errors import ConfigError, UsageError, excerpt
+from ibdata.experiment.models import Experiment
+from ibdata.experiment.setpoints import setpoint_values
+from ibdata.simulation.world import World
 from ibdata.variables import VARIABLES, variable_of
 from ibdata.views.options import ViewOptions, bounds_of, view_options
 
-MAX_FRAMES = 1000
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
 COST_MAX = 4915.0  # θ <= e^8.5 ≈ 4914.8
 M_MIN, M_MAX = -1.001, 1.24  # the penalty m, see `VARIABLES`
 
 
-def _number(value: Any) -> Any:
-    """Turn a NumPy number into one of Python."""
-    return value.item() if isinstance(value, np.generic) else value
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """The settings of an environment."""
+
+    world: World
+    setpoint: float  # before the first step
+    history: int  # observations that are returned together
+    view: ViewOptions
+    discrete_actions: bool
 
 
-def _one(value: Any) -> Any:
-    """Refuse more than one setpoint."""
-    start = value.get("drifting") if isinstance(value, dict) else value
-    if value != "drifting" and not isinstance(start, float | int | np.number):
-        near = suggestion(value, ["drifting"]) if isinstance(value, str) else ""
-        raise ValueError(f"found {shown(value)}, expected a number, drifting or {{drifting: a number}}{near}")
-    return _number(value)
+def settings(
+    setpoint: Any = 70.0,
+    dynamics: Any = "siemens",
+    start: Any = "default",
+    history: Any = 1,
+    discrete_actions: Any = False,
+    **view: Any,
+) -> Settings:
+    """Check the settings of an environment; `view` holds the options of `view_options`.
 
-
-def _as_mapping(value: Any) -> Any:
-    """A variant in the form that an experiment's YAML has."""
-    return {"base": "siemens", **dataclasses.asdict(value)} if isinstance(value, Variant) else value
-
-
-class Settings(FrozenModel):
-    """The settings of an environment, with the values that experiments take."""
-
-    setpoint: Annotated[Setpoints, BeforeValidator(_one)] = 50.0
-    dynamics: Annotated[Dynamics, BeforeValidator(_as_mapping)] = "siemens"
-    start: Start = "default"
-    history: Annotated[int, Field(strict=True, ge=1, le=MAX_FRAMES), WHOLE, BeforeValidator(_number)] = 1
-    reward_scale: Annotated[Real, Field(gt=0.0), BeforeValidator(_number)] = 1.0
-    observe: Any = "classic"
-    actions: Any = False
-    reward: Any = "classic"
-    imperfections: Any = None
-    discrete_actions: Annotated[bool, Field(strict=True), BeforeValidator(_number)] = False
-
-    @cached_property
-    def variant(self) -> Variant:
-        """The dynamics as a variant."""
-        return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
-
-    @cached_property
-    def view(self) -> ViewOptions:
-        """What is seen and rewarded. Raises UsageError if an option of the view is invalid."""
-        options = view_options(self.observe, self.actions, self.reward, self.reward_scale, self.imperfections)
-        for name in options.columns(self.drifting):
-            if VARIABLES[variable_of(name)].role == "drift" and not self.drifting:
-                raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")
-        return options
-
-    @cached_property
-    def first_setpoint(self) -> float:
-        """The setpoint before the first step."""
-        return setpoint_values(self.setpoint)[0][0]
-
-    @cached_property
-    def drifting(self) -> bool:
-        """Whether the setpoint moves."""
-        return setpoint_values(self.setpoint)[1]
-
-
-def settings(**given: Any) -> Settings:
-    """Check the settings given. Raises ConfigError with a line for each that is invalid, or UsageError."""
+    Raises:
+        ConfigError: setpoint, dynamics or start are invalid; each has a line.
+        UsageError: another setting is invalid.
+    """
+    if isinstance(dynamics, Variant):
+        dynamics = {"base": "siemens", **dataclasses.asdict(dynamics)}
+    given = {"setpoints": setpoint, "dynamics": dynamics, "start": start}
     try:
-        made = Settings.model_validate(given)
-    except ValidationError as error:
-        found = problems(error, Settings, given)
-        raise ConfigError([f"{ID}: {problem.key}: {problem.message}" for problem in found]) from None
-    made.view  # noqa: B018  # refuses an invalid one
-    return made
+        experiment = Experiment(name="environment", policies=["random"], **given)
+    except ConfigError as error:  # an experiment has `setpoints`, an environment `setpoint`
+        raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in error.problems]) from None
+    first, *others = setpoint_values(experiment.setpoints)[0]
+    if others:
+        raise UsageError(f"setpoint: found {excerpt(setpoint)}, expected one, or one that moves")
+    if not isinstance(discrete_actions, bool | np.bool_):
+        raise UsageError(f"discrete_actions: found {discrete_actions!r}, expected True or False")
+    world, options = experiment.world, view_options(**view)
+    for name in options.columns(world.drifting):
+        if VARIABLES[variable_of(name)].role == "drift" and not world.drifting:
+            raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")
+    return Settings(world, first, checked_length(history), options, bool(discrete_actions))
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:
-    """Return the lowest and the highest possible consumption.
+    """The lowest and the highest possible consumption.
 
     c = ĉ + (1 + k ĉ) z is linear in ĉ and in z, so its extremes are at those of both: z in ±8.21, and
     ĉ = θᶜ + 25 (m + offset) with θᶜ in [Σw, 4915 Σw] and the penalty m in its bounds.
 
-    >>> [round(bound, 1) for bound in consumption_bounds(VARIANTS["siemens"])]
+    >>> from ibdata.dynamics import SIEMENS
+    >>> [round(bound, 1) for bound in consumption_bounds(SIEMENS)]
     [-7.3, 5183.2]
     """
     weight, k = sum(variant.convolution_weights), variant.consumption_noise
@@ -116,6 +87,7 @@ def consumption_bounds(variant: Variant) -> tuple[float, float]:
 
 def frame_bounds(settings: Settings) -> tuple[list[float], list[float]]:
     """The lowest and the highest values of a frame, in its order; infinite where there is no bound."""
-    bounds = bounds_of(settings.view, settings.drifting, consumption_bounds(settings.variant))
+    world = settings.world
+    bounds = bounds_of(settings.view, world.drifting, consumption_bounds(world.variant))
     low, high = zip(*bounds, strict=True)
     return [-math.inf if x is None else x for x in low], [math.inf if x is None else x for x in high]

@@ -8,14 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State
-from ibdata.environment.discrete import discrete_action
-from ibdata.environment.lane import Lane, checked_action
+from ibdata.environment.actions import continuous_action, discrete_action
+from ibdata.environment.lane import Lane
 from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices
 from ibdata.environment.spaces import spaces
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Purpose
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip
@@ -33,67 +34,34 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     come from `np_random`.
 
     Args:
-        setpoint: a number, by default 50 (`ibdata.evaluate` has 70); "drifting" (starts at 50), or
-            {"drifting": a number}.
+        setpoint: a number, by default 70; "drifting" (starts at 50), or {"drifting": a number}.
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
         history: the number of observations returned together; those before the first one repeat it.
-        reward_scale: factor of the reward, which is -consumption - 3 · fatigue of the new state.
-        observe: "classic" for these six variables, "markov" for the whole state, or a list of columns; this
-            and the following are options of a view (docs/views.md).
-        actions: whether each frame also has the action of the step before.
-        reward: "classic", "delta", or weights such as {"consumption": 1, "fatigue": 1}.
-        imperfections: delay, noise, quantisation and missing values of columns.
+        observe, actions, reward, reward_scale, imperfections: what is seen and rewarded, as the options of a
+            view (docs/views.md). The classic reward is -consumption - 3 · fatigue of the new state.
         discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
             velocity, gain and shift: 0 is (-1, -1, -1), 1 is (-1, -1, 0), 26 is (1, 1, 1).
         render_mode: "rgb_array" or None.
 
     Raises:
-        ConfigError: a setting is invalid.
-        UsageError: an action or the render mode is invalid.
+        ConfigError: setpoint, dynamics or start are invalid.
+        UsageError: another setting or an action is invalid.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
-    def __init__(
-        self,
-        setpoint: Any = 50.0,
-        dynamics: Any = "siemens",
-        start: Any = "default",
-        history: int = 1,
-        reward_scale: float = 1.0,
-        observe: Any = "classic",
-        actions: bool = False,
-        reward: Any = "classic",
-        imperfections: Any = None,
-        render_mode: str | None = None,
-        discrete_actions: bool = False,
-    ) -> None:
+    def __init__(self, render_mode: str | None = None, **options: Any) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
-        given = settings(
-            setpoint=setpoint,
-            dynamics=dynamics,
-            start=start,
-            history=history,
-            reward_scale=reward_scale,
-            observe=observe,
-            actions=actions,
-            reward=reward,
-            imperfections=imperfections,
-            discrete_actions=discrete_actions,
-        )
+        given = settings(**options)
         self.render_mode = render_mode
         self.observation_space, self.action_space = spaces(given)
-        self._checked = discrete_action if discrete_actions else checked_action
+        self._checked = discrete_action if given.discrete_actions else continuous_action
         self._lane = Lane(given)
         self._replayed: Noise | None = None  # in place of np_random
         self._began = False
-        self._seen: list[dict[str, Any]] = []  # of the episode, for the picture
-
-    def _draw(self, which: Indices, count: int) -> Raw:
-        integers: Raw = self.np_random.bit_generator.random_raw(count)
-        return integers.reshape(1, count)
+        self._seen: list[dict[str, float]] = []  # of the episode, for the picture
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -144,8 +112,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def _begin(self) -> tuple[Observation, dict[str, Any]]:
         self._began, self._seen = True, []
         if self.render_mode is not None:
-            self._remember()
-        info = {name: values[0].item() for name, values in self._lane.latent().items()}
+            self._seen.append(self._lane.drawn())
+        info = {name: values[0].item() for name, values in self._lane.info().items()}
         return self._lane.observations()[0], info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -156,11 +124,12 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         raw = (self._replayed or self.np_random.bit_generator).random_raw(lane.draws)
         seen, reward, info = lane.move(proposed, raw)
         if self.render_mode is not None:
-            self._remember()
+            self._seen.append(lane.drawn())
         return seen, reward, False, False, info
 
-    def _remember(self) -> None:
-        self._seen.append({name: x[0].item() for name, x in self._lane.drawn().items()})
+    def _draw(self, lanes: Indices, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+        integers: Raw = self.np_random.bit_generator.random_raw(steps * slots)
+        return integers.reshape(steps, slots, 1)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The episode so far as a picture (height, width, 3); needs the extra `plot`."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ibdata.environment.discrete import COUNT
+from ibdata.environment.actions import DISCRETE
 from ibdata.environment.settings import Settings, frame_bounds
-from ibdata.errors import MissingError
+from ibdata.errors import missing
 
 try:
     from gymnasium.spaces import Box, Discrete
 except ModuleNotFoundError:
-    raise MissingError("ibdata.environment", "gymnasium", "gymnasium") from None
+    raise missing("ibdata.environment", "gymnasium", "gymnasium") from None
 
 
 def spaces(settings: Settings) -> tuple[Box, Box | Discrete]:
@@ -22,5 +22,5 @@ def spaces(settings: Settings) -> tuple[Box, Box | Discrete]:
     low, high = (  # rounding is monotonic, so rounded values stay within rounded bounds
         np.tile(np.array(bounds, dtype=np.float32), settings.history) for bounds in frame_bounds(settings)
     )
-    actions = Discrete(COUNT) if settings.discrete_actions else Box(-1.0, 1.0, (3,), np.float32)
+    actions = Discrete(len(DISCRETE)) if settings.discrete_actions else Box(-1.0, 1.0, (3,), np.float32)
     return Box(low, high, dtype=np.float32), actions

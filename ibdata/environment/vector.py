@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,14 +11,14 @@ import numpy.typing as npt
 
 from ibdata.dataset.viewed import checked_length
 from ibdata.dynamics import State
-from ibdata.environment.discrete import discrete_actions as discrete_actions_of
-from ibdata.environment.fitting_state import checked_lanes
+from ibdata.environment.actions import continuous_actions, discrete_actions
 from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Float32s, Indices, Simulation, checked_actions
+from ibdata.environment.simulation import Float32s, Indices, Simulation
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams
 from ibdata.errors import UsageError, excerpt
+from ibdata.evaluation.addresses import within
 from ibdata.numerics.philox import Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
@@ -43,8 +44,9 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     Args:
         num_envs: the number of lanes.
         max_episode_steps: the length of episodes; None for no end.
-        autoreset_mode: what follows a truncation. "NextStep": the next step ignores the action and returns
-            the first observation of a new episode with reward 0, which is no transition to learn from.
+        autoreset_mode: what follows a truncation. "NextStep": the next step ignores the action, which must be
+            valid all the same, and returns the first observation of a new episode with reward 0, which is no
+            transition to learn from.
             "SameStep": the truncated step itself returns that observation, and `info["final_obs"]` has the
             last one. "Disabled": the caller must call `reset(options={"reset_mask": truncated})`.
 
@@ -58,43 +60,24 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         autoreset_mode: Any = NEXT_STEP,
-        setpoint: Any = 50.0,
-        dynamics: Any = "siemens",
-        start: Any = "default",
-        history: int = 1,
-        reward_scale: float = 1.0,
-        observe: Any = "classic",
-        actions: bool = False,
-        reward: Any = "classic",
-        imperfections: Any = None,
-        discrete_actions: bool = False,
+        **options: Any,
     ) -> None:
         mode = getattr(autoreset_mode, "value", autoreset_mode)
         if mode not in MODES:
             raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
         if num_envs < 1:
             raise UsageError(f"num_envs: found {num_envs}, expected at least 1")
+        self._limit = math.inf
         if max_episode_steps is not None:
-            max_episode_steps = checked_length(max_episode_steps, "max_episode_steps")
-        given = settings(
-            setpoint=setpoint,
-            dynamics=dynamics,
-            start=start,
-            history=history,
-            reward_scale=reward_scale,
-            observe=observe,
-            actions=actions,
-            reward=reward,
-            imperfections=imperfections,
-            discrete_actions=discrete_actions,
-        )
+            self._limit = checked_length(max_episode_steps, "max_episode_steps")
+        given = settings(**options)
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(given)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._mode, self._limit = mode, max_episode_steps
-        self._checked = discrete_actions_of if discrete_actions else checked_actions
+        self._mode = mode
+        self._checked = discrete_actions if given.discrete_actions else continuous_actions
         self._simulation = Simulation(given, num_envs)
         self._streams = Streams(num_envs)
         self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
@@ -103,12 +86,13 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
         """The generator of each lane; some of its numbers are already read ahead."""
-        return self._streams.generators
+        return tuple(self._streams.generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:
         """The seed of each lane."""
-        return self._streams.seeds
+        sources: list[Any] = [generator.bit_generator for generator in self._streams.generators]
+        return tuple(source.seed_seq.entropy for source in sources)
 
     def reset(
         self,
@@ -134,8 +118,9 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             raise UsageError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
         which = np.flatnonzero(mask)
         if seed is not None:
+            seeds = seed if isinstance(seed, Sequence) else range(seed, seed + self.num_envs)
             for lane in which.tolist():
-                self._streams.seed(lane, seed[lane] if isinstance(seed, Sequence) else seed + lane)
+                self._streams.seed(lane, seeds[lane])
         if replay is None:
             self._begin(which)
         else:
@@ -157,11 +142,13 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         Raises:
             UsageError: It is no such state, or there are no such lanes.
         """
-        which = self._simulation.everyone if lanes is None else checked_lanes(lanes, self.num_envs)
+        which = self._simulation.everyone if lanes is None else within("lanes", lanes, self.num_envs)
+        if len(np.unique(which)) < len(which):
+            raise UsageError(f"lanes: found {excerpt(lanes)}, expected different ones")
 
-        def draw(lanes: Indices, count: int) -> Raw:
+        def draw(lanes: Indices, *place: Any) -> Raw:
             self._streams.resume(lanes)  # only now that the state is accepted
-            return self._streams.take(lanes, count)
+            return self._streams.draw(lanes, *place)
 
         self._simulation.set_state(state, which, draw)
         self._streams.resume(which)
@@ -171,17 +158,16 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
-        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
-            raise UsageError(
-                f"reset_mask: found {excerpt(mask)}, expected a boolean array of shape ({self.num_envs},)"
-            )
-        if not mask.any():
-            raise UsageError("reset_mask: found no lane, expected at least one")
-        return mask
+        fits = isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)
+        if not fits or not mask.any():
+            expected = f"a boolean array of shape ({self.num_envs},) that is true for some lane"
+            raise UsageError(f"reset_mask: found {excerpt(mask)}, expected {expected}")
+        found: Flags = mask
+        return found
 
     def _begin(self, which: Indices) -> None:
         self._streams.resume(which)
-        self._simulation.reset(which, self._streams.take)
+        self._simulation.reset(which, self._streams.draw)
         self._began(which)
 
     def _began(self, which: Indices) -> None:
@@ -196,24 +182,19 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             raise gym.error.ResetNeeded(
                 "step: found lanes without a running episode, expected reset() before"
             )
-        moving = ~self._done
-        which = np.flatnonzero(moving)
-        action = self._checked(actions, moving)
-        if len(which):
-            self._simulation.step(which, action[which], self._streams.take)
-        rewards = np.where(moving, self._simulation.rewards(), 0.0)
-        self._elapsed[which] += 1
-        if len(which) < self.num_envs:
-            self._begin(np.flatnonzero(~moving))
-        truncated = (
-            np.zeros(self.num_envs, dtype=bool) if self._limit is None else self._elapsed >= self._limit
-        )
-        final = {}
-        if self._mode == SAME_STEP and truncated.any():
+        proposed, rewards = self._checked(actions, self.num_envs), np.zeros(self.num_envs)
+        moving = np.flatnonzero(~self._done)
+        if len(moving):
+            rewards[moving] = self._simulation.step(moving, proposed[moving], self._streams.draw)
+            self._elapsed[moving] += 1
+        if self._done.any():
+            self._begin(np.flatnonzero(self._done))
+        truncated, final = self._elapsed >= self._limit, {}
+        if self._mode != SAME_STEP:
+            self._done = truncated.copy()
+        elif truncated.any():
             final = self._final(truncated)
             self._begin(np.flatnonzero(truncated))
-        else:
-            self._done = truncated.copy()
         info = {**final, **self._info(np.ones(self.num_envs, dtype=bool))}
         return self._simulation.observations(), rewards, np.zeros_like(truncated), truncated, info
 
@@ -234,7 +215,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         """The hidden states as Gymnasium has them: arrays (n,), zero outside `_name`."""
         info: dict[str, Any] = {}
         everyone = mask.all()
-        for name, values in self._simulation.latent().items():
+        for name, values in self._simulation.info().items():
             info[name] = values if everyone else np.where(mask, values, np.zeros(1, dtype=values.dtype))
             info[f"_{name}"] = mask.copy()
         return info

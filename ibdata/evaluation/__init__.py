@@ -60,20 +60,20 @@ def evaluate(
 
     Args:
         policy: one of the following, a mapping of labels to them, or a list of both: a kind such as
-            "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `act(history, u)` or
-            `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules and callables are
-            called as `predict` is: on float32 observations (n, 6 · history), newest first, for actions
-            (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may remember
-            and draw as a custom policy may (docs/policies.md).
-        setpoint: one or several numbers, by default 70 (a Gymnasium environment has 50); "drifting", or
-            {"drifting": [50, 70]} for the values at the start. There is no score for drifting setpoints.
+            "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `decide(given)`,
+            `act(history, u)` or `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules
+            and callables are called as `predict` is: on float32 observations (n, 6 · history), newest first,
+            for actions (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may
+            remember and draw as a custom policy may (docs/policies.md).
+        setpoint: one or several numbers, by default 70; "drifting", or {"drifting": [50, 70]} for
+            the values at the start. There is no score for drifting setpoints.
         steps: steps per episode.
         discount: the discount factor, in [0, 1].
         episodes: episodes per policy and setpoint, by default 100, or 200 with `against`.
         start: the start state, as in an experiment.
         dynamics: the dynamics, as in an experiment.
         seed: the seed of all random numbers.
-        history: the number of observations that an object sees, if it has no attribute `history_length`:
+        history: the number of observations that an object sees, if it has no attribute `needs`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
         against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
@@ -117,7 +117,7 @@ def evaluate(
     try:
         options = validated({**described, **settings}).options()
     except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
-        lines = error.with_options.split("\n")
+        lines = str(error).split("\n")
         raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None
     labels = tuple(policies)
     experiment = Experiment.model_construct(

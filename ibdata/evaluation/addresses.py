@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError, excerpt
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import spec_in
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.writing.planned import refuse_other_plan
 
 Ints = npt.NDArray[np.int64]
@@ -20,8 +20,8 @@ Ints = npt.NDArray[np.int64]
 class Addresses:
     """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
 
-    def __init__(self, ds: Dataset) -> None:
-        self._spec = spec_in(ds, ds.manifest_model)
+    def __init__(self, ds: Dataset, spec: DatasetSpec | None = None) -> None:
+        self._spec = spec or spec_in(ds, ds.manifest_model)
         refuse_other_plan(self._spec, ds.manifest_model)
         names = ("length", "shard", "row_start")
         self.lengths, self.shards, self.starts = (ds.episode_table[name].to_numpy() for name in names)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,17 +13,16 @@ from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.discount import checked_discount
-from ibdata.evaluation.overlap import check_support
+from ibdata.evaluation.mean_weights import notes_on_mean_weights
+from ibdata.evaluation.overlap import Ratios, log_ratios, refuse_remembered_draws
 from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
-from ibdata.evaluation.recorded import parts_of, read
-from ibdata.experiment.code_comparison import refuse_changed
-from ibdata.experiment.code_record import provenance
-from ibdata.experiment.custom_code import consented_spec, customs_in
+from ibdata.evaluation.recorded import parts_of, recorded_in
+from ibdata.evaluation.states import Source
+from ibdata.experiment.code import consented_spec, customs_in, refuse_changed
+from ibdata.experiment.messages import shown
+from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
-from ibdata.writing.planned import refuse_other_plan
-
-if TYPE_CHECKING:
-    import pandas as pd
+from ibdata.simulation.world import Ints
 
 Floats = npt.NDArray[np.float64]
 LEAST_EFFECTIVE = 100.0  # episodes, below which the result has a warning
@@ -33,13 +32,18 @@ METHODS = ("ordinary", "per decision", "weighted")
 class Estimated(NamedTuple):
     """The target's mean return as a method estimates it, with standard error and 95 % interval.
 
-    If the weights of a step are all 0, the weighted estimate is None. The last two are None for one episode.
+    `mean_weight` is that of the last step, expected to be 1, with its standard error, and `effective` is its
+    effective number of episodes. If the weights of a step are all 0, the weighted estimate is None. Errors
+    are None for one episode.
     """
 
     method: str
     mean_return: float | None
     standard_error: float | None
     interval: tuple[float, float] | None
+    mean_weight: float
+    weight_error: float | None
+    effective: float
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -47,8 +51,8 @@ class Importance(Tabular):
     """Estimates of a policy's return from the data of others, and the weights behind them.
 
     `ratios` are those of the densities of the target and the behaviour, `weights` their products from the
-    start of the episode, and `rewards` are discounted. `effective` is the effective sample size (Σw)²/Σw² of
-    each step. `notes` warn of what makes the estimates doubtful, a line for each reason.
+    start of the episode, and `rewards` are discounted. `effective` is the effective number of episodes,
+    (Σw)²/Σw², of each step. `notes` warn of what makes the estimates doubtful, a line for each reason.
     """
 
     policy: str
@@ -61,21 +65,15 @@ class Importance(Tabular):
     notes: list[str]
 
     def tables(self) -> list[Table]:
-        """The estimates, and below them the mean of the last weights and their effective sample size."""
-        mean, error, _ = estimate([self.weights[:, -1]])
-        spread = "" if error is None else f" ± {error:.3g}"
-        said = [
-            f"policy: {self.policy}; discount: {self.discount:g}",
-            f"mean of the last weights: {mean:.4g}{spread}, expected 1",
-            f"effective sample size: {self.effective[-1]:,.1f} of {len(self.weights):,} episodes",
-        ]
-        return [Table(Estimated._fields, self.results, [*said, *self.notes])]
+        """The estimates, a row each."""
+        episodes, steps = self.weights.shape
+        said = f"policy: {self.policy}; discount: {self.discount:g}; {episodes:,} episodes of {steps:,} steps"
+        return [Table(Estimated._fields, self.results, [said, *self.notes])]
 
-    def to_pandas(self) -> pd.DataFrame:
-        """The estimates, a row each, as a pandas DataFrame."""
-        import pandas as pd
-
-        return pd.DataFrame(self.results, columns=list(Estimated._fields))
+    def plain(self) -> dict[str, Any]:
+        """The estimates and notes as plain data."""
+        results = [result._asdict() for result in self.results]
+        return {"policy": self.policy, "discount": self.discount, "results": results, "notes": self.notes}
 
 
 def importance(
@@ -83,6 +81,7 @@ def importance(
     target: Any,
     *,
     discount: float = 0.97,
+    steps: int | None = None,
     split: str | None = None,
     setpoint: float | Sequence[float] | None = None,
     policy: str | Sequence[str] | None = None,
@@ -102,26 +101,29 @@ def importance(
     consistent weighted per-decision importance sampling, Thomas 2015, Safe reinforcement learning.
 
     The densities of the behaviour, β, are the `action_log_prob` of the data, whose policies must be able to
-    take every action of the target. The density of the target, π, is that given the recorded observations,
-    actions and what it remembers of them.
+    take every action of the target, and often enough for data of this size. That is tried: the target draws
+    an action at each recorded observation, and the densities and point masses of both are compared there. The
+    density of the target, π, is that given
+    the recorded observations, actions and what it remembers of them.
 
     Args:
         ds: the dataset, or its folder or URL.
-        target: the policy to be evaluated: a kind, a block, a file, a `Policy`, or an object with `act` and
-            `log_prob`, as in `evaluate`. An object or a policy of your own may say its `support`.
+        target: the policy to be evaluated: a kind, a block, a file, a `Policy`, or an object with
+            `log_density`, as in `evaluate`.
         discount: the discount factor γ, in [0, 1].
+        steps: only so many first steps of each episode; by default all.
         split: only episodes of this split.
         setpoint: only episodes at this setpoint, or at these; moving ones count by their first value.
         policy: only episodes of the policy with this label, or with these.
-        history: the number of observations that an object sees, if it has no `history_length`.
+        history: the number of observations that an object sees, if it has no `needs`.
         allow_code: whether custom policies, of the data or in a file, may run.
 
     Returns:
-        The estimates, with the ratios, the weights and their effective sample size at each step.
+        The estimates, with the ratios, the weights and the effective number of episodes at each step.
 
     Raises:
-        UsageError: a policy of the data cannot take all actions of the target, a density is not known, the
-            episodes have different lengths, or an argument is invalid.
+        UsageError: a policy of the data never or hardly ever takes some actions of the target, a density is
+            not known, the episodes have different lengths, or an argument is invalid.
         PolicyError: the target failed, or returned no valid density.
         DatasetError: a file is missing or damaged.
     """
@@ -129,64 +131,82 @@ def importance(
     wanted = policy_of(target, history, allow_code)
     refuse_unused(history, [wanted])
     ds = opened(ds)
-    spec = consented_spec(ds, ds.manifest_model, allow_code)
-    refuse_other_plan(spec, ds.manifest_model)
-    chosen = ds.table(["episode", "step"], split, setpoint=setpoint, policy=policy)
-    episodes = chosen["episode"].to_numpy()[chosen["step"].to_numpy() == 0]
+    source = Source(ds, consented_spec(ds, ds.manifest_model, allow_code))
+    episodes = np.flatnonzero(ds.selected(split, setpoint, policy))
     if not len(episodes):
         raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
-    found = list(parts_of(spec, episodes))
-    lengths = sorted({part.steps for part in found})
-    if len(lengths) > 1:
-        raise UsageError(f"steps: found episodes of {lengths[0]} and of {lengths[-1]}, expected one length")
-    behaviours = {id(part.behaviour): part.behaviour for part in found}.values()
+    steps = _horizon(steps, source.lengths[episodes])
+    parts = list(parts_of(source, episodes, steps))
+    behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
+    ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
     with loaded([wanted, *behaviours]):
         customs = [custom for behaviour in behaviours for custom in customs_in(behaviour)]
-        refuse_changed(ds.manifest_model.code, provenance(customs), ds.place)
-        notes = [note for behaviour in behaviours for note in check_support(behaviour, wanted, lengths[0])]
-        ratios, rewards = (
-            np.concatenate(arrays)
-            for arrays in zip(*(read(ds, spec, part, wanted) for part in found), strict=True)
-        )
-        refuse_changed(ds.manifest_model.code, provenance(customs), ds.place)  # what was imported late
-    return of_ratios(wanted.label, ratios, rewards, discount, list(dict.fromkeys(notes)))
+        refuse_changed(ds.manifest_model.code, customs, ds.place)
+        if any(wanted.form() != behaviour.form() for behaviour in behaviours):
+            refuse_remembered_draws(wanted)
+        for experiment, numbers, own in parts:
+            recorded, rewards[own], log_prob = recorded_in(source, episodes[own], steps)
+            found = log_ratios(experiment, numbers, recorded, log_prob, wanted, len(episodes) * steps)
+            ratios.recorded[own], ratios.drawn[own] = found
+    return of_ratios(wanted.label, ratios, rewards, discount)
 
 
-def of_ratios(
-    label: str, log_ratios: Floats, rewards: Floats, discount: float, notes: Sequence[str] = ()
-) -> Importance:
-    """The estimates from the logarithms of the ratios and the rewards, both (episodes, steps)."""
-    logs = np.cumsum(log_ratios, axis=1)
+def _horizon(given: Any, lengths: Ints) -> int:
+    """How many steps of each episode count."""
+    steps, shortest, longest = plain(given), int(lengths.min()), int(lengths.max())
+    if steps is None:
+        if shortest < longest:
+            raise UsageError(
+                f"steps: found episodes of {shortest} and of {longest}, expected one length; or give "
+                f"steps, at most {shortest}"
+            )
+        return shortest
+    if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= shortest:
+        raise UsageError(f"steps: found {shown(steps)}, expected a whole number from 1 to {shortest}")
+    return steps
+
+
+def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> Importance:
+    """The estimates from the ratios and the rewards (episodes, steps)."""
+    logs = np.cumsum(ratios.recorded, axis=1)
     greatest = logs.max(axis=0)
     weights = np.exp(logs)
     relative = np.exp(logs - np.where(np.isfinite(greatest), greatest, 0.0))  # of long episodes, not all 0
     paid = rewards * discount ** np.arange(rewards.shape[1])
     squares = (relative**2).sum(axis=0)
     effective = np.divide(relative.sum(axis=0) ** 2, squares, out=np.zeros(len(squares)), where=squares > 0.0)
-    found = [
-        Estimated(METHODS[0], *estimate([weights[:, -1] * paid.sum(axis=1)])),
-        Estimated(METHODS[1], *estimate([(weights * paid).sum(axis=1)])),
+    estimates = (
+        estimate([weights[:, -1] * paid.sum(axis=1)]),
+        estimate([(weights * paid).sum(axis=1)]),
         _weighted(relative, paid),
+    )
+    mean, error, _ = estimate([weights[:, -1]])
+    found = [
+        Estimated(method, *values, mean, error, float(effective[-1]))
+        for method, values in zip(METHODS, estimates, strict=True)
     ]
-    warned = list(notes)
+    notes = [*_notes_on_effective(effective), *notes_on_mean_weights(ratios, weights)]
+    return Importance(label, found, np.exp(ratios.recorded), weights, paid, effective, discount, notes)
+
+
+def _notes_on_effective(effective: Floats) -> Iterator[str]:
     if effective[-1] < LEAST_EFFECTIVE:
-        warned.append(
-            f"warning: an effective sample size of {effective[-1]:,.1f} is below {LEAST_EFFECTIVE:g}; trust "
+        yield (
+            f"warning: {effective[-1]:,.1f} effective episodes are fewer than {LEAST_EFFECTIVE:g}; trust "
             "neither estimates nor intervals"
         )
     if not effective[-1]:
-        warned.append(
+        yield (
             f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so the ordinary "
             "estimate is 0, and the one per decision leaves out the rewards from there on"
         )
-    return Importance(label, found, np.exp(log_ratios), weights, paid, effective, discount, warned)
 
 
-def _weighted(weights: Floats, paid: Floats) -> Estimated:
+def _weighted(weights: Floats, paid: Floats) -> tuple[float | None, float | None, tuple[float, float] | None]:
     """The weighted estimate, from weights up to a factor. The error is that of the delta method."""
     means = weights.mean(axis=0)
     if not means.all():
-        return Estimated(METHODS[2], None, None, None)
+        return None, None, None
     shares = weights / means
     expected = (shares * paid).mean(axis=0)
-    return Estimated(METHODS[2], *estimate([expected.sum() + (shares * (paid - expected)).sum(axis=1)]))
+    return estimate([expected.sum() + (shares * (paid - expected)).sum(axis=1)])

@@ -17,14 +17,7 @@ def notes(
     scale: reference_returns.Scale | None,
     view: ViewOptions = PLAIN,
 ) -> Iterator[str]:
-    """Yield a line for each reason.
-
-    Args:
-        experiment: what was played.
-        setpoints: its setpoints.
-        scale: the scale of its scores.
-        view: what is rewarded.
-    """
+    """Yield a line for each reason, of episodes at these setpoints with this scale of scores."""
     if experiment.episodes == 1:
         yield "no standard error: one episode per policy and setpoint has none"
     if experiment.drifting:

@@ -2,126 +2,144 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-from ibdata.policies import Policy
-from ibdata.policies.support import INSIDE, Support, missing
-from ibdata.simulation.episodes import Float32s, Floats
-from ibdata.simulation.replay import measured
+from ibdata.experiment.replay import Recorded, Rows, replayed
+from ibdata.experiment.rollout import lanes_of
+from ibdata.policies import Observed, Policy
+from ibdata.policies.checked import Checked
+from ibdata.simulation.world import Float32s, Floats, Ints
 
-Supports = tuple[Support, ...] | None  # of a policy at a step
+Bools = npt.NDArray[np.bool_]
+RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
 
 
-def check_support(behaviour: Policy, target: Policy, steps: int) -> list[str]:
-    """Check that the behaviour can take every action of the target.
+class Ratios(NamedTuple):
+    """Logarithms of the ratios of the densities of target and behaviour, each (episodes, steps)."""
 
-    A policy can always be evaluated on its own data. Supports are compared as the policies declare them, so a
-    pair is refused even if the policies happen to agree in the states of a dataset.
+    recorded: Floats  # at the recorded actions; -inf where the ratio is 0
+    drawn: Floats  # at actions that the target draws at the same observations
 
-    Args:
-        behaviour: the policy of the data.
-        target: the policy to be evaluated.
-        steps: the steps of an episode.
 
-    Returns:
-        A line if a support is not known, and so was not checked; else nothing.
-
-    Raises:
-        UsageError: the behaviour lacks a part of the target's support, or the target remembers random
-            numbers.
-    """
-    if target.form() == behaviour.form():
-        return []
-    for policy in (behaviour, target):
-        _refuse_mixed_measure(policy)
+def refuse_remembered_draws(target: Policy) -> None:
+    """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere():
-        own_memory = policy.memory_size - sum(inner.memory_size for inner in policy.inner)
-        own_draws = policy.uniforms_per_step - sum(inner.uniforms_per_step for inner in policy.inner)
-        if own_memory > 0 and (own_draws > 0 or policy.uniforms_per_episode > 0):
+        own = getattr(policy, "own_needs", policy.needs)
+        if own.memory and (own.step_draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which remembers its random numbers, expected a "
                 "policy whose memory follows from observations, because no data have these numbers"
             )
-    unknown: set[str] = set()
-    first: dict[tuple[Supports, Supports], int] = {}  # of steps with equal supports
-    for t in range(steps):
-        first.setdefault((behaviour.supports(t), target.supports(t)), t)
-    for now, t in first.items():
-        when = f" at step {t}" if len(first) > 1 else ""
-        for policy, supports in zip((behaviour, target), now, strict=True):
-            if supports is None:
-                unknown.add(policy.label)
-        for wanted in now[1] or ():
-            for had in now[0] or ():
-                if (lost := missing(had, wanted)) is not None:
-                    raise UsageError(
-                        f"policy {target.label}: found {lost}{when}, where the data of {behaviour.label} "
-                        f"have none, expected data of a policy that can take every action of {target.label}"
-                    )
-    return [f"support not checked: {label} does not declare its support" for label in sorted(unknown)]
 
 
 def log_ratios(
-    experiment: Experiment,
-    first: int,
-    stop: int,
-    observations: Float32s,
-    actions: Float32s,
-    log_prob: Floats,
-    target: Policy,
-) -> Floats:
-    """The logarithms of the ratios of the densities of the target and of the behaviour.
+    experiment: Experiment, numbers: Ints, recorded: Recorded, log_prob: Floats, target: Policy, rows: int
+) -> Ratios:
+    """The ratios of the densities in episodes with one policy, the behaviour.
 
-    Where the measures of the two densities have unit masses at different numbers of an action, the target
-    takes this action with the probability 0 although its density is positive, and the ratio is 0. So it is
-    at ±1 where the target declares a density on (-1, 1) and nothing else.
+    Where only one of the two has a point mass at a number of an action, the ratio is 0.
 
     Args:
         experiment: the experiment.
-        first: the first episode.
-        stop: the episode after the last; all have the same policy.
-        observations: the recorded observations, float32 (episodes, steps, 6).
-        actions: the recorded actions, float32 (episodes, steps, 3).
-        log_prob: the recorded log densities (episodes, steps).
-        target: the policy to be evaluated; its support is that of the behaviour, or a part of it.
+        numbers: the numbers (n,) of its episodes.
+        recorded: what was seen and done in them.
+        log_prob: the recorded log densities (n, steps).
+        target: the policy to be evaluated.
+        rows: how many rows the whole estimate is made of.
 
     Returns:
-        Float64 (episodes, steps), -inf where the ratio is 0.
+        Ratios (n, steps).
 
     Raises:
-        UsageError: a density is not known.
+        UsageError: a density is not known, or the target takes actions that the behaviour never or hardly
+            ever takes.
         PolicyError: the target failed, or returned no valid density.
     """
-    _refuse_unknown(experiment.cells[first // experiment.episodes].label, log_prob)
-    wanted = measured(experiment, first, stop, observations, actions, target)
-    had = measured(experiment, first, stop, observations, actions)
-    _refuse_unknown(target.label, wanted.log_density)
-    possible = (wanted.atoms == had.atoms).all(axis=2)
-    possible &= ~((np.abs(actions) == 1.0) & _only_inside(target, actions.shape[1])).any(axis=2)
-    return np.where(possible, wanted.log_density - log_prob, -np.inf)
+    behaviour = experiment.cells[numbers[0] // experiment.episodes]
+    _refuse_unknown(behaviour.label, log_prob)
+    wanted, actions = _of_target(experiment, numbers, recorded, target)
+    _refuse_unknown(target.label, wanted.recorded)
+    ratio = wanted.recorded - log_prob
+    if target.form() == behaviour.policy.form():
+        return Ratios(ratio, np.zeros_like(ratio))
+    had = _of_behaviour(experiment, numbers, recorded, actions)
+    never = (wanted.drawn_atoms & ~had.drawn_atoms).any(axis=2) | (had.drawn == -np.inf)
+    drawn = wanted.drawn - np.where(never, -np.inf, had.drawn)
+    rare = wanted.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
+    _refuse_lack(target.label, behaviour.label, actions, never, rare, rows)
+    return Ratios(np.where((wanted.atoms == had.atoms).all(axis=2), ratio, -np.inf), drawn)
 
 
-def _only_inside(policy: Policy, steps: int) -> npt.NDArray[np.bool_]:
-    """Whether a policy declares nothing but a density on (-1, 1), by step and component: (steps, 3)."""
-    declared = [policy.supports(t) or () for t in range(steps)]
-    strata = [[stratum for support in supports for stratum in support] for supports in declared]
-    return np.array([[bool(now) and all(s[j] == INSIDE for s in now) for j in range(3)] for now in strata])
+def _refuse_lack(
+    target: str, behaviour: str, actions: Float32s, never: Bools, rare: Bools, rows: int
+) -> None:
+    """Raise UsageError if the behaviour never takes an action of the target, or too many point masses rarely.
+
+    A point mass is rare if the target takes it more than `rows` times as often: so many rows have it less
+    than once.
+    """
+    lacking = never | rare
+    if not never.any() and lacking.any(axis=1).mean() <= RARE_EPISODES:
+        return
+    episode, step = np.argwhere(lacking)[0]
+    example = f"such as {actions[episode, step].tolist()} at step {step}"
+    raise UsageError(
+        f"policy {target}: found that {lacking.mean():.2%} of its actions are taken by {behaviour}, the "
+        f"policy of the data, less than once in {rows:,} rows, {example}; expected data of a policy that "
+        f"can take every action of {target}"
+    )
 
 
-def _refuse_mixed_measure(policy: Policy) -> None:
-    """Raise UsageError for a density that is wrong where only some numbers of an action are the base's."""
-    for outer in policy.everywhere():
-        if getattr(outer, "explores", False) and any(
-            getattr(inner, "per_dimension", False) for inner in outer.everywhere()
-        ):
-            raise UsageError(
-                f"policy {policy.label}: found a schedule with epsilon around a policy with per_dimension, "
-                "expected one without the other: its density is wrong where only some numbers of an action "
-                "are the base's"
-            )
+class _Densities(NamedTuple):
+    """Log densities (n, steps) of a policy, and where it has point masses (n, steps, 3)."""
+
+    recorded: Floats  # of the recorded actions
+    atoms: Bools
+    drawn: Floats  # of the actions that the target draws
+    drawn_atoms: Bools
+
+
+def _of_target(
+    experiment: Experiment, numbers: Ints, recorded: Recorded, target: Policy
+) -> tuple[_Densities, Float32s]:
+    """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
+    lanes = lanes_of(experiment, numbers)._replace(policy=target, label=target.label)
+    checked, random = Checked(target, target.label, numbers), np.random.default_rng(0)
+
+    def question(given: Observed, rows: Rows) -> Floats:
+        action, drawn = rows(recorded.actions), np.empty((len(given.step), 3), dtype=np.float32)
+        checked.decide(given._replace(uniforms=random.random(given.uniforms.shape)), drawn)
+        return np.column_stack([_asked(given, target, checked, action, drawn), drawn])
+
+    found = replayed(experiment.world, lanes, recorded, question)
+    return _densities(found), found[..., 8:].astype(np.float32)
+
+
+def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
+    """What the behaviour says of recorded actions, and of those that the target draws."""
+    lanes = lanes_of(experiment, numbers)
+    checked = Checked(lanes.policy, lanes.label, lanes.numbers)
+
+    def question(given: Observed, rows: Rows) -> Floats:
+        return _asked(given, lanes.policy, checked, rows(recorded.actions), rows(drawn))
+
+    return _densities(replayed(experiment.world, lanes, recorded, question))
+
+
+def _asked(given: Observed, policy: Policy, checked: Checked, recorded: Float32s, drawn: Float32s) -> Floats:
+    """Densities and point masses as numbers (n, 8), which `_densities` takes apart."""
+    answers = [(checked.log_density(given, x), policy.atoms(given, x)) for x in (recorded, drawn)]
+    return np.column_stack([part for answer in answers for part in answer])
+
+
+def _densities(found: Floats) -> _Densities:
+    atoms, drawn_atoms = found[..., 1:4] > 0.0, found[..., 5:8] > 0.0
+    return _Densities(found[..., 0], atoms, found[..., 4], drawn_atoms)
 
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:

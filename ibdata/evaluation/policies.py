@@ -13,19 +13,18 @@ from pydantic import ConfigDict
 
 from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
-from ibdata.experiment.code_record import provenance, refuse_mixed, refuse_two
-from ibdata.experiment.custom_code import customs_in
-from ibdata.experiment.fresh_modules import imported_anew
+from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.policies import POLICIES, Policy
-from ibdata.policies.adapter import Adapter
-from ibdata.policies.code_places import looking_here
-from ibdata.policies.ways import WAYS, can_act
+from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
+from ibdata.policies.base import refuse_log_prob
+from ibdata.policies.code import two_places
+from ibdata.policies.purity import refuse_impure
+from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
 
 
-class Acting(Adapter):
+class Acting(UserObject):
     """A policy made of an object. Its random numbers depend on the name of its class or function."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -40,14 +39,9 @@ class Acting(Adapter):
         return self.target
 
     @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """The object's own `history_length` if it has one, else the number asked for."""
-        return int(getattr(self.target, "history_length", self.history))
-
-    @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """The object's own `uniforms_per_step` if it has one, else 0."""
-        return int(getattr(self.target, "uniforms_per_step", 0))
+    def needs(self) -> Needs:
+        """The object's own `needs` if it has some, else the number of observations asked for."""
+        return needs_of(self.target, self.history)
 
     def form(self) -> dict[str, Any]:
         """The kind and the name, because nothing else is known."""
@@ -59,13 +53,8 @@ def policies_of(
 ) -> dict[str, Policy]:
     """Return the policies that a user gave, by their labels. Of equal labels, the later ones get -2, -3, …
 
-    Args:
-        given: what `policy_of` takes, a mapping of labels to that, or a list of both.
-        history: as in `policy_of`, for all policies or by label.
-        allow_code: as in `policy_of`.
-
-    Raises:
-        UsageError, ConfigError: as `policy_of`; or a label, or a key of history, is not valid.
+    A user gives what `policy_of` takes, a mapping of labels to that, or a list of both, and the history for
+    all or by label.
     """
     history = plain(history)
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
@@ -81,7 +70,7 @@ def policies_of(
         while name in found:
             count += 1
             name = f"{own}-{count}"
-        if isinstance(policy, Acting) and not hasattr(policy.target, "history_length"):
+        if isinstance(policy, Acting) and not isinstance(getattr(policy.target, "needs", None), Needs):
             taking.append(name)
             policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
         found[name] = policy
@@ -114,17 +103,10 @@ def _labelled(given: Any) -> Iterator[tuple[str | None, Any]]:
 
 
 def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
-    """Return the policy that a user gave.
+    """Return a policy that a user gave: a `Policy`, a kind, a block (mapping, YAML or file), or an object.
 
-    Args:
-        given: a `Policy`, a kind such as "safe", a block (mapping, YAML text or file), or an object that
-            `Adapter` takes.
-        history: the number of observations that an object sees if it has no `history_length`.
-        allow_code: whether a custom policy in a file may run; one that is given as a block always may.
-
-    Raises:
-        UsageError: given is none of these, or a file names a custom policy without allow_code.
-        ConfigError: the block is not valid.
+    An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
+    Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
     if isinstance(given, Policy):
         return given
@@ -135,10 +117,14 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
     if isinstance(given, type):
         raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
     if can_act(given):
+        try:
+            refuse_log_prob(given, hasattr(given, "log_density"))
+        except TypeError as error:
+            raise UsageError(f"policy: {error}") from None
         name = getattr(given, "__name__", type(given).__name__).lower()
         name = re.sub("[^a-z0-9]", "-", name).strip("-")[:64]
         return Acting(target=given, history=history, name=name or "object")
-    raise UsageError(f"policy: found {shown(given)}, expected {WAYS}")
+    raise UsageError(f"policy: found {shown(given)}, expected {EXPECTED}")
 
 
 def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
@@ -165,36 +151,39 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
-    for custom in customs_in(policy):
-        custom.look_beside(folder)
     return policy
 
 
 @contextmanager
-def loaded(policies: Iterable[Policy]) -> Iterator[None]:
-    """A context in which custom policies do what their files hold now.
+def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION)) -> Iterator[None]:
+    """A context in which custom policies are loaded, and code of a user is pure. Modules are those of Python.
 
-    Raises UsageError if two of their modules have the same name.
+    Objects see so many `columns` of an observation. Raises PolicyError for a policy that remembers or draws
+    in secret.
     """
+    policies = list(policies)
+    for policy in policies:
+        if type(policy) not in POLICIES.values():  # code of a user
+            refuse_impure(policy, columns if isinstance(policy, Acting) else len(OBSERVATION), exact=False)
     own = [custom for policy in policies for custom in customs_in(policy)]
-    if not own:  # else the check at the end would look at what the script and other threads import
-        yield
-        return
-    with looking_here(), imported_anew(own):
-        refuse_two(own)
+    try:
         for custom in own:
             custom.load()
-        provenance(own)  # refuses bytecode of other code
         yield
-        refuse_mixed(own)
+    finally:
+        for custom in own:
+            custom.forget()
 
 
 def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     try:
-        return validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
+        policy = validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
     except ConfigError as error:
         problems = [problem.removeprefix("policies.0.") for problem in error.problems]
         raise ConfigError(
             [f"{place}: {problem.removeprefix('policies.0: ')}" for problem in problems]
         ) from None
+    for custom in customs_in(policy):
+        custom.look_in(two_places(folder))
+    return policy

@@ -1,66 +1,51 @@
-"""The recorded episodes of a dataset, part by part, with the ratios of the densities of their actions."""
+"""The recorded episodes of a dataset, part by part."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-import pyarrow as pa
 
-from ibdata.dataset.reader import Dataset
-from ibdata.evaluation.overlap import log_ratios
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.evaluation.states import Source
+from ibdata.experiment import Experiment
+from ibdata.experiment.replay import Recorded
+from ibdata.experiment.rollout import PART_ROWS
 from ibdata.policies import Policy
-from ibdata.simulation.episodes import Floats
-from ibdata.simulation.rollout import PART_ROWS, parts
+from ibdata.simulation.world import Floats, Ints
 
 
 class Part(NamedTuple):
-    """Consecutive episodes of a shard with the same policy, of which some are selected."""
+    """Episodes of an experiment with the same policy."""
 
-    shard: int
-    first: int  # episode of the experiment
-    stop: int
-    row: int  # of the shard
-    steps: int
-    behaviour: Policy
-    selected: npt.NDArray[np.bool_]  # (stop - first,)
+    experiment: Experiment
+    numbers: Ints  # of the episodes in the experiment
+    own: Ints  # their places among all
+
+    @property
+    def behaviour(self) -> Policy:
+        """The policy."""
+        policy: Policy = self.experiment.cells[self.numbers[0] // self.experiment.episodes].policy
+        return policy
 
 
-def parts_of(spec: DatasetSpec, episodes: npt.NDArray[np.int64]) -> Iterator[Part]:
-    """Yield the parts that have episodes of these numbers."""
-    for shard in spec.shards:
-        experiment = spec.of_shard(shard)
+def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
+    """Divide episodes (n,) into parts of bounded memory."""
+    most = max(1, PART_ROWS // steps)
+    for experiment, own, numbers in source.by_experiment(episodes):
         per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
-        inside = np.isin(np.arange(shard.first, shard.stop) + shard.offset, episodes)
-        inner = range((shard.first // per_policy + 1) * per_policy, shard.stop, per_policy)
-        of_one = pairwise([shard.first, *inner, shard.stop])
-        for first, stop in (part for ends in of_one for part in parts(experiment, *ends)):
-            selected = inside[first - shard.first : stop - shard.first]
-            if selected.any():
-                row = (first - shard.first) * experiment.steps
-                behaviour = experiment.cells[first // experiment.episodes].policy
-                yield Part(shard.number, first, stop, row, experiment.steps, behaviour, selected)
+        for policy in np.unique(numbers // per_policy):
+            same = np.flatnonzero(numbers // per_policy == policy)
+            for i in range(0, len(same), most):
+                some = same[i : i + most]
+                yield Part(experiment, numbers[some], own[some])
 
 
-def read(ds: Dataset, spec: DatasetSpec, part: Part, target: Policy) -> tuple[Floats, Floats]:
-    """The logarithms of the ratios and the rewards of the selected episodes, both (episodes, steps)."""
-    experiment, n = spec.of_shard(spec.shards[part.shard]), part.stop - part.first
-    observed, acted = ds.info_model.names("observation"), ds.info_model.names("action")
-    names = [*observed, *acted, "reward", "action_log_prob"]
-    stop = part.row + n * part.steps
-    table = pa.Table.from_batches(ds.shard_batches(part.shard, names, PART_ROWS, part.row, stop))
-
-    def grid(names: list[str]) -> npt.NDArray[np.float32]:
-        columns = [table[name].to_numpy() for name in names]
-        return np.stack(columns, axis=1).astype(np.float32).reshape(n, part.steps, len(names))
-
-    reward, log_prob = (
-        table[name].to_numpy().astype(np.float64).reshape(n, part.steps)
-        for name in ("reward", "action_log_prob")
-    )
-    ratios = log_ratios(experiment, part.first, part.stop, grid(observed), grid(acted), log_prob, target)
-    return ratios[part.selected], reward[part.selected]
+def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
+    """What was seen and done in the first steps of episodes, and the rewards and log densities (n, steps)."""
+    info = source.ds.info_model
+    observed, acted = info.names("observation"), info.names("action")
+    names, counts = [*observed, *acted, "reward", "action_log_prob"], np.full(len(episodes), steps)
+    *values, reward, log_prob = source.stored(names, episodes, counts, np.dtype(np.float64))
+    rows = np.stack(values, axis=2).astype(np.float32)
+    return Recorded(rows[..., : len(observed)], rows[..., len(observed) :]), reward, log_prob

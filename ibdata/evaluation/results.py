@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.evaluation.against import BaselineResult
+from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,6 +100,6 @@ class Evaluation(Tabular):
 
 
 def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with "all" for the setpoint of a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else row.setpoint
+    """A row as tables show it: with the exact setpoint, or "all" for a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else exact(row.setpoint)
     return row._replace(setpoint=shown)

@@ -11,11 +11,16 @@ from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.evaluation.addresses import Addresses, whole, within
+from ibdata.evaluation.revisit import revisited
+from ibdata.experiment import Experiment
+from ibdata.experiment.columns import layout
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.rollout import PART_ROWS
 from ibdata.policies import Policy
 from ibdata.policies.constant import Constant
-from ibdata.simulation.revisit import Ints, Revisit, Visited, Watching
-from ibdata.simulation.rollout import PART_ROWS
-from ibdata.simulation.variables import Table, layout
+from ibdata.simulation.driver import Situation
+from ibdata.simulation.variables import Table
+from ibdata.simulation.world import Ints
 
 BATCH_ROWS = 65_536
 
@@ -47,9 +52,9 @@ def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
 class Source(Addresses):
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
-    def __init__(self, ds: Place) -> None:
-        self._ds = opened(ds)
-        super().__init__(self._ds)
+    def __init__(self, ds: Place, spec: DatasetSpec | None = None) -> None:
+        self.ds = opened(ds)
+        super().__init__(self.ds, spec)
 
     def places(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
         """Episodes and steps as arrays (n,). Raises UsageError if the dataset has no such row."""
@@ -75,15 +80,9 @@ class Source(Addresses):
         episodes = np.searchsorted(ends, found, side="right")
         return episodes, found - (ends - self.lengths)[episodes]
 
-    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Visited:
-        """Simulate rows again. Raises DatasetError if they differ from the stored ones.
-
-        Args:
-            episodes: the episodes (n,) of the rows.
-            steps: their steps (n,).
-            policy: the policy that watches.
-        """
-        out = Visited.room(len(episodes), policy)
+    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Situation:
+        """Simulate rows (n,) again, which a policy watches; DatasetError if they differ from the stored."""
+        out = Situation.room(len(episodes), policy.needs)
         different = np.unique(episodes)
         for experiment, own, numbers in self.by_experiment(different):
             most = max(1, PART_ROWS // (int(steps.max()) + 1))
@@ -91,47 +90,49 @@ class Source(Addresses):
                 some = different[own[i : i + most]]
                 rows = np.flatnonzero(np.isin(episodes, some))
                 lanes = np.searchsorted(some, episodes[rows])
-                again = Revisit(experiment, numbers[i : i + most], Watching.of(policy, some))
-                out.put(rows, self._simulated(again, some, lanes, steps[rows]))
+                own_numbers = numbers[i : i + most]
+                out.put(rows, self._simulated(experiment, own_numbers, policy, some, lanes, steps[rows]))
         return out
 
-    def _simulated(self, again: Revisit, episodes: Ints, lanes: Ints, steps: Ints) -> Visited:
-        """Some rows of these episodes, by the places of their episodes, and compare them."""
+    def _simulated(
+        self, experiment: Experiment, numbers: Ints, policy: Policy, episodes: Ints, lanes: Ints, steps: Ints
+    ) -> Situation:
+        """Simulate some rows of these episodes, by the places of their episodes, and compare them."""
         counts = np.zeros(len(episodes), dtype=np.int64)
         np.maximum.at(counts, lanes, steps + 1)
-        places = layout(again.experiment)
+        places = layout(experiment)
         names = [name for i, name in enumerate(places.names) if i != places.log_prob]
-        stored = self._stored(names, episodes, counts, np.dtype(again.experiment.output.dtype))
+        stored = self.stored(names, episodes, counts, np.dtype(experiment.output.dtype))
         actions = stored[places.first_action : places.first_action + 3].transpose(2, 1, 0)
         for row, lane, _ in np.argwhere(~(np.abs(actions) <= 1.0))[:1].tolist():
             raise DatasetError(
-                f"{self._ds.place}: episode {episodes[lane]}: step {row}: found the action "
+                f"{self.ds.place}: episode {episodes[lane]}: step {row}: found the action "
                 f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
-        found, table = again.rows(np.ascontiguousarray(actions, dtype=np.float32), lanes, steps)
+        actions = np.ascontiguousarray(actions, dtype=np.float32)
+        found, table = revisited(experiment, numbers, policy, episodes, actions, lanes, steps)
         made = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
         differing = (stored != made) & (np.arange(len(actions)) < counts[:, None])
         for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():
             was, expected = (float(x[column, lane, row]) for x in (stored, made))
             raise DatasetError(
-                f"{self._ds.place}: episode {episodes[lane]}: step {row}: {names[column]}: found {was!r}, "
+                f"{self.ds.place}: episode {episodes[lane]}: step {row}: {names[column]}: found {was!r}, "
                 f"expected {expected!r}, which the simulation gives; see ibdata validate"
             )
         return found
 
-    def _stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
+    def stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
         """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
-        out = np.zeros((len(names), len(episodes), int(counts.max())), dtype=dtype)
-        shards, starts = self.shards[episodes], self.starts[episodes]
+        steps = np.arange(int(counts.max()))
+        rows = np.where(steps < counts[:, None], self.starts[episodes][:, None] + steps, -1)
+        out = np.zeros((len(names), *rows.shape), dtype=dtype)
+        shards = self.shards[episodes]
         for shard in np.unique(shards).tolist():
-            own = np.flatnonzero(shards == shard)
-            row, stop = int(starts[own].min()), int((starts[own] + counts[own]).max())
-            for batch in self._ds.shard_batches(shard, names, BATCH_ROWS, row, stop):
-                columns = [column.to_numpy(zero_copy_only=False) for column in batch.columns]
-                for i in own.tolist():
-                    low, high = max(row, starts[i]), min(row + batch.num_rows, starts[i] + counts[i])
-                    if low < high:
-                        for into, column in zip(out[:, i], columns, strict=True):
-                            into[low - starts[i] : high - starts[i]] = column[low - row : high - row]
-                row += batch.num_rows
+            here = (rows >= 0) & (shards == shard)[:, None]
+            first, stop = int(rows[here].min()), int(rows[here].max()) + 1
+            for batch in self.ds.shard_batches(shard, names, BATCH_ROWS, first, stop):
+                inside = here & (rows >= first) & (rows < first + batch.num_rows)
+                for into, column in zip(out, batch.columns, strict=True):
+                    into[inside] = column.to_numpy(zero_copy_only=False)[rows[inside] - first]
+                first += batch.num_rows
         return out

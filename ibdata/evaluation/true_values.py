@@ -21,8 +21,7 @@ from ibdata.experiment import validated
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
-from ibdata.simulation.episodes import Float32s
-from ibdata.simulation.revisit import Ints
+from ibdata.simulation.world import Float32s, Ints
 from ibdata.system.memory import refuse_too_much
 
 RETURN_BYTES = 16  # least memory per branch, for two sums
@@ -132,7 +131,7 @@ def true_values(
         begun = source.visited(numbers, times, acting)
         for experiment, own, inner in source.by_experiment(numbers):
             points = Points(
-                experiment.part(settings.steps, 1),
+                dataclasses.replace(experiment.world, steps=settings.steps),
                 acting,
                 numbers[own],
                 times[own],

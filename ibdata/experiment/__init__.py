@@ -8,16 +8,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from ibdata.errors import ConfigError, Loc, UsageError
-from ibdata.experiment.messages import Problem, problems
+from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment.messages import Problem
 from ibdata.experiment.models import Experiment, refusals
 from ibdata.experiment.overrides import Overrides, override_all
 from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.yaml import MAX_BYTES, Document, StrictYamlError
+from ibdata.experiment.yaml import Document, StrictYamlError
 
 # What gives an experiment: a path or a shipped name, a mapping, or an Experiment itself.
 Config = str | os.PathLike[str] | Mapping[str, Any] | Experiment
@@ -26,13 +25,10 @@ __all__ = [
     "Config",
     "Experiment",
     "Overrides",
-    "as_recorded",
     "as_yaml",
     "find",
-    "in_full",
     "load",
     "load_all",
-    "refuse_unreadable",
     "shipped",
     "suites",
     "validated",
@@ -46,7 +42,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         config: The path of a YAML file, the name of a shipped experiment, a mapping with the same keys, or an
             Experiment.
         overrides: Replace single values: texts `key.sub=value` with values in YAML, or a mapping such as
-            {"episodes": 10, "output.shard_rows": 1000}, in which mappings are merged.
+            {"episodes": 10, "output.shard_rows": 1000}.
         seed: Replaces the seed.
 
     Returns:
@@ -57,18 +53,19 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         ConfigError: The experiment is invalid. `problems` has a line for each problem of the experiment and
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
-    if isinstance(config, Mapping | Experiment):
-        return _load_data(config, overrides, seed)
+    if isinstance(config, Experiment):
+        return _overridden(config.plain(), overrides, seed, config.folder)
+    if isinstance(config, Mapping):
+        return _overridden(plain(config), overrides, seed)
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("*.yaml"))[0]
         raise UsageError(
-            f"{path}: found a folder of experiments, expected a file such as {example}; in Python, "
-            "generate_all takes a folder"
+            f"{path}: found a folder of experiments, expected a file such as {example}; "
+            "generate takes a folder"
         )
     try:
-        with path.open("rb") as file:  # bounded, because a device may have no end
-            document = Document(file.read(MAX_BYTES + 1))
+        document = Document(path.read_bytes())
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
     except StrictYamlError as error:
@@ -80,38 +77,29 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         line, column = document.place(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    experiment = _overridden(document.data, overrides, seed, place, path.parent)
-    vars(experiment)["folder"] = path.absolute().parent
-    return experiment
-
-
-def _load_data(config: Mapping[str, Any] | Experiment, overrides: Overrides, seed: int | None) -> Experiment:
-    """The experiment of plain data, or the one that an Experiment records, with overrides."""
-    given = as_recorded(config).plain() if isinstance(config, Experiment) else plain(config)
-    experiment = _overridden(given, overrides, seed, lambda problem: "")
-    vars(experiment)["folder"] = getattr(config, "folder", None)
-    return experiment
+    return _overridden(document.data, overrides, seed, path.parent, place)
 
 
 def _overridden(
     data: dict[str, Any],
     overrides: Overrides,
     seed: int | None,
-    place: Callable[[Problem], str],
     folder: Path | None = None,
+    place: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """The experiment of data that are changed by overrides; `place` is where a problem of the data is.
+    """The experiment of data that are changed by overrides; `place` is where a problem of the data is."""
+    changed = override_all(data, overrides)
+    if seed is not None:
+        data["seed"] = seed
 
-    Paths in the data are relative to the folder, by default the current one.
-    """
-    places = override_all(data, overrides, seed)
-    try:
-        return as_recorded(
-            Experiment.model_validate(data, context={"folder": folder})
-        )  # Python's data may hold objects
-    except ValidationError as error:
-        lines = [_line(problem, places, place) for problem in problems(error, Experiment, data)]
-        raise ConfigError(list(dict.fromkeys(lines))) from None
+    def line(problem: Problem) -> str:
+        if seed is not None and problem.loc == ("seed",):
+            return problem.text
+        is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
+        return f"override {problem.text}" if is_changed else place(problem) + problem.text
+
+    with refusals(data, line):
+        return Experiment.model_validate(data, context={"folder": folder})
 
 
 def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
@@ -119,103 +107,34 @@ def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
 
     Raises ConfigError with a line `key: found, expected` per problem.
     """
-    with refusals(data):
-        return Experiment.model_validate(data, context={"folder": folder})
-
-
-def as_recorded(experiment: Experiment) -> Experiment:
-    """The experiment that its own YAML gives, from which its dataset is made here and anywhere.
-
-    Raises:
-        ConfigError: it is not valid.
-        UsageError: it is another than that, as one with an instance of a subclass of a policy.
-    """
-    recorded = validated(experiment.plain())
-    if recorded != experiment:
-        raise UsageError(
-            f"{experiment.name}: found an experiment that its YAML does not give again, such as one with an "
-            "object of a class derived from a policy of ibdata; expected code of your own as kind: custom"
-        )
-    vars(recorded)["folder"] = experiment.folder
-    return recorded
-
-
-def refuse_unreadable(experiment: Experiment) -> None:
-    """Raise ConfigError if the YAML that a dataset records of an experiment is none that ibdata reads.
-
-    It has all defaults written out, so it is larger and deeper than the YAML that a person writes.
-    """
-    try:
-        Document(as_yaml(experiment))
-    except StrictYamlError as error:
-        found = f"{experiment.name}: with all defaults written out, {error.message}"
-        raise ConfigError([f"{found}; make several experiments of it"]) from None
+    return _overridden(data, (), None, folder)
 
 
 def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:
     """The experiments of a folder or a shipped suite in the order of their files, or the one of `load`.
 
-    Raises the errors of `load`, with the problems of all files at once, and ConfigError if two experiments
-    have the same name.
+    Raises the errors of `load`, with the problems of all files at once.
     """
-    if isinstance(config, Mapping | Experiment):
+    if isinstance(config, Mapping | Experiment) or not is_suite(path := find(config)):
         return [load(config, overrides, seed)]
-    path = find(config)
-    files = sorted(path.glob("*.yaml")) if is_suite(path) else [path]
-    experiments: dict[str, Experiment] = {}
-    found: dict[str, list[str]] = {}  # problem → files
-    for file in files:
+    experiments: list[Experiment] = []
+    problems: list[str] = []
+    for file in sorted(path.glob("*.yaml")):
         try:
-            experiment = load(file, overrides, seed)
+            experiments.append(load(file, overrides, seed))
         except UsageError as error:
-            for problem in _lines(error):
-                found.setdefault(problem, []).append(str(file))
-            continue
-        if experiment.name in experiments:
-            message = (
-                f"found {experiment.name!r} as in another file of the folder, expected a name of its own"
-            )
-            found[f"{file}: name: {message}"] = [str(file)]
-        experiments[experiment.name] = experiment
-    if found:
-        raise ConfigError([line for item in found.items() for line in _with_files(*item, len(files))])
-    return list(experiments.values())
+            problems += str(error).split("\n")
+    if problems:
+        raise ConfigError(list(dict.fromkeys(problems)))  # a problem of an override is the same in each
+    return experiments
 
 
-def _lines(error: UsageError) -> list[str]:
-    return error.with_options.split("\n") if isinstance(error, ConfigError) else [error.with_options]
-
-
-def _with_files(problem: str, files: list[str], total: int) -> list[str]:
-    """A problem with the names of its files, unless all files have it or it already names its file."""
-    named = len(files) == total or problem.startswith(files[0])
-    return [problem] if named else [f"{file}: {problem}" for file in files]
-
-
-def as_yaml(experiment: Experiment) -> bytes:
-    """The resolved experiment, from which the dataset can be made again, as a dataset records it in UTF-8."""
-    return _yaml(experiment.plain())
-
-
-def in_full(experiment: Experiment, ascii: bool = False) -> bytes:
-    """The resolved experiment with all defaults, for people, as UTF-8 or as ASCII."""
-    return _yaml(experiment.in_full(), ascii)
-
-
-def _yaml(data: dict[str, Any], ascii: bool = False) -> bytes:
+def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
+    """The resolved experiment with all defaults, in UTF-8 or in ASCII, as a dataset records it."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.allow_unicode = not ascii
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
     out = io.BytesIO()
-    yaml.dump(data, out)
+    yaml.dump(experiment.plain(), out)
     return out.getvalue()
-
-
-def _line(problem: Problem, places: dict[Loc, str], place: Callable[[Problem], str]) -> str:
-    """A problem with its place: the override that caused it, or else where it is in the data."""
-    loc, key, message = problem.loc, problem.key, problem.message
-    for length in range(len(loc), 0, -1):
-        if (option := places.get(loc[:length])) is not None:
-            return f"{option}: {message}" if option == f"--{key}" else f"{option}: {key}: {message}"
-    return f"{place(problem)}{f'{key}: ' if key else ''}{message}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,7 +16,6 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, episodes_per_shard, plan, segments
-from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
 from ibdata.system.storage import damaged
@@ -30,23 +29,19 @@ class Run(NamedTuple):
     steps: int
 
 
-def fitting(split: Split, experiment: Experiment, known: Set[float]) -> Split | None:
-    """A split without the setpoints, policies and episodes that an experiment lacks; None if nothing is left.
-
-    Args:
-        split: the split.
-        experiment: the experiment.
-        known: the setpoints of the experiment.
-    """
-    setpoints, labels = split.setpoints(), split.policies()
+def fitting(split: Split, experiment: Experiment) -> Split | None:
+    """A split without what an experiment lacks of it; None if nothing is left."""
+    cells = [cell for cell in experiment.cells if split.selects(cell.setpoint, cell.label)]
     indices = split.indices(experiment.episodes)
     stop = min(indices.stop, experiment.episodes)
-    own = None if setpoints is None else [p for p in setpoints if p in known]
-    policies = None if labels is None else [label for label in labels if label in experiment.labels]
-    if own == [] or policies == [] or indices.start >= stop:
+    if not cells or indices.start >= stop:
         return None
-    episodes = EpisodeRange(start=indices.start, stop=stop - 1)
-    return Split(setpoint=own, policy=policies, episodes=episodes, overlap=True)
+    return Split(
+        setpoint=None if split.setpoint is None else list(dict.fromkeys(cell.setpoint for cell in cells)),
+        policy=None if split.policy is None else list(dict.fromkeys(cell.label for cell in cells)),
+        episodes=EpisodeRange(start=indices.start, stop=stop - 1),
+        overlap=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -70,17 +65,11 @@ class DatasetSpec:
                 kept(content)
             except ValueError as error:
                 raise DatasetError(f"{path}: {error}") from None
-        return cls(
-            data["name"],
-            tuple(Experiment.model_validate(experiment) for experiment in data["experiments"]),
-        )
+        return cls(data["name"], tuple(map(Experiment.model_validate, data["experiments"])))
 
     def plain(self) -> dict[str, Any]:
         """Name and experiments as plain data for JSON; without the later splits, which no shard needs."""
-        return {
-            "name": self.name,
-            "experiments": [experiment.plain() for experiment in self.experiments],
-        }
+        return {"name": self.name, "experiments": [each.plain() for each in self.experiments]}
 
     @cached_property
     def shards(self) -> list[Shard]:
@@ -127,19 +116,10 @@ class DatasetSpec:
         return list(dict.fromkeys(e.licence for e in self.experiments))
 
     @property
-    def code_targets(self) -> list[str]:
-        """The `package.module:name` of every custom policy, including those of which another is made."""
-        found = (policy.code_target for policy in self._policies())
-        return list(dict.fromkeys(target for target in found if target is not None))
-
-    @property
     def weights(self) -> dict[str, bytes]:
         """The files of the weights of all networks, by the names that they have in a dataset."""
-        return {p.file: p.weights.data for p in self._policies() if isinstance(p, Network)}
-
-    def _policies(self) -> Iterator[Policy]:
-        """All policies, and those of which they are made."""
-        return (each for e in self.experiments for policy in e.policies for each in policy.everywhere())
+        policies = (each for e in self.experiments for policy in e.policies for each in policy.everywhere())
+        return {each.file: each.weights.data for each in policies if isinstance(each, Network)}
 
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""
@@ -164,11 +144,9 @@ class DatasetSpec:
         """A copy in which the later splits are declared, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
-            known = {cell.setpoint for cell in experiment.cells}
-            own = {name: fitting(split, experiment, known) for name, split in self.later.items()}
+            own = {name: fitting(split, experiment) for name, split in self.later.items()}
             later = {name: split for name, split in own.items() if split is not None}
-            plain = {**experiment.plain(), "splits": {**experiment.splits, **later}}
-            experiments.append(Experiment.model_validate(plain))
+            experiments.append(experiment.model_copy(update={"splits": {**experiment.splits, **later}}))
         return DatasetSpec(self.name, tuple(experiments))
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, create_model
+from pydantic import AfterValidator, Field, Tag, create_model
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
-from ibdata.experiment.scalars import WHOLE, Real
-from ibdata.policies.base import FrozenModel, NormalDouble
+from ibdata.experiment.scalars import WHOLE, Real, by_form
+from ibdata.policies.base import FrozenModel
 
 
 class Overrides(FrozenModel):
@@ -41,7 +41,7 @@ def _strict(hint: Any) -> Any:
     """The type with strict numbers, as in the other models."""
     if get_origin(hint) is tuple:
         return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
-    return {float: Annotated[Real, NormalDouble], int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
+    return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
 
 
 CustomDynamics = create_model(
@@ -61,5 +61,5 @@ CustomDynamics = create_model(
 
 Dynamics = Annotated[
     Annotated[Literal["siemens", "paper"], Tag("<word>")] | Annotated[CustomDynamics, Tag("<mapping>")],
-    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | FrozenModel) else "<word>"),
+    by_form("<word>", "<mapping>"),
 ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Field, Tag
 
 from ibdata.experiment.messages import shown
-from ibdata.experiment.scalars import WHOLE
-from ibdata.experiment.setpoints import SetpointOrList, list_or
+from ibdata.experiment.scalars import WHOLE, by_form
+from ibdata.experiment.setpoints import SetpointOrList
 from ibdata.policies.base import FrozenModel
 
 
@@ -28,18 +29,17 @@ class BurnIn(FrozenModel):
         AfterValidator(_ordered),
     ] = Field(description="[fewest, most] steps; all numbers between them are equally likely")
 
+    @property
+    def steps(self) -> tuple[int, int]:
+        """The fewest and the most steps."""
+        fewest, most = self.burn_in
+        return fewest, most
+
 
 Start = Annotated[
     Annotated[Literal["default", "uniform"], Tag("<word>")] | Annotated[BurnIn, Tag("<mapping>")],
-    Discriminator(lambda value: "<mapping>" if isinstance(value, dict | FrozenModel) else "<word>"),
+    by_form("<word>", "<mapping>"),
 ]
-
-
-def _no_number(value: Any) -> Any:
-    """Refuse 1 and 0, which Python takes for true and false."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        raise ValueError(f"found {shown(value)}, expected one of false, true, full, next")
-    return value
 
 
 class Output(FrozenModel):
@@ -48,7 +48,7 @@ class Output(FrozenModel):
     dtype: Literal["float32", "float64"] = Field(
         default="float32", description="type of all float columns; actions are float32 values in both"
     )
-    latent: Annotated[Literal[False, True, "full", "next"], BeforeValidator(_no_number)] = Field(
+    latent: Literal[False, True, "full", "next"] = Field(
         default=True, description="Markov state at t; full: with derived values; next: with that at t + 1"
     )
     shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), WHOLE] = Field(
@@ -61,12 +61,6 @@ class EpisodeRange(FrozenModel):
 
     start: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(default=0, description="the first")
     stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
-
-
-def _form_of_episodes(value: Any) -> str:
-    if isinstance(value, dict | FrozenModel):
-        return "<range>"
-    return "<share>" if isinstance(value, str) else "<number>"
 
 
 SHARE = re.compile(r"(first|last) ([1-9][0-9]?) ?%")
@@ -88,17 +82,17 @@ class Split(FrozenModel):
     setpoint: SetpointOrList | None = Field(default=None, description="one or a list; default: all")
     policy: (
         Annotated[
-            Annotated[str, Tag("<name>")] | Annotated[list[str], Field(min_length=1), Tag("<list>")],
-            list_or("<name>"),
+            Annotated[str, Tag("<word>")] | Annotated[list[str], Field(min_length=1), Tag("<list>")],
+            by_form("<word>", "<list>"),
         ]
         | None
     ) = Field(default=None, description="a label or a list; default: all")
     episodes: (
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
-            | Annotated[EpisodeRange, Tag("<range>")]
-            | Annotated[str, AfterValidator(_share), Field(json_schema_extra=SCHEMA), Tag("<share>")],
-            Discriminator(_form_of_episodes),
+            | Annotated[EpisodeRange, Tag("<mapping>")]
+            | Annotated[str, AfterValidator(_share), Field(json_schema_extra=SCHEMA), Tag("<word>")],
+            by_form("<number>", "<mapping>", "<word>"),
         ]
         | None
     ) = Field(
@@ -114,6 +108,15 @@ class Split(FrozenModel):
     def policies(self) -> list[str] | None:
         """The labels of the selected policies, or None for all."""
         return self.policy if isinstance(self.policy, list | None) else [self.policy]
+
+    @cached_property
+    def _setpoints(self) -> frozenset[float]:
+        return frozenset(self.setpoints() or ())
+
+    def selects(self, setpoint: float, label: str) -> bool:
+        """Whether it selects some episodes of the cell with this setpoint and this label of a policy."""
+        here = self.setpoint is None or setpoint in self._setpoints
+        return here and (self.policy is None or label in (self.policies() or ()))
 
     def in_numbers(self, episodes: int) -> Split | None:
         """The split with a range in place of a share; None if it holds none of that many episodes."""

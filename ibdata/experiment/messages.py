@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
@@ -50,44 +50,38 @@ class Problem(NamedTuple):
     at_key: bool  # whether the key is wrong, not its value
 
     @property
-    def key(self) -> str:
-        """The path of the value, with its parts joined by dots."""
-        return ".".join(map(str, self.loc))
+    def text(self) -> str:
+        """The problem after the path of the value, with its parts joined by dots."""
+        key = ".".join(map(str, self.loc))
+        return f"{key}: {self.message}" if key else self.message
 
 
 def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Return the problems that pydantic found in the data of a model, in the words of a user."""
-    return [problem for each in error.errors() for problem in _problems(each, model, data)]
+    found: list[Problem] = []
+    for each in error.errors():
+        kind, inner = each["type"], each.get("ctx", {}).get("error")
+        loc = _path(each["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
+        if isinstance(inner, Problems):
+            found += [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
+            continue
+        if kind == "union_tag_invalid" and isinstance(_at(data, loc), dict):  # not a policy's bare name
+            loc = (*loc, "kind")
+        message = _rephrased(each, _options_at(model, data, loc[:-1]))
+        found.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
+    return found
 
 
-def _problems(error: Mapping[str, Any], model: type[BaseModel], data: Any) -> list[Problem]:
-    """The problems of one error: several if it is about more than one key."""
-    kind = error["type"]
-    loc = _resolved(error["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
-    inner = error.get("ctx", {}).get("error")
-    if isinstance(inner, Problems):
-        return [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
-    if kind == "union_tag_invalid" and isinstance(_at(data, loc), dict):  # not the bare name of a policy
-        loc = (*loc, "kind")
-    message = _rephrased(error, _keys_at(model, data, loc[:-1]))
-    return [Problem(loc, message, at_key=kind == "extra_forbidden")]
-
-
-def _resolved(loc: Loc, data: Any, keep_last: bool) -> Loc:
-    """The path without the parts that pydantic adds for branches of unions."""
-    out: list[str | int] = []
-    in_policy = False  # the next part is the kind of a policy, which may be a key as well
-    for i, part in enumerate(loc):
-        here = (isinstance(data, dict) and part in data) or (
-            isinstance(data, list) and isinstance(part, int) and part < len(data)
-        )
-        here = here and not in_policy
-        in_policy = loc[0] == "policies" and (i == 1 or (part == "base" and here))
-        if here:
+def _path(loc: Loc, data: Any, keep_last: bool) -> Loc:
+    """The path of a value, without the parts that pydantic adds for branches of unions."""
+    path: Loc = ()
+    for part in loc:
+        try:
             data = data[part]
-        if here or (keep_last and i == len(loc) - 1):
-            out.append(part)
-    return tuple(out)
+        except (LookupError, TypeError):
+            continue
+        path = (*path, part)
+    return (*path, loc[-1]) if keep_last and path[-1:] != loc[-1:] else path
 
 
 def _at(data: Any, loc: Loc) -> Any:
@@ -97,19 +91,21 @@ def _at(data: Any, loc: Loc) -> Any:
     return data
 
 
-def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
+def _rephrased(error: Mapping[str, Any], known: list[str]) -> str:
     """Rephrase one error of pydantic as 'found …, expected …'."""
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "extra_forbidden":
         key = str(error["loc"][-1])
-        return f"no such option{suggestion(key, known_keys) or f'; expected one of {_join(known_keys)}'}"
+        names = ", ".join(known)
+        return f"no such option{suggestion(key, known) or f'; expected one of {names}'}"
     if kind == "missing":
         return "missing, expected a value"
     if kind in ("literal_error", "union_tag_invalid"):
-        words = [_yaml_word(w) for w in _words(context.get("expected") or context["expected_tags"])]
+        words = _words(context.get("expected") or context["expected_tags"])
         found = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
         near = suggestion(str(found), words)
-        return f"found {shown(found)}, expected {'one of ' if len(words) > 1 else ''}{_join(words)}{near}"
+        one_of = "one of " if len(words) > 1 else ""
+        return f"found {shown(found)}, expected {one_of}{', '.join(words)}{near}"
     if kind == "union_tag_not_found":
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):
@@ -127,18 +123,16 @@ def _rephrased(error: Mapping[str, Any], known_keys: Iterable[str]) -> str:
     return f"found {shown(value)}, expected: {error['msg']}"
 
 
-def _keys_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
-    """The names of the options that the mapping at `loc` may have."""
-    if loc and loc[0] == "policies" and len(loc) > 1:
+def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
+    """The names of the options that the mapping at a path may have."""
+    if loc[:1] == ("policies",) and len(loc) > 1:
         block = _at(data, loc)
         policy = POLICIES.get(str(block.get("kind"))) if isinstance(block, dict) else None
         return list(policy.model_fields) if policy else []
     for part in loc:
-        field = model.model_fields.get(str(part))
-        found = [m for m in _models(field.annotation if field else None)]
-        if not found:
-            continue
-        model = next((m for m in found if _fits(m, data, loc)), found[0])
+        data = data[part]
+        if (field := model.model_fields.get(str(part))) is not None:
+            model = max(_models(field.annotation), key=lambda each: _fit(each, data), default=model)
     return list(model.model_fields)
 
 
@@ -148,20 +142,11 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     return [m for arg in getattr(annotation, "__args__", ()) for m in _models(arg)]
 
 
-def _fits(model: type[BaseModel], data: Any, loc: Loc) -> bool:
-    for part in loc:
-        data = data.get(part, {}) if isinstance(data, dict) else {}
-    return isinstance(data, dict) and bool(set(data) & set(model.model_fields))
+def _fit(model: type[BaseModel], data: Any) -> int:
+    return len(set(data) & set(model.model_fields)) if isinstance(data, dict) else 0
 
 
 def _words(expected: str) -> list[str]:
-    """The words of pydantic's "False, True, 'full' or 'next'"."""
-    return [word.strip("'") for word in re.split(r", | or ", expected)]
-
-
-def _yaml_word(word: str) -> str:
-    return {"True": "true", "False": "false"}.get(word, word)
-
-
-def _join(words: Iterable[str]) -> str:
-    return ", ".join(words)
+    """The words, as YAML has them, of pydantic's "False, True, 'full' or 'next'"."""
+    words = [word.strip("'") for word in re.split(r", | or ", expected)]
+    return [{"True": "true", "False": "false"}.get(word, word) for word in words]

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.errors import ConfigError, Loc, Problems, suggestion
 from ibdata.experiment.cells import Cell, variant_form
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Output, Split, Start
-from ibdata.experiment.messages import problems, shown
+from ibdata.experiment.messages import Problem, problems
 from ibdata.experiment.plain import plain
+from ibdata.experiment.plan import segments
 from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
+from ibdata.simulation.world import World
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -30,20 +41,16 @@ MAX_CELLS = 1_000_000
 MAX_SHARDS = 10_000_000
 
 
-def _no_bool(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise ValueError(f"found {shown(value)}, expected 1")
-    return value
-
-
 @contextmanager
-def refusals(data: Mapping[str, Any]) -> Iterator[None]:
-    """Raise ConfigError with a line `key: found, expected` for each problem that pydantic finds."""
+def refusals(
+    data: Mapping[str, Any], line: Callable[[Problem], str] = lambda each: each.text
+) -> Iterator[None]:
+    """Raise ConfigError with a line for each problem that pydantic finds."""
     try:
         yield
     except ValidationError as error:
-        found = problems(error, Experiment, data)
-        raise ConfigError([f"{problem.key}: {problem.message}" for problem in found]) from None
+        lines = [line(problem) for problem in problems(error, Experiment, data)]
+        raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
 class Experiment(FrozenModel):
@@ -64,9 +71,7 @@ class Experiment(FrozenModel):
         # With this mark of pydantic's own, `model_validate` does not call __init__.
         __init__.__pydantic_base_init__ = True
 
-    version: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
-        default=1, description="version of this format"
-    )
+    version: Literal[1] = Field(default=1, description="version of this format")
     name: FileName = Field(description="name of the experiment, its dataset and its folder")
     dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
     setpoints: Setpoints = Field(
@@ -96,15 +101,26 @@ class Experiment(FrozenModel):
         default=LICENCE, description="licence of the dataset, an SPDX expression; its card names it"
     )
 
-    @cached_property
+    _folder: Path | None = PrivateAttr(None)
+
+    @property
     def folder(self) -> Path | None:
         """The folder of the YAML file, if it was loaded from one; not part of the experiment."""
-        return None
+        return self._folder
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Experiment) and self.options() == other.options()
 
     @cached_property
     def variant(self) -> Variant:
         """The dynamics as a variant."""
         return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @cached_property
+    def world(self) -> World:
+        """What its episodes have in common, for the simulation."""
+        start = self.start if isinstance(self.start, str) else self.start.steps
+        return World(self.variant, start, self.drifting, self.steps)
 
     @cached_property
     def drifting(self) -> bool:
@@ -144,29 +160,18 @@ class Experiment(FrozenModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder, and raise ConfigError for an invalid copy."""
-        changes = plain(update or {})
-        with refusals({**self.options(), **changes}):
-            copy = super().model_copy(update=changes, deep=deep)
-        vars(copy)["folder"] = self.folder
-        return copy
+        own = deepcopy(self.options()) if deep else self.options()
+        options = {**own, **plain(update or {})}
+        with refusals(options):
+            return self.model_validate(options, context={"folder": self.folder})
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without what is said of other episodes."""
         return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
 
-    def in_full(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, Any]:
         """The experiment as plain data for YAML, including all defaults."""
         return self.model_dump(mode="json", exclude_none=True)
-
-    def plain(self) -> dict[str, Any]:
-        """The experiment as a dataset records it: in full, but without the licence if it is the default one.
-
-        So the experiments that were recorded before there were licences keep their bytes.
-        """
-        plain = self.in_full()
-        if self.licence == LICENCE:
-            del plain["licence"]
-        return plain
 
     @field_validator("splits")
     @classmethod
@@ -177,88 +182,56 @@ class Experiment(FrozenModel):
         return {name: split for name, split in found.items() if split is not None}
 
     @model_validator(mode="after")
-    def _check(self) -> Experiment:
-        cells = len(setpoint_values(self.setpoints)[0]) * len(self.policies)
-        if cells > MAX_CELLS:
-            raise Problems(
-                [(("setpoints",), f"found more than {MAX_CELLS} cells, expected at most {MAX_CELLS}")]
-            )
-        per_shard = max(1, self.output.shard_rows // self.steps)
-        if cells * self.episodes / per_shard > MAX_SHARDS:
-            raise Problems(
-                [
-                    (
-                        ("output", "shard_rows"),
-                        f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}",
-                    )
-                ]
-            )
-        found = [*self._equal_cells(), *self._unknown_in_splits()] or list(self._shared_episodes())
-        if found:
+    def _check(self, info: ValidationInfo) -> Experiment:
+        folder = (info.context or {}).get("folder")
+        self._folder = folder and folder.absolute()
+        if found := list(self._contradictions()) or list(self._shared_episodes()):
             raise Problems(found)
         return self
 
-    def _equal_cells(self) -> Iterator[tuple[Loc, str]]:
+    def _contradictions(self) -> Iterator[tuple[Loc, str]]:
         setpoints, _ = setpoint_values(self.setpoints)
+        cells = len(setpoints) * len(self.policies)
+        if cells > MAX_CELLS:
+            yield ("setpoints",), f"found more than {MAX_CELLS} cells, expected at most {MAX_CELLS}"
+            return
+        if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
+            message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
+            yield ("output", "shard_rows"), message
         if len(set(setpoints)) < len(setpoints):
             twice = next(p for i, p in enumerate(setpoints) if p in setpoints[:i])
             yield ("setpoints",), f"found {exact(twice)} twice, expected each setpoint once"
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:
-                yield (
-                    ("policies", i),
-                    f"found the same policy as policies.{forms.index(form)}; remove one of the two",
-                )
-
-    def _unknown_in_splits(self) -> Iterator[tuple[Loc, str]]:
+                message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
+                yield ("policies", i), message
         for name, split in self.splits.items():
-            for p in split.setpoints() or []:
-                if p not in self._known_setpoints:
-                    yield (
-                        ("splits", name, "setpoint"),
-                        f"found {exact(p)}, expected one of the setpoints of the experiment",
-                    )
-            for label in split.policies() or []:
-                if label not in self.labels:
-                    yield (
-                        ("splits", name, "policy"),
-                        f"found {label!r}, expected one of {', '.join(self.labels)}"
-                        f"{suggestion(label, self.labels)}",
-                    )
-            indices = split.indices(self.episodes)
-            if not indices or indices.stop > self.episodes:
-                yield (
-                    ("splits", name, "episodes"),
-                    f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                    f"{self.episodes - 1}; change it, or leave out all splits by the override splits={{}}",
-                )
+            yield from ((("splits", name, key), text) for key, text in self._unknown_in(split, {*setpoints}))
+
+    def _unknown_in(self, split: Split, setpoints: set[float]) -> Iterator[tuple[str, str]]:
+        for p in split.setpoints() or ():
+            if p not in setpoints:
+                yield "setpoint", f"found {exact(p)}, expected one of the setpoints of the experiment"
+        for label in split.policies() or ():
+            if label not in self.labels:
+                known = f"{', '.join(self.labels)}{suggestion(label, self.labels)}"
+                yield "policy", f"found {label!r}, expected one of {known}"
+        indices = split.indices(self.episodes)
+        if not indices or indices.stop > self.episodes:
+            yield (
+                "episodes",
+                f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
+                f"{self.episodes - 1}; change it, or leave out all splits by the override splits={{}}",
+            )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:
-        """Splits that share episodes. A split is a product of axes, so two do if they meet on each axis."""
-        names = [name for name, split in self.splits.items() if not split.overlap]
-        axes = {name: self._axes(self.splits[name]) for name in names}
-        for i, b in enumerate(names):
-            for a in names[:i]:
-                (p, policies, indices), (q, others, more) = axes[a], axes[b]
-                if _meet(indices, more) and not policies.isdisjoint(others) and not p.isdisjoint(q):
-                    yield (
-                        ("splits", b),
-                        f"shares episodes with {a}; change one of the two, or set overlap: true",
-                    )
-
-    def _axes(self, split: Split) -> tuple[frozenset[float], frozenset[str], range]:
-        setpoints, policies = split.setpoints(), split.policies()
-        return (
-            self._known_setpoints if setpoints is None else frozenset(setpoints),
-            frozenset(self.labels if policies is None else policies),
-            split.indices(self.episodes),
-        )
-
-    @cached_property
-    def _known_setpoints(self) -> frozenset[float]:
-        return frozenset(setpoint_values(self.setpoints)[0])
-
-
-def _meet(a: range, b: range) -> bool:
-    return max(a.start, b.start) < min(a.stop, b.stop)
+        apart = {name: split for name, split in self.splits.items() if not split.overlap}
+        if len(apart) < 2:
+            return
+        sharing = {pair for _, _, names in segments(self, apart) for pair in combinations(names, 2)}
+        for a, b in sorted(sharing, key=lambda pair: [*map(list(apart).index, reversed(pair))]):
+            yield (
+                ("splits", b),
+                f"shares episodes with {a}; change one of the two, or set overlap: true",
+            )

@@ -13,110 +13,60 @@ from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 Overrides = Sequence[str] | Mapping[str, Any]
 
 
-def override_all(data: Any, overrides: Overrides, seed: int | None = None) -> dict[Loc, str]:
-    """Apply overrides, then the seed, to the data of an experiment.
+def override_all(data: Any, overrides: Overrides) -> set[Loc]:
+    """Put overrides into the data of an experiment. Returns the paths that are new.
 
-    Args:
-        data: The data, which are changed.
-        overrides: Texts `key.sub=value` with values in YAML; or a mapping of keys to values, in which a
-            mapping is merged into the one that it meets, unless it is empty.
-        seed: The new seed; None leaves it.
-
-    Returns:
-        The place that messages give for each path that was changed.
-
-    Raises:
-        UsageError: An override is none, or there is no such place in the data.
+    Raises UsageError for an override that is none, or for which there is no place in the data.
     """
-    if isinstance(overrides, str):
-        raise UsageError(f"--set: found the text {overrides!r}, expected a list of such texts, or a mapping")
-    if not isinstance(overrides, Sequence | Mapping):
-        raise UsageError(f"--set: found {overrides!r}, expected a list of texts, or a mapping")
-    places: dict[Loc, str] = {}
-    if overrides and isinstance(data.get("policies"), list):
-        data["policies"] = [_block(policy) for policy in data["policies"]]
-    given = _mapped(data, overrides) if isinstance(overrides, Mapping) else _written(overrides)
-    for loc, value, place in given:
-        places |= dict.fromkeys(_put(data, loc, value, place), place)
-    if seed is not None:
-        data["seed"] = seed
-        places[("seed",)] = "--seed"
-    return places
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence | Mapping):
+        raise UsageError(f"overrides: found {overrides!r}, expected a list of texts key=value, or a mapping")
+    return {_put(data, key, value) for key, value in _values(overrides)}
 
 
-def _block(policy: Any) -> Any:
-    """The block of a policy, which may be given by its bare name, as may its base."""
-    if isinstance(policy, str):
-        return {"kind": policy}
-    if isinstance(policy, dict) and "base" in policy:
-        return {**policy, "base": _block(policy["base"])}
-    return policy
-
-
-def _written(overrides: Sequence[str]) -> Iterator[tuple[Loc, Any, str]]:
-    """The path, the value and the place of each text `key.sub=value`."""
+def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
+    """The dotted keys and the values."""
+    if isinstance(overrides, Mapping):
+        yield from ((str(key), plain(value)) for key, value in overrides.items())
+        return
     for override in overrides:
         key, equals, text = override.partition("=") if isinstance(override, str) else ("", "", "")
-        loc = _path(key)
-        if not equals or not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
-            raise UsageError(f"--set: found {override!r}, expected key=value")
+        if not equals:
+            raise UsageError(f"override: found {override!r}, expected key=value")
         try:
-            yield loc, Document(text).data, f"--set {override}"
+            yield key.strip(), Document(text).data
         except StrictYamlError as error:
-            raise UsageError(f"--set {override}: {error.message}") from None
+            raise UsageError(f"override {key.strip()}: {error.message}") from None
 
 
-def _mapped(data: Any, overrides: Mapping[str, Any], above: Loc = ()) -> Iterator[tuple[Loc, Any, str]]:
-    """The same of a mapping. A mapping with values that meets one of its form gives their paths."""
-    for key, value in overrides.items():
-        loc = (*above, *_path(str(key)))
-        if not all(part != "" for part in loc) or len(loc) > MAX_DEPTH:
-            raise UsageError(f"--set: found the key {key!r}, expected names joined by dots")
-        met = _found(data, loc)
-        if isinstance(value, Mapping) and value and isinstance(met, dict) and _same_form(loc, met, value):
-            yield from _mapped(data, value, loc)
-        else:
-            yield loc, plain(value), "--set"
+def _put(data: Any, key: str, value: Any) -> Loc:
+    """Put a value at a dotted key. Returns the shortest path that is new.
 
-
-def _path(key: str) -> Loc:
-    return tuple(int(part) if re.fullmatch("[0-9]{1,9}", part) else part for part in key.strip().split("."))
-
-
-def _found(data: Any, loc: Loc) -> Any:
-    """The value at a path; None if there is none."""
-    for part in loc:
-        if isinstance(data, list) and isinstance(part, int) and part < len(data):
-            data = data[part]
-        else:
-            data = data.get(str(part)) if isinstance(data, dict) else None
-    return data
-
-
-def _same_form(loc: Loc, old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
-    """Whether two mappings may be merged: not policies of two kinds, nor a range and `drifting`."""
-    if loc == ("setpoints",):
-        return ("drifting" in old) == ("drifting" in new)
-    return loc[0] != "policies" or new.get("kind", old.get("kind")) == old.get("kind")
-
-
-def _put(data: Any, loc: Loc, value: Any, place: str) -> list[Loc]:
-    """Put a value into the data. Returns the paths of all new values."""
-    new: list[Loc] = []
+    What is missing on the way becomes a mapping, and the bare name of a policy becomes its block.
+    """
+    *above, last = key.split(".")
+    if not all([*above, last]) or len(above) >= MAX_DEPTH:
+        raise UsageError(f"override: found the key {key!r}, expected names joined by dots")
     path: Loc = ()
-    for i, part in enumerate(loc):
-        last = i == len(loc) - 1
-        if isinstance(data, list) and isinstance(part, int) and part < len(data):
-            pass
-        elif isinstance(data, dict):
-            part = str(part)
-            if not last and not isinstance(data.get(part), dict | list):
-                data[part] = {}
-                new.append((*path, part))
-        else:
-            raise UsageError(f"{place}: there is no {'.'.join(map(str, loc[: i + 1]))} to set")
-        path = (*path, part)
-        if last:
-            data[part] = value
-        data = data[part]
-    return [*new, path]
+    new: Loc = ()
+    for part in above:
+        place = _place(data, part, key)
+        path = (*path, place)
+        below = data.get(place) if isinstance(data, dict) else data[place]
+        if isinstance(below, str) and path[0] == "policies":
+            below = data[place] = {"kind": below}
+        elif not isinstance(below, dict | list):
+            below = data[place] = {}
+            new = new or path
+        data = below
+    place = _place(data, last, key)
+    data[place] = value
+    return new or (*path, place)
+
+
+def _place(data: Any, part: str, key: str) -> str | int:
+    """The key in a mapping, or the index in a list, that a part of a dotted key names."""
+    if isinstance(data, dict):
+        return part
+    if re.fullmatch("[0-9]{1,9}", part) and int(part) < len(data):
+        return int(part)
+    raise UsageError(f"override {key}: there is no item {part}")

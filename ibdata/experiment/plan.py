@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ibdata.experiment.fields import Split
-from ibdata.experiment.models import Experiment
+
+if TYPE_CHECKING:
+    from ibdata.experiment.models import Experiment
 
 
 class Shard(NamedTuple):
@@ -52,32 +53,15 @@ def episodes_per_shard(experiment: Experiment) -> int:
 def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[int, int, tuple[str, ...]]]:
     """The longest runs (first, stop, splits) of episodes in the same splits."""
     n = experiment.episodes
-    cuts = {0, n}
-    for split in splits.values():
-        indices = split.indices(n)
-        cuts |= {min(n, indices.start), min(n, indices.stop)}
-    bounds = sorted(cuts)
-    order = list(splits)
-    anywhere = {k for k, split in enumerate(splits.values()) if split.setpoint is None}
-    by_setpoint = _selecting(split.setpoints() or () for split in splits.values())
-    by_label = _selecting(split.policies() or experiment.labels for split in splits.values())
-    by_index = _selecting([low for low in bounds if low in split.indices(n)] for split in splits.values())
+    held = {name: split.indices(n) for name, split in splits.items()}
+    ends = {0, n, *(min(n, end) for indices in held.values() for end in (indices.start, indices.stop))}
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
-        of_cell = (by_setpoint[cell.setpoint] | anywhere) & by_label[cell.label]
-        for low, high in pairwise(bounds):
-            names = tuple(order[k] for k in sorted(of_cell & by_index[low]))
+        of_cell = [name for name, split in splits.items() if split.selects(cell.setpoint, cell.label)]
+        for low, high in pairwise(sorted(ends)):
+            names = tuple(name for name in of_cell if low in held[name])
             if runs and runs[-1][2] == names:
                 runs[-1] = (runs[-1][0], i * n + high, names)
             else:
                 runs.append((i * n + low, i * n + high, names))
     return runs
-
-
-def _selecting(selected: Iterable[Iterable[Any]]) -> defaultdict[Any, set[int]]:
-    """For each value, the numbers of the splits that select it."""
-    found = defaultdict[Any, set[int]](set)
-    for k, values in enumerate(selected):
-        for value in values:
-            found[value].add(k)
-    return found

@@ -1,13 +1,13 @@
-"""Types of the numbers and names in an experiment."""
+"""Types of the numbers and names in an experiment, and the choice between forms of a value."""
 
 from __future__ import annotations
 
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field
 
-from ibdata.policies.base import NormalSingle
+from ibdata.policies.base import FrozenModel
 
 MAX_SETPOINTS = 10_000
 
@@ -15,13 +15,6 @@ MAX_SETPOINTS = 10_000
 def _whole(value: Any) -> Any:
     """Accept 1e3 as a whole number; strict integers then refuse true."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-def _not_reserved(name: str) -> str:
-    stem = name.split(".")[0]
-    if stem in {"con", "prn", "aux", "nul"} or (stem[:3] in {"com", "lpt"} and stem[3:].isdigit()):
-        raise ValueError(f"found {name!r}, a reserved name on some systems; choose another")
-    return name
 
 
 def _not_default(name: str) -> str:
@@ -44,8 +37,23 @@ SPDX = r"[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]"
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
-Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), NormalSingle, AfterValidator(lambda value: value + 0.0)]
-FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$"), AfterValidator(_not_reserved)]
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 Licence = Annotated[str, AfterValidator(_spdx), Field(json_schema_extra={"pattern": f"^{SPDX}$"})]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]
 SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]
+
+
+def by_form(*forms: str) -> Discriminator:
+    """Choose the branch of a union by the form of a value; that of the first form for one of no other."""
+
+    def form(value: Any) -> str:
+        if isinstance(value, dict | FrozenModel):
+            found = "<mapping>"
+        elif isinstance(value, list):
+            found = "<list>"
+        else:
+            found = "<word>" if isinstance(value, str) else "<number>"
+        return found if found in forms else forms[0]
+
+    return Discriminator(form)

@@ -10,9 +10,9 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ibdata.errors import suggestion
 from ibdata.experiment.messages import shown
-from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList
+from ibdata.experiment.scalars import MAX_SETPOINTS, Real, Setpoint, SetpointList, by_form
 from ibdata.numerics.naming import exact
-from ibdata.policies.base import FrozenModel, NormalSingle
+from ibdata.policies.base import FrozenModel
 
 
 class SetpointRange(FrozenModel):
@@ -20,7 +20,7 @@ class SetpointRange(FrozenModel):
 
     start: Setpoint
     stop: Setpoint
-    step: Annotated[Real, Field(gt=0.0), NormalSingle]
+    step: Annotated[Real, Field(gt=0.0)]
 
     def values(self) -> list[float]:
         """The setpoints of the range."""
@@ -39,13 +39,9 @@ class SetpointRange(FrozenModel):
         return self
 
 
-def list_or(other: str) -> Discriminator:
-    """A discriminator between a list and another form of a field, whose tag is given."""
-    return Discriminator(lambda value: "<list>" if isinstance(value, list) else other)
-
-
 SetpointOrList = Annotated[
-    Annotated[Setpoint, Tag("<number>")] | Annotated[SetpointList, Tag("<list>")], list_or("<number>")
+    Annotated[Setpoint, Tag("<number>")] | Annotated[SetpointList, Tag("<list>")],
+    by_form("<number>", "<list>"),
 ]
 
 
@@ -68,21 +64,16 @@ def _drifting(value: Any) -> Any:
     return value
 
 
-def _setpoints_form(value: Any) -> str:
-    if isinstance(value, dict):
-        return "<drifting>" if "drifting" in value else "<range>"
-    if isinstance(value, FrozenModel):
-        return "<drifting>" if isinstance(value, Drifting) else "<range>"
-    return "<list>" if isinstance(value, list) else "<word>" if isinstance(value, str) else "<number>"
-
-
 Setpoints = Annotated[
     Annotated[Setpoint, Tag("<number>")]
     | Annotated[Literal["drifting"], BeforeValidator(_drifting), Tag("<word>")]
     | Annotated[SetpointList, Tag("<list>")]
-    | Annotated[Drifting, Tag("<drifting>")]
-    | Annotated[SetpointRange, Tag("<range>")],
-    Discriminator(_setpoints_form),
+    | Annotated[
+        Annotated[Drifting, Tag("<drifting>")] | Annotated[SetpointRange, Tag("<range>")],
+        Discriminator(lambda x: "<drifting>" if isinstance(x, Drifting) or "drifting" in x else "<range>"),
+        Tag("<mapping>"),
+    ],
+    by_form("<number>", "<word>", "<list>", "<mapping>"),
 ]
 
 

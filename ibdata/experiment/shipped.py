@@ -22,6 +22,11 @@ def shipped() -> dict[str, Path]:
     return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
 
 
+def shipped_name(path: Path | None) -> str | None:
+    """The name of a config that comes with ibdata; None for another file."""
+    return next((name for name, own in shipped().items() if own == path), None)
+
+
 def suites() -> dict[str, Path]:
     """The folders of configs that come with ibdata, by name."""
     return {path.name: path for path in sorted(_root().iterdir()) if is_suite(path)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 from ibdata.errors import UsageError, suggestion
@@ -24,17 +24,10 @@ def transfer(
     shots: int | None = None,
     transitions: int | None = None,
 ) -> Splits:
-    """Splits for transfer: `source` and `target`, and with a budget `target-rest`.
+    """`source` and `target`, the latter with the first episodes of each cell that a budget allows.
 
-    The budget is the number of first episodes of each target cell in `target`; the other episodes there are
-    in `target-rest`. Hein et al. 2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
-
-    Args:
-        spec: the dataset.
-        source: the setpoints of `source`.
-        target: the setpoints of `target`, different from those of `source`.
-        shots: the budget in episodes; by default all.
-        transitions: the budget in rows, of which only whole episodes count; instead of shots.
+    The budget is in episodes (shots) or rows (transitions); the other episodes are `target-rest`. Hein et al.
+    2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
     """
     known = setpoints(spec)
     for p in [*source, *target]:
@@ -69,17 +62,16 @@ def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> in
         if shots is not None and shots < 1:
             raise UsageError(f"split: found {counted(shots, 'shot')}, expected at least 1")
         return shots
-    steps = {experiment.steps for experiment in spec.experiments}
-    if len(steps) > 1:
+    lengths = {experiment.steps for experiment in spec.experiments}
+    if len(lengths) > 1:
         raise UsageError("split: found episodes of several lengths, expected shots in place of transitions")
-    length = steps.pop()
-    k = transitions // length
-    if k < 1:
+    length = lengths.pop()
+    if transitions < length:
         raise UsageError(
             f"split: found {counted(transitions, 'transition')}, expected at least {length:,}, those of an "
             "episode"
         )
-    return k
+    return transitions // length
 
 
 def leave_one_out(spec: DatasetSpec) -> Splits:
@@ -97,26 +89,21 @@ def leave_one_out(spec: DatasetSpec) -> Splits:
 
 def interpolation(spec: DatasetSpec) -> Splits:
     """`train` and `test` by setpoint: the test has every second one between the lowest and the highest."""
-    known = _enough_to_hold_out(spec)
-    return _held_out(known, known[1:-1:2])
+    return _held_out(spec, outer=False)
 
 
 def extrapolation(spec: DatasetSpec) -> Splits:
     """`train` and `test` by setpoint: the test has the lowest and the highest."""
-    known = _enough_to_hold_out(spec)
-    return _held_out(known, [known[0], known[-1]])
+    return _held_out(spec, outer=True)
 
 
-def _enough_to_hold_out(spec: DatasetSpec) -> list[float]:
+def _held_out(spec: DatasetSpec, outer: bool) -> Splits:
     known = setpoints(spec)
     if len(known) < 3:
         raise UsageError(
             f"split: found {counted(len(known), 'setpoint')}, expected at least 3 to hold some out"
         )
-    return known
-
-
-def _held_out(known: list[float], test: list[float]) -> Splits:
+    test = [known[0], known[-1]] if outer else known[1:-1:2]
     return {"train": Split(setpoint=[p for p in known if p not in test]), "test": Split(setpoint=test)}
 
 
@@ -188,3 +175,15 @@ def _refuse_unknown(p: float, known: Sequence[float]) -> None:
         raise UsageError(
             f"split: found setpoint {name}, expected one of {', '.join(names)}{suggestion(name, names)}"
         )
+
+
+# By scheme, or by the property where that has but one scheme.
+SCHEMES: Mapping[str, Callable[..., Splits]] = {
+    "transfer": transfer,
+    "leave-one-out": leave_one_out,
+    "interpolation": interpolation,
+    "extrapolation": extrapolation,
+    "distance": distance,
+    "episode": by_episode,
+    "policy": by_policy,
+}

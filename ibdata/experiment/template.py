@@ -23,7 +23,7 @@ dynamics: siemens
 # In [0, 100]: a number, a list, a range that includes its stop, or moving: drifting, {{drifting: [10, 50]}}
 setpoints: {{start: 10, stop: 100, step: 10}}
 
-# Each policy is combined with each setpoint; `ibdata policies` lists them with their options.
+# Each policy is combined with each setpoint; `ibdata config policies` lists them with their options.
 policies:
   - kind: random
   - kind: epsilon_greedy

@@ -84,7 +84,7 @@ def export(
 
     Raises:
         UsageError: An argument is invalid, or the format cannot hold these data.
-        MissingError: A library is not installed.
+        IbdataError: A library is not installed.
         DatasetError: The dataset is damaged.
         BusyError: Another process exports to this path.
         IbdataError: The system refuses to write.

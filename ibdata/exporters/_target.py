@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError, MissingError, UsageError
+from ibdata.errors import IbdataError, UsageError, missing
 from ibdata.system import disk, signals
 from ibdata.system.part import locked_part, resolved
 
@@ -83,8 +83,8 @@ def reserve(path: Path, size: int) -> None:
 
 
 def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
-    """Import an optional library. Raises MissingError, which names its package, if it is not installed."""
+    """Import an optional library. Raises an error, which names its package, if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
-        raise MissingError(f"exporting to {format}", package or module, extra) from None
+        raise missing(f"exporting to {format}", package or module, extra) from None

@@ -12,28 +12,26 @@ from typing import NamedTuple
 
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
-from ibdata.experiment import Config, Overrides, load, refuse_unreadable
-from ibdata.experiment.custom_code import require_consent
+from ibdata.experiment import Experiment, load
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, receipt
-from ibdata.generation.engine import select_engine
-from ibdata.generation.generate import (
+from ibdata.generation.engine import Run
+from ibdata.generation.origin import Origin
+from ibdata.generation.publish import publish, settle
+from ibdata.generation.run import (
     already_there,
     counted_if_stopped,
-    default_folder,
     finished,
     make,
     prepare,
     rows_of,
     unfinished,
 )
-from ibdata.generation.origin import Origin
-from ibdata.generation.publish import publish, settle
 from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
+from ibdata.generation.worker import process_for
 from ibdata.system.part import Part, locked_part, resolved
-from ibdata.system.storage import is_url, refuse_url
+from ibdata.system.storage import refuse_url
 from ibdata.writing.finish import finish
 
 MAX_PARTS = 100_000
@@ -63,7 +61,7 @@ class Range(NamedTuple):
         return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
 
 
-class Made(NamedTuple):
+class PartMade(NamedTuple):
     """A finished range: the dataset's folder, shards and rows, and how many shards are still missing."""
 
     folder: Path
@@ -72,63 +70,27 @@ class Made(NamedTuple):
     missing: int
 
 
-def generate_shards(
-    config: Config,
-    shards: str,
-    out: str | os.PathLike[str] | None = None,
-    *,
-    workers: int | None = None,
-    seed: int | None = None,
-    overrides: Overrides = (),
-    progress: bool | None = False,
-    allow_code: bool = False,
-    engine: str = "local",
-    address: str | None = None,
-) -> Made:
+def make_range(
+    own: Range, experiment: Experiment, place: Path | str, run: Run, progress: bool | None
+) -> PartMade:
     """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
 
-    Any number of hosts may make parts at the same time, if their file system has locks between hosts.
     Finished shards are not made again, so the same call continues a part that was stopped.
-
-    Args:
-        config: As in `generate`.
-        shards: "i/n", with i from 1 to n.
-        out: The folder of the dataset, which all hosts share; by default data/<name>.
-        workers: As in `generate`.
-        seed: As in `generate`.
-        overrides: As in `generate`.
-        progress: As in `generate`.
-        allow_code: As in `generate`.
-        engine: As in `generate`.
-        address: As in `generate`.
-
-    Returns:
-        The folder, the shards and rows of the part, and how many shards the dataset still lacks.
-
-    Raises:
-        BusyError: Another process makes the whole dataset.
-        IbdataError: As in `generate`.
     """
-    own = Range.parse(shards)
-    experiment = load(config, overrides, seed)
-    refuse_unreadable(experiment)
-    run = select_engine(engine, workers, address)
-    if is_url(out):
-        raise UsageError(f"{out}: found a URL with --shards, expected a folder that all hosts share")
-    place = default_folder(experiment) if out is None else Path(out)
+    if isinstance(place, str):
+        raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
     target, spec = resolved(place), DatasetSpec.of(experiment)
-    require_consent(spec, experiment.name, allow_code)
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
-        return Made(place, len(mine), rows_of(spec, mine), 0)
-    with in_one_folder(spec):
-        here = origin.observe(spec, place)  # compiles for up to a minute, while other hosts need the lock
+        return PartMade(place, len(mine), rows_of(spec, mine), 0)
+    with process_for(spec) as process:
+        here = process.call(origin.observe)  # compiles for up to a minute, while other hosts need the lock
         with locked_part(target, place, shared=True) as part, counted_if_stopped(part, "--shards"):
             refuse_immovable(part, place)
             _begin(part, spec, here, place)
-            make(spec, mine, part, run, progress)
+            make(process, mine, part, run, progress)
             missing = len(spec.shards) - len(part.receipts)
-    return Made(place, len(mine), rows_of(spec, mine), missing)
+    return PartMade(place, len(mine), rows_of(spec, mine), missing)
 
 
 def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:
@@ -142,7 +104,7 @@ def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:
 
 
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
-    """Finish a dataset whose parts `generate_shards` has made: check every shard and write the manifest.
+    """Complete a dataset whose parts `generate` has made with `shards`: check them, write the manifest.
 
     No code of a policy is imported, because its hashes were noted when the run began.
 

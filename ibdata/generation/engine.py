@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ibdata.errors import UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.make_shard import Tell
+from ibdata.generation.worker import Process, Tell
 
 MAX_WORKERS = 1024
 
-# Makes shards in a part, and yields the number of each that is finished; the pieces of shards are told.
-Run = Callable[[DatasetSpec, list[Shard], Path, Tell], Iterator[int]]
+# Makes shards in a part, and yields the number of each that is finished; the pieces of shards are told. The
+# process has the code of the dataset's custom policies.
+Run = Callable[[Process, list[Shard], Path, Tell], Iterator[int]]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Run:
@@ -21,7 +21,7 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
 
     Raises:
         UsageError: The name, the number of workers or the address is invalid.
-        MissingError: The engine's library is not installed.
+        IbdataError: The engine's library is not installed.
     """
     if name not in ENGINES:
         raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
@@ -40,14 +40,14 @@ def _local(workers: int | None, address: str | None) -> Run:
 
     if address is not None:
         raise UsageError(f"address: found {address!r}, which is only for the engine ray")
-    return lambda spec, shards, root, tell: run(spec, shards, root, workers, tell)
+    return lambda process, shards, root, tell: run(process, shards, root, workers, tell)
 
 
 def _ray(workers: int | None, address: str | None) -> Run:
     from ibdata.generation import ray
 
     ray.library()
-    return lambda spec, shards, root, tell: ray.run(spec, shards, root, workers, address)
+    return lambda process, shards, root, tell: ray.run(process.spec, shards, root, workers, address)
 
 
 ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

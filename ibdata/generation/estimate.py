@@ -9,19 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import UsageError
-from ibdata.experiment import Config, Experiment, Overrides, load
-from ibdata.experiment.custom_code import require_consent
+from ibdata.experiment import Config, Experiment, Overrides, load_all
+from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard, plan
+from ibdata.experiment.rollout import rollout
 from ibdata.generation import origin
 from ibdata.generation.engine import refuse_workers
-from ibdata.generation.generate import already_there, default_folder, unfinished
+from ibdata.generation.generate import is_folder, places_of
+from ibdata.generation.run import already_there, refuse_both, unfinished
 from ibdata.generation.target import TakenError, is_free
 from ibdata.generation.warm_up import warm_up
+from ibdata.generation.worker import process_for
 from ibdata.generation.workers import divide
-from ibdata.simulation.rollout import rollout
 from ibdata.system.files import HashingFile
 from ibdata.system.part import Part, resolved
 from ibdata.system.processes import available_processors
@@ -36,78 +36,77 @@ class Estimate(Tabular, dict[str, Any]):
     """The size and duration of a run: a dict that shows as a table."""
 
     def tables(self) -> list[Table]:
-        """The names and values, a row of all of them."""
-        return [Table(list(self), [list(self.values())])]
+        """The names and values, a row for each experiment."""
+        rows = self.get("experiments", [self])
+        return [Table(list(rows[0]), [list(row.values()) for row in rows])]
 
 
 def estimate(
-    experiment: Config,
-    folder: str | os.PathLike[str] | None = None,
+    config: Config,
+    out: str | os.PathLike[str] | None = None,
+    *,
     workers: int | None = None,
+    seed: int | None = None,
+    overrides: Overrides = (),
     resume: bool = False,
     overwrite: bool = False,
     allow_code: bool = False,
-    *,
-    overrides: Overrides = (),
-    seed: int | None = None,
 ) -> Estimate:
-    """Estimate the size and duration of a run from a small sample of it; nothing is written.
+    """Estimate the size and duration of what `generate` would do from a small sample; nothing is written.
 
     Args:
-        experiment: The experiment, as `config` of `generate`.
-        folder: The folder in which it would be generated; by default data/<name>.
-        workers: How many processes would be used; by default chosen by the work.
+        config: This and the other arguments are as in `generate`.
+        out: As in `generate`.
+        workers: As in `generate`.
+        seed: As in `generate`.
+        overrides: As in `generate`.
         resume: As in `generate`.
         overwrite: As in `generate`.
         allow_code: As in `generate`.
-        overrides: As in `generate`.
-        seed: As in `generate`.
 
     Returns:
-        out, episodes, rows, shards, workers (the number of processes), and estimated bytes and seconds; a
-        dict that notebooks show as a table.
+        name, out, episodes, rows, shards, workers (the number of processes), estimated bytes and seconds, and
+        `folder`: what `generate` would do with what is at `out`, or None; a URL is not looked at. Of a folder
+        of experiments, the sums, and `experiments`, a list of such dicts.
 
     Raises:
         IbdataError: As in `generate`.
     """
-    planned, out = _permitted(load(experiment, overrides, seed), folder, workers, allow_code)
-    outlook(planned, out, resume, overwrite)
-    return _estimate(planned, out, workers)
-
-
-def preview(
-    experiment: Experiment,
-    folder: str | os.PathLike[str],
-    workers: int | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    allow_code: bool = False,
-) -> dict[str, Any]:
-    """Estimate a run as `estimate` does, also where its folder exists and needs a decision of the user.
-
-    The result also has `folder`: what `generate` would do with a folder that exists, or None.
-    """
-    planned, out = _permitted(load(experiment), folder, workers, allow_code)
-    try:
-        found = outlook(planned, out, resume, overwrite)
-    except TakenError as error:
-        found = f"generate would stop with: {error.with_options}"
-    return {**_estimate(planned, out, workers), "folder": found}
-
-
-def _permitted(
-    planned: Experiment, folder: str | os.PathLike[str] | None, workers: int | None, allow_code: bool
-) -> tuple[Experiment, Path]:
-    """The experiment and its folder. Raises IbdataError if nothing can be estimated now."""
     refuse_workers(workers)
-    require_consent(DatasetSpec.of(planned), planned.name, allow_code)
-    return planned, default_folder(planned) if folder is None else Path(folder)
+    refuse_both(resume, overwrite)
+    experiments = load_all(config, overrides, seed)
+    for experiment in experiments:
+        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
+    runs = [
+        Estimate(
+            {
+                **_estimate(experiment, place, workers),
+                "folder": _outlook(experiment, place, resume, overwrite),
+            }
+        )
+        for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
+    ]
+    if not is_folder(config):
+        return runs[0]
+    total = {key: sum(run[key] for run in runs) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
+    folder = str(Path(runs[0]["out"]).parent)
+    return Estimate(
+        {"out": folder, **total, "workers": max(run["workers"] for run in runs), "experiments": runs}
+    )
 
 
-def outlook(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> str | None:
+def _outlook(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> str | None:
+    """What `generate` would do or ask at a place, in words; None if nothing is there, or at a URL."""
+    if isinstance(place, str):
+        return None
+    try:
+        return _outlook_in_folder(experiment, place, resume, overwrite)
+    except TakenError as error:
+        return f"generate would stop with: {error}"
+
+
+def _outlook_in_folder(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> str | None:
     """What `generate` would do with what is at a place; None if there is nothing. Raises what it raises."""
-    if resume and overwrite:
-        raise UsageError("--resume and --overwrite exclude each other; give one of them")
     target = resolved(out)
     if already_there(planned, target, out, resume, overwrite):
         return "exists; generate would find the dataset finished, and write nothing"
@@ -122,16 +121,16 @@ def outlook(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> st
     return None
 
 
-def _estimate(planned: Experiment, out: Path, workers: int | None) -> Estimate:
+def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:
     spec = DatasetSpec.of(planned)
-    with in_one_folder(spec):
-        warm_up(planned)
-        size, seconds = _sample(planned)
+    with process_for(spec) as process:
+        size, seconds = process.call(_sample)
     shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
-    return Estimate(
-        out=str(out),
+    return dict(
+        name=planned.name,
+        out=str(place),
         episodes=len(planned.cells) * planned.episodes,
         rows=planned.rows,
         shards=len(shards),
@@ -141,8 +140,10 @@ def _estimate(planned: Experiment, out: Path, workers: int | None) -> Estimate:
     )
 
 
-def _sample(experiment: Experiment) -> tuple[float, float]:
+def _sample(spec: DatasetSpec) -> tuple[float, float]:
     """Measure bytes and seconds per row on parts that are spread evenly over the cells."""
+    [experiment] = spec.experiments
+    warm_up(experiment)
     steps = max(1, min(experiment.steps, max(1000, SAMPLE_ROWS // len(experiment.cells))))
     budget = max(1, SAMPLE_ROWS // steps)
     episodes = min(experiment.episodes, -(-budget // len(experiment.cells)))

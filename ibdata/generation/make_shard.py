@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
+from ibdata.experiment.rollout import Memory
 from ibdata.generation import receipt
-from ibdata.generation.origin import refuse_late_imports
-from ibdata.simulation.rollout import Memory
+from ibdata.generation.worker import Tell
 from ibdata.writing.shard_writer import shard_writer, writing_threads
 from ibdata.writing.summary import simulated
-
-Tell = Callable[[int, int], object]  # called with the number of a shard and its rows that are made so far
 
 
 class _Own(threading.local):
@@ -35,9 +32,9 @@ def make_shard(
     spec: DatasetSpec,
     shard: Shard,
     root: Path,
+    overlap: bool,
+    stopped: threading.Event | None,
     tell: Tell,
-    overlap: bool = True,
-    stopped: threading.Event | None = None,
 ) -> None:
     """Simulate a shard and write it, then its receipt.
 
@@ -45,9 +42,9 @@ def make_shard(
         spec: What the shard belongs to.
         shard: The shard.
         root: The part in which the dataset is made.
-        tell: Called after each piece of the shard.
         overlap: Whether to encode and summarize a piece in threads while the next is simulated.
-        stopped: Set by another thread to end the work early.
+        stopped: Set by another thread to end the work early, or None.
+        tell: Called after each piece of the shard.
 
     Raises:
         Stopped: `stopped` was set.
@@ -63,6 +60,5 @@ def make_shard(
             writer.add(piece, floats)
             del floats  # so that it is not in memory beside the next
             tell(shard.number, (piece.stop - shard.first) * steps)
-        refuse_late_imports(root, spec)
         written = writer.finish()
     receipt.put(root, written)

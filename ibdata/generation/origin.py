@@ -7,26 +7,21 @@ that resumes the run, a worker, a range of an array job.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment, as_yaml
-from ibdata.experiment.code_comparison import code_hashes, listed
-from ibdata.experiment.code_record import imported_late, provenance
-from ibdata.experiment.custom_code import customs
+from ibdata.experiment import Experiment, as_yaml, self_check
+from ibdata.experiment.code import changed, customs, listed, record
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import forget_modules, in_one_folder
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.simulation import self_check
+from ibdata.policies.custom import LIVE
 from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.writing.metadata import as_json
 
 PATH, EXPERIMENT = "run.json", "experiment.yaml"  # in a part
 MAX_BYTES = 2**20
-Parts = dict[str, str | None]  # hashes and versions that are compared, by the names that messages give them
 
 
 class Origin(JsonObject):
@@ -39,35 +34,23 @@ class Origin(JsonObject):
 
     @property
     def reproducible(self) -> bool:
-        """Whether the machine computes the same bits as all others."""
-        return self_check.is_right(self.known_answer)
+        """Whether the run can be repeated, and the machine computes the same bits as all others."""
+        live = any(each.target.startswith(LIVE) for each in self.code)
+        return self_check.is_right(self.known_answer) and not live
 
 
-def observe(spec: DatasetSpec, where: Path | str) -> Origin:
-    """Determine the origin of a run: hash its code before any of it runs, then import all of it.
-
-    Raises UsageError if the code changed meanwhile.
-    """
-    found = _imported(spec, provenance(customs(spec)), where)
-    answer = known_answer()  # importing may change what the processor does
-    return Origin(data_version=manifest.DATA_VERSION, known_answer=answer, code=found)
+def observe(spec: DatasetSpec) -> Origin:
+    """Determine the origin of a run: load its policies, play two steps, and record what was imported."""
+    return Origin(data_version=manifest.DATA_VERSION, code=_code(spec), known_answer=known_answer())
 
 
-def _imported(spec: DatasetSpec, code: list[Code], where: Path | str) -> list[Code]:
-    """Import all policies and play two steps; return their code. Raises UsageError if it changed meanwhile.
-
-    What was found only by importing or playing is part of it.
-    """
-    for policy in customs(spec):
+def _code(spec: DatasetSpec) -> list[Code]:
+    policies = customs(spec)
+    for policy in policies:
         policy.load()
     for experiment in spec.experiments:
         warm_up(experiment)
-    found = provenance(customs(spec))
-    began = _parts(code)
-    changed = _changed(began, _parts(found), began)
-    if changed:
-        raise UsageError(f"{where}: {listed(changed)} changed while the run began; run again")
-    return found
+    return record(policies)
 
 
 def begin(root: Path, spec: DatasetSpec, origin: Origin) -> None:
@@ -105,61 +88,22 @@ def other(root: Path, experiment: Experiment, here: Origin) -> str | None:
     began = read(root)
     if began is None or not same_experiment(root, experiment):
         return "of another experiment"
-    if changed := changed_code(began.code, here.code):
-        return f"with other code, in {listed(changed)}"
+    if names := changed(began.code, here.code):
+        return f"with other code, in {listed(names)}"
     if began.known_answer != here.known_answer:
         return "of a machine that computes other bits"
     return None
 
 
-def changed_code(began: Sequence[Code], here: Sequence[Code]) -> list[str]:
-    """The names of files and packages that differ between two records of code."""
-    was, found = _parts(began), _parts(here)
-    return _changed(was, found, was.keys() | found.keys())
+def agree(spec: DatasetSpec, root: Path) -> None:
+    """Raise UsageError if the origin of this worker is not that of the run in a part.
 
-
-_agreed: list[Origin] = []  # the run with which this process was compared last
-
-
-def agree(root: Path, spec: DatasetSpec) -> None:
-    """Raise UsageError if the origin of this worker is not that of the run.
-
-    Each run is compared once, because its process keeps what it has imported. Without a note, as in
-    `repair`, which compares the shards themselves, nothing is compared.
+    Without a note, as in `repair`, which compares the shards themselves, nothing is compared.
     """
     began = read(root)
-    if began is None or [began] == _agreed:
+    if began is None:
         return
-    forget_modules(customs(spec))  # of another run of Ray's
-    code = _imported(spec, provenance(customs(spec)), root)
-    if changed := changed_code(began.code, code):
-        raise UsageError(f"a worker found other code than the run began with, in {listed(changed)}")
+    if names := changed(began.code, _code(spec)):
+        raise UsageError(f"a worker found other code than the run began with, in {listed(names)}")
     if began.known_answer != self_check.answer():
         raise UsageError("a worker computes other bits than the machine on which the run began")
-    _agreed[:] = [began]
-
-
-def refuse_late_imports(root: Path, spec: DatasetSpec) -> None:
-    """Raise UsageError if a policy has imported code that the note of the run does not have."""
-    began = read(root) if customs(spec) else None
-    late = imported_late(began.code) if began is not None else []
-    if late:
-        raise UsageError(
-            "found code that a policy imported while it ran, so that it is not recorded: "
-            f"{listed(late)}; import it when the policy is loaded, or list its file"
-        )
-
-
-def code_here(spec: DatasetSpec) -> list[Code]:
-    """The code of custom policies as it is here, before any of it is imported."""
-    with in_one_folder(spec):
-        return provenance(customs(spec))
-
-
-def _changed(was: Parts, found: Parts, names: Iterable[str]) -> list[str]:
-    return [name for name in names if was.get(name, "") != found.get(name, "")]
-
-
-def _parts(code: Sequence[Code]) -> Parts:
-    versions = {name: version for each in code for name, version in each.distributions.items()}
-    return code_hashes(code) | {f"the version of {name}": version for name, version in versions.items()}

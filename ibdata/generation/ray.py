@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from ibdata.errors import IbdataError, MissingError
+from ibdata.errors import IbdataError, missing
+from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import make_shard
 from ibdata.generation.origin import agree
-from ibdata.policies.code_places import look_in
+from ibdata.generation.worker import Job, job_of, spec_of
+from ibdata.system import processes
 from ibdata.system.signals import STOPPING, check
 
 MAX_DEATHS = 3  # of workers, at one shard
@@ -24,12 +27,12 @@ POLL = 0.2  # seconds between checks for a signal
 
 
 def library() -> Any:
-    """Import Ray. Raises MissingError if it is not installed."""
+    """Import Ray. Raises IbdataError if it is not installed."""
     with _own_handlers():  # the import replaces the handler of SIGTERM
         try:
             import ray
         except ImportError:
-            raise MissingError("the engine ray", "ray", "ray") from None
+            raise missing("the engine ray", "ray", "ray") from None
     return ray
 
 
@@ -50,8 +53,8 @@ def run(
     """
     ray = library()
     with _connected(ray, workers, address) as own:
-        task = ray.remote(max_retries=MAX_DEATHS)(_work)
-        job = ray.put((spec.plain(), spec.weights, root, spec.experiments[0].folder))
+        task = ray.remote(max_retries=MAX_DEATHS, **_own_workers(spec, root))(_work)
+        job = ray.put(job_of(spec, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -89,17 +92,30 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
         ) from None
 
 
-def _work(job: tuple[dict[str, Any], dict[str, bytes], Path, Path | None], shard: Shard) -> None:
+def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
+    """Options that give a run with custom code workers that have imported none: those of an environment."""
+    if not customs(spec):
+        return {}
+    machine_code = str(root / f"numba-{secrets.token_hex(4)}")
+    return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
+
+
+_specs: dict[Path, DatasetSpec] = {}  # of this worker, which has compared its origin with that of the run
+
+
+def _work(job: Job, shard: Shard) -> None:
     """Make a shard in a worker."""
-    plain, weights, root, folder = job
+    root = cast(Path, job.root)
     if not os.path.isdir(root):
         raise IbdataError(
             f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
         )
-    look_in(Path.cwd(), folder)
-    spec = DatasetSpec.from_plain(plain, weights)
-    agree(root, spec)
-    make_shard(spec, shard, root, lambda number, rows: None)
+    processes.purpose = "worker"
+    if root not in _specs:
+        spec = spec_of(job)
+        agree(spec, root)
+        _specs[root] = spec
+    make_shard(_specs[root], shard, root, True, None, lambda number, rows: None)
 
 
 @contextmanager

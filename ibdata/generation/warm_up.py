@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import sys
 
-from ibdata.dataset.statistics import moments, sums
-from ibdata.experiment import Experiment
-from ibdata.simulation import self_check
-from ibdata.simulation.rollout import rollout
+from ibdata.dataset.statistics import moments
+from ibdata.experiment import Experiment, self_check
+from ibdata.experiment.rollout import rollout
 from ibdata.system.signals import check
 
 
 def warm_up(experiment: Experiment) -> None:
-    """Run all compiled code of an experiment on two rows."""
+    """Run all compiled code of an experiment: two steps of each policy, and their statistics."""
     small = experiment.part(steps=2, episodes=1)
-    floats = rollout(small, 0, 1)
-    moments(floats.table)
-    sums(floats.table[0], 2)
+    per_policy = len(small.cells) // len(small.policies)
+    for first in range(0, len(small.cells), per_policy):
+        moments(rollout(small, first, first + 1).table)
     check()
 
 

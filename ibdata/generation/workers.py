@@ -11,12 +11,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
-from ibdata.experiment.custom_code import customs
+from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.make_shard import Tell, make_shard
-from ibdata.generation.worker import Job, Worker
-from ibdata.policies.code_places import code_places
+from ibdata.generation.make_shard import make_shard
+from ibdata.generation.worker import Process, Tell, Worker
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
 
@@ -39,7 +38,8 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
     """Divide shards among processes and threads.
 
     One process that makes several shards at once in threads is the fastest choice on few processors. Custom
-    policies get a process for each shard, since their code need not stand threads and holds Python's lock.
+    policies get a process for each shard, since their code need not stand threads and holds Python's lock; a
+    live object has only the session's.
 
     Args:
         spec: What the shards belong to.
@@ -47,6 +47,8 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         workers: The number of processes; None chooses it by the work.
     """
     processors, custom = available_processors(), bool(customs(spec))
+    if any(each.is_live for each in customs(spec)):
+        return Division(1, 1)
     if workers is None:
         rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
         many = custom or (processors > MOST_THREADS and rows >= ROWS_WORTH_PROCESSES)
@@ -56,11 +58,11 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
     return Division(processes, threads)
 
 
-def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None, tell: Tell) -> Iterator[int]:
+def run(process: Process, shards: list[Shard], root: Path, workers: int | None, tell: Tell) -> Iterator[int]:
     """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
 
     Args:
-        spec: What the shards belong to.
+        process: The process that has the code of the dataset's custom policies. It makes shards too.
         shards: The shards to make.
         root: The part in which the dataset is made.
         workers: The number of processes; None chooses it by the work.
@@ -71,7 +73,7 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
     """
     if not shards:
         return
-    division = divide(spec, shards, workers)
+    spec, division = process.spec, divide(process.spec, shards, workers)
     at_once = division.processes if division.processes > 1 else min(division.threads, len(shards))
     makers: SimpleQueue[Make] = SimpleQueue()
 
@@ -86,18 +88,19 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
     with ExitStack() as stack:
         pool = ThreadPoolExecutor(at_once)
         stack.callback(pool.shutdown, cancel_futures=True)
-        if division.processes > 1:
-            job = _job(spec, root, overlap=division.threads > 1)
-            for _ in range(at_once):
-                worker = Worker(job)
-                stack.callback(worker.end)
-                makers.put(worker.make)
+        if isinstance(process, Worker) or division.processes > 1:
+            found = [process] if isinstance(process, Worker) else []
+            stack.callback(_end, found)
+            for _ in range(at_once - len(found)):
+                found.append(Worker(spec, root))
+            for worker in found:
+                makers.put(partial(_make, worker, root, division.threads > 1, None))
         else:
             stopped = threading.Event()
             stack.callback(stopped.set)
             overlap = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
             for _ in range(at_once):
-                makers.put(partial(_make, spec, root, overlap, stopped))
+                makers.put(partial(_make, process, root, overlap, stopped))
         with held():  # a signal's exception while a thread starts would leave it running
             waiting: set[Future[int]] = {pool.submit(make, shard) for shard in shards}
         while waiting:
@@ -107,11 +110,12 @@ def run(spec: DatasetSpec, shards: list[Shard], root: Path, workers: int | None,
                 yield future.result()
 
 
-def _job(spec: DatasetSpec, root: Path, overlap: bool) -> Job:
-    return Job(spec.plain(), spec.weights, root, overlap, code_places()[0], spec.experiments[0].folder)
-
-
 def _make(
-    spec: DatasetSpec, root: Path, overlap: bool, stopped: threading.Event, shard: Shard, tell: Tell
+    process: Process, root: Path, overlap: bool, stopped: threading.Event | None, shard: Shard, tell: Tell
 ) -> None:
-    make_shard(spec, shard, root, tell, overlap, stopped)
+    process.call(make_shard, shard, root, overlap, stopped, tell=tell)
+
+
+def _end(found: list[Worker]) -> None:
+    for worker in found:
+        worker.end()

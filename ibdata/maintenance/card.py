@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import MissingError, printable
+from ibdata.errors import printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import existing, refuse_url
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.card import is_edited
@@ -42,7 +42,7 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         IbdataError: The system refuses to write; nothing is changed.
     """
     refuse_url(folder)
-    path = Path(folder)
+    path = Path(existing(folder))
     dataset = Dataset(path)
     listed = dataset.manifest_model
     spec = spec_in(path, listed)
@@ -68,6 +68,6 @@ def _report(dataset: Dataset, spec: DatasetSpec) -> bytes | None:
     """The bytes of report.html; None, and a line on stderr, where matplotlib is not installed."""
     try:
         return page(dataset, spec, drawn(dataset))
-    except MissingError as error:
+    except ImportError as error:
         print(f"ibdata: {manifest.REPORT} is not written: {error}", file=sys.stderr, flush=True)
         return None

@@ -11,12 +11,14 @@ import numpy as np
 
 from ibdata.environment.lane import Lane
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Indices, Simulation
+from ibdata.environment.simulation import Simulation
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment, load, shipped
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Purpose
 from ibdata.policies import POLICIES
+from ibdata.simulation.world import Ints
 from ibdata.system.cache_folders import cache_folders
 
 # Options that change which functions an experiment needs.
@@ -27,6 +29,8 @@ VARIATIONS = (
 )
 # Policies around others, which need options.
 AROUND = (
+    "{kind: epsilon_greedy, base: bad, epsilon: 0.2}",
+    "{kind: gaussian, base: optimized, scale: 0.1}",
     "{kind: sticky, base: random, kappa: 0.5}",
     "{kind: schedule, stages: [{base: optimized, steps: 2, epsilon: [1.0, 0.5]}]}",
 )
@@ -58,7 +62,7 @@ def compile_all() -> Compiled:
             _play(Simulation(settings(setpoint=setpoint, start=form), 2))
             lane = Lane(settings(setpoint=setpoint, start=form))
             _play(lane)
-            lane.move((0.0, 0.0, 0.0), _zeros(np.arange(1), lane.draws)[0])
+            lane.move((0.0, 0.0, 0.0), np.zeros(lane.draws, dtype=np.uint64))
     return Compiled(Path(cache_folders().folders[-1]), time.perf_counter() - start)
 
 
@@ -82,5 +86,5 @@ def _play(simulation: Simulation) -> None:
         simulation.step(which, np.zeros((len(which), 3), dtype=np.float32), _zeros)
 
 
-def _zeros(lanes: Indices, count: int) -> Raw:
-    return np.zeros((len(lanes), count), dtype=np.uint64)
+def _zeros(lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+    return np.zeros((steps, slots, len(lanes)), dtype=np.uint64)

@@ -10,11 +10,11 @@ from pathlib import Path
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.maintenance.rewrite import Source, sources_of, write_dataset
 from ibdata.numerics.naming import counted, exact
 from ibdata.policies.base import NAME_PATTERN
-from ibdata.simulation.variables import columns
 
 
 def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:

@@ -9,19 +9,19 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
-from ibdata.experiment.custom_code import require_consent
+from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
-from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation import receipt
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.warm_up import known_answer, warm_up
+from ibdata.generation.worker import process_for
 from ibdata.generation.workers import run
 from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
-from ibdata.system.storage import refuse_url, storage
+from ibdata.system.storage import existing, refuse_url, storage
 from ibdata.validation.derived import splits_problems
 from ibdata.validation.files import unlisted_files
 from ibdata.validation.rows import check_shard
@@ -56,7 +56,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     """
     refuse_url(folder)
     refuse_workers(workers)
-    place = Path(folder)
+    place = Path(existing(folder))
     listed = _manifest(place)
     _refuse_strangers(place, listed)
     spec = _spec(place, listed)
@@ -64,7 +64,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     broken = _broken(place, listed)
     if not broken:
         return []
-    with in_one_folder(spec), locked_part(resolved(place), place) as part:
+    with locked_part(resolved(place), place) as part:
         manifest.refuse_replaced(part.target, listed)
         try:
             entries = _repaired(part, spec, listed, broken, workers, allow_code)
@@ -159,13 +159,12 @@ def _made_again(
     """Make shards in a folder. Raises DatasetError if one has another content than the manifest lists."""
     if not wrong:
         return []
-    require_consent(spec, folder, allow_code)
+    require_consent(spec, folder, allow_code, again=True)
     root.mkdir()
     (root / receipt.DATASET).mkdir()
-    for experiment in spec.experiments:
-        warm_up(experiment)
-    known_answer("episodes made again may differ")
-    list(run(spec, wrong, root, workers, lambda number, rows: unseen(rows)))
+    with process_for(spec) as process:
+        process.call(_warm_up)
+        list(run(process, wrong, root, workers, lambda number, rows: unseen(rows)))
     made = [receipt.get(root, shard) for shard in wrong]
     found = [each for each in made if each is not None]
     for each in found:
@@ -176,6 +175,12 @@ def _made_again(
                 "manifest lists; no shard was changed"
             )
     return found
+
+
+def _warm_up(spec: DatasetSpec) -> None:
+    for experiment in spec.experiments:
+        warm_up(experiment)
+    known_answer("episodes made again may differ")
 
 
 def _move(made: Path, path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,13 +13,13 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.code_record import provenance
-from ibdata.experiment.custom_code import consented_spec, customs
+from ibdata.experiment.code import changed, consented_spec, found_again
+from ibdata.experiment.code import listed as names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.fresh_modules import in_one_folder
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.system.storage import refuse_url, storage
+from ibdata.generation.worker import process_for
+from ibdata.system.storage import existing, refuse_url, storage
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -50,34 +51,48 @@ def reproduce(
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
     refuse_url(folder)
-    path = Path(folder)
+    path = Path(existing(folder))
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
     refuse_other_plan(spec, listed)
     table = read_episodes(path, listed)
     digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
-    count, clipped, problems = 0, 0, list(_root(spec, listed, digests))
+    problems = list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
     problems += changed_files(storage(path), listed, {listed.shards[part.number].path for part in asked})
-    with in_one_folder(spec):
-        for experiment in spec.experiments:
-            warm_up(experiment)
-        provenance(customs(spec))  # refuses bytecode of other code, which would run
-        known_answer("episodes made again may differ")
-        for part, floats in (made for run in asked for made in simulated(spec, run)):
-            experiment = spec.of_shard(part)
-            lengths = [experiment.steps] * (part.stop - part.first)
-            found = episode_digests(digest_runs(experiment, part, floats), lengths)
-            count, clipped = count + len(found), clipped + floats.clipped
-            for episode, digest in enumerate(found, part.first + part.offset):
-                if digest != digests[episode]:
-                    message = f"episode {episode}: found other content when made again"
-                    shard = listed.shards[shards[episode]].path
-                    problems.append(Problem(shard, rows[episode], "reproduce", message))
+    names = changed(listed.code, found_again(spec, listed.code))
+    if names:
+        found = f"ibdata: {path}: was made with other code than is here, in {names_of(names)}"
+        print(found, file=sys.stderr, flush=True)
+    with process_for(spec) as process:
+        clipped, differing = process.call(_made_again, asked, digests)
+    for episode in differing:
+        message = f"episode {episode}: found other content when made again"
+        problems.append(Problem(listed.shards[shards[episode]].path, rows[episode], "reproduce", message))
     if episodes is None and clipped != listed.clipped_actions:
         message = f"clipped_actions: found {listed.clipped_actions}, expected {clipped}"
         problems.append(Problem(manifest.PATH, None, "reproduce", message))
-    return count, problems
+    if problems:  # begin with what may have led to them
+        message = "found other code than the dataset was made with"
+        problems[:0] = [Problem(name, None, "reproduce", message) for name in names]
+    return sum(part.stop - part.first for part in asked), problems
+
+
+def _made_again(spec: DatasetSpec, asked: list[Shard], digests: list[bytes]) -> tuple[int, list[int]]:
+    """Make episodes again; return the number of clipped actions, and the episodes with other digests."""
+    clipped, differing = 0, []
+    for experiment in spec.experiments:
+        warm_up(experiment)
+    known_answer("episodes made again may differ")
+    for part, floats in (made for run in asked for made in simulated(spec, run)):
+        experiment = spec.of_shard(part)
+        lengths = [experiment.steps] * (part.stop - part.first)
+        clipped += floats.clipped
+        found = enumerate(
+            episode_digests(digest_runs(experiment, part, floats), lengths), part.first + part.offset
+        )
+        differing += [episode for episode, digest in found if digest != digests[episode]]
+    return clipped, differing
 
 
 def _root(spec: DatasetSpec, listed: Manifest, digests: list[bytes]) -> Iterator[Problem]:

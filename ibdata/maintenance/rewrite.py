@@ -13,13 +13,13 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
+from ibdata.experiment.rollout import Columns
 from ibdata.generation.publish import publish
 from ibdata.generation.receipt import DATASET
 from ibdata.generation.target import refuse_immovable, refuse_taken
-from ibdata.simulation.rollout import Columns
-from ibdata.simulation.variables import layout
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check

@@ -110,10 +110,8 @@ def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
         known = f"{', '.join(SCHEMES)}{suggestion(scheme, SCHEMES)}"
         raise UsageError(f"split: found the scheme {scheme!r}, expected one of {known}")
     refuse_unused(given, by, scheme)
-    function = scheme.replace("-", "_") if by == "setpoint" else f"by_{by}"
-    own = {name: value for name, value in given.items() if name != "scheme"}
-    made: Splits = getattr(split_schemes, function)(spec, **own)
-    return made
+    options = {name: value for name, value in given.items() if name != "scheme"}
+    return split_schemes.SCHEMES[scheme if by == "setpoint" else by](spec, **options)
 
 
 def _named(made: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits:

@@ -1,6 +1,6 @@
 """The ways to split a dataset and the options of each. The command line reads them without the library.
 
-A way is a function of `ibdata.experiment.split_schemes` whose arguments are its options.
+A way is one of `ibdata.experiment.split_schemes.SCHEMES`, whose arguments are its options.
 """
 
 from __future__ import annotations

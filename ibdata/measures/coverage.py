@@ -18,11 +18,7 @@ PAIRS = STATES * ACTIONS**3
 
 
 def state_numbers(setpoint: npt.ArrayLike, steerings: npt.ArrayLike) -> Ints:
-    """The number of the grid cell of each state, from 0 to STATES - 1.
-
-    Args:
-        setpoint: Setpoints (n,).
-        steerings: Velocity, gain and shift (n, 3).
+    """The numbers (n,) of the grid cells of states: setpoints (n,), and velocity, gain and shift (n, 3).
 
     >>> state_numbers([70.0, 70.0], [[50.0, 50.0, 50.0], [50.0, 50.0, 100.0]])
     array([14555, 14559])
@@ -35,11 +31,7 @@ def state_numbers(setpoint: npt.ArrayLike, steerings: npt.ArrayLike) -> Ints:
 
 
 def pair_numbers(states: Ints, actions: npt.ArrayLike) -> Ints:
-    """The number of the grid cell of each pair of a state and an action, from 0 to PAIRS - 1.
-
-    Args:
-        states: Numbers of states (n,).
-        actions: The actions (n, 3).
+    """The numbers (n,) of the grid cells of pairs of a state, by its number (n,), and an action (n, 3).
 
     >>> pair_numbers(np.array([2, 2]), [[-1.0, -1.0, -1.0], [1.0, 1.0, 0.0]])
     array([250, 372])
@@ -54,13 +46,8 @@ def pair_numbers(states: Ints, actions: npt.ArrayLike) -> Ints:
 def steered(start: Floats, actions: Floats, lengths: Ints) -> Floats:
     """Velocity, gain and shift before each action of episodes, one episode after the other (rows, 3).
 
-    Hein et al. 2017, Eqs. (2), (3), (4), with the step sizes of the dynamics. Nothing else is simulated,
-    because neither the setpoint nor the noise changes the three.
-
-    Args:
-        start: Velocity, gain and shift before the first action of each episode (n, 3).
-        actions: The actions of all rows (rows, 3).
-        lengths: The numbers of rows of the episodes (n,).
+    Hein et al. 2017, Eqs. (2), (3), (4): neither the setpoint nor the noise changes the three. They begin at
+    start (n, 3), and episode after episode has so many of the actions (rows, 3) as lengths (n,) says.
 
     >>> steered(np.array([[99.5, 50.0, 0.0]]), np.array([[1.0, -0.5, -1.0], [1.0, 1.0, 1.0]]), np.array([2]))
     array([[ 99.5,  50. ,   0. ],
@@ -77,23 +64,12 @@ def steered(start: Floats, actions: Floats, lengths: Ints) -> Floats:
 
 
 class Coverage:
-    """The pairs of a dataset and those of its reference, collected from batches of whole episodes.
+    """State-action coverage, collected from batches of whole episodes: SACo(D) = u(D) / u(D_ref).
 
-    The state-action coverage is their ratio of numbers of different pairs:
-
-        SACo(D) = u(D) / u(D_ref)
-
-    Schweighofer et al. 2022, A dataset perspective on offline reinforcement learning (arXiv 2111.04714). The
-    paper counts equal states and actions; values that are not discrete are never equal, so here a pair is a
-    cell of a grid: the setpoint in intervals of 5, velocity, gain and shift in intervals of 10, and each
-    change in intervals of 0.4. Fatigue and consumption are left out, because their noise alone would count as
-    coverage.
-
-    The paper's reference is the replay data of online training. Here, it is the same dataset with uniform
-    random actions in place of its own: the same number of episodes, as long, from the same velocity, gain and
-    shift, at the same setpoints. So a coverage of 1 means as many pairs as random exploration of the same
-    size, any dataset has a reference, and the size of a dataset does not count. Directed exploration exceeds
-    1.
+    u is the number of different pairs (Schweighofer et al. 2022, arXiv 2111.04714). Values that are not
+    discrete are never equal, so a pair is a cell of a grid. Fatigue and consumption are left out, because
+    their noise alone would count. The reference is the same dataset with uniform random actions in place of
+    its own, from the same velocity, gain and shift; docs/quality.md says why.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -108,16 +84,6 @@ class Coverage:
         self._reference[pair_numbers(state_numbers(setpoint, walked), random)] = True
 
     @property
-    def pairs(self) -> int:
-        """The number of different pairs of the data."""
-        return int(self._pairs.sum())
-
-    @property
-    def reference_pairs(self) -> int:
-        """The number of different pairs of the reference."""
-        return int(self._reference.sum())
-
-    @property
-    def value(self) -> float:
-        """The state-action coverage."""
-        return self.pairs / self.reference_pairs
+    def pairs(self) -> tuple[int, int]:
+        """The numbers of different pairs of the data and of the reference."""
+        return int(self._pairs.sum()), int(self._reference.sum())

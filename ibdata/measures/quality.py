@@ -104,13 +104,14 @@ def quality(
         entropies.append(len(table) * action_entropy(table[DENSITY].to_numpy()))
         rows += len(table)
     entropy = math.fsum(entropies) / rows
+    pairs, reference_pairs = coverage.pairs
     return Quality(
         rows,
         len(episodes),
         *return_measures(episodes, ds.info_model),
-        coverage.value,
+        pairs / reference_pairs,
         stochasticity.value,
         entropy if math.isfinite(entropy) else None,
-        coverage.pairs,
-        coverage.reference_pairs,
+        pairs,
+        reference_pairs,
     )

@@ -24,14 +24,7 @@ def trajectory_quality(mean_return: float, minimal: float, expert: float) -> flo
 
         TQ = (ḡ(D) - ḡ(D_min)) / (ḡ(D_expert) - ḡ(D_min))
 
-    Schweighofer et al. 2022, A dataset perspective on offline reinforcement learning (arXiv 2111.04714); ḡ is
-    the mean return of a dataset's episodes. There, too, the minimal policy takes random actions; the expert
-    is the best policy of online training.
-
-    Args:
-        mean_return: The mean return of the data.
-        minimal: That of the minimal policy.
-        expert: That of the expert.
+    Schweighofer et al. 2022 (arXiv 2111.04714); ḡ is the mean return of episodes.
 
     >>> trajectory_quality(-250_000.0, minimal=-300_000.0, expert=-200_000.0)
     0.5
@@ -44,16 +37,9 @@ def return_improvement(returns: Floats) -> float | None:
 
         ERI = (max R - mean R) / mean R, with returns R >= 0
 
-    Swazinna, Udluft and Runkler 2021, Measuring data quality for dataset selection in offline reinforcement
-    learning (arXiv 2111.13461). The returns of the Industrial Benchmark are negative, so the least return of
-    the data is subtracted from all of them, as two published implementations of the measure do; the paper
-    itself was not at hand.
-
-    Args:
-        returns: The returns of at least one episode (n,).
-
-    Returns:
-        The improvement; None if all returns are equal.
+    Swazinna, Udluft and Runkler 2021 (arXiv 2111.13461). The returns (n,) of the Industrial Benchmark are
+    negative, so the least one is subtracted from all, as two published implementations do. None if all
+    are equal.
 
     >>> return_improvement(np.array([-400.0, -300.0, -200.0, 0.0]))  # shifted: 0, 100, 200, 400, mean 175
     1.2857142857142858
@@ -72,15 +58,10 @@ class ReturnMeasures(NamedTuple):
 def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
     """Both measures of episodes that may have several setpoints and lengths.
 
-    The minimal policy is `random` and the expert `expert`, with the reference returns of ibdata at the
-    setpoint of each episode. Returns at different setpoints cannot be compared, so the improvement is
-    computed for each setpoint and length, and averaged with the numbers of episodes as weights. Nor can
-    returns under different dynamics, which merged datasets may have: there both measures are None. Returns
-    are undiscounted.
-
-    Args:
-        episodes: At least one row of the table of episodes.
-        info: The description of the dataset.
+    The minimal policy is `random` and the expert `expert`, each at the setpoint of the episode. Returns at
+    different setpoints cannot be compared, so the improvement is computed for each setpoint and length, and
+    averaged with the numbers of episodes as weights. Returns are undiscounted. With several dynamics, as
+    merged datasets may have, both measures are None.
     """
     setpoints, lengths, returns = (episodes[name].to_numpy() for name in ("setpoint", "length", "return"))
     ends, improvements, weights = [], [], []

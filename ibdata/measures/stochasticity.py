@@ -18,13 +18,9 @@ class Stochasticity:
 
         EAS = mean over the rows of σ(s), where π(a | s) = N(μ(s), σ(s)) is fitted by maximum likelihood
 
-    After Swazinna, Udluft and Runkler 2021, Measuring data quality for dataset selection in offline
-    reinforcement learning (arXiv 2111.13461). The paper's μ and σ are networks, and their normal distribution
-    is squashed by tanh; the paper itself was not at hand, so this is known from a published implementation.
-    Here μ and σ are constant in each cell of the grid of states, so that the fit is exact and the same
-    everywhere: they are the mean and the standard deviation of the actions in the cell. Cells with fewer than
-    10 rows do not count. Like any estimate, it also counts what a deterministic policy decides by what the
-    grid does not show.
+    After Swazinna, Udluft and Runkler 2021 (arXiv 2111.13461), whose μ and σ are networks. Here both are
+    constant in each cell of the grid of states, so that the fit is exact: the mean and the standard deviation
+    of the actions in the cell. Cells with fewer than 10 rows do not count.
     """
 
     def __init__(self) -> None:
@@ -52,12 +48,8 @@ class Stochasticity:
 def action_entropy(log_prob: Floats) -> float:
     """The entropy of the behaviour, estimated from the recorded densities: -mean log π(a | s).
 
-    With the recorded densities no behaviour model has to be fitted. They are relative to lengths and to unit
-    masses (docs/dataset-format.md), so a deterministic policy has 0, and uniform random actions have
-    3 log 2 = 2.08. Where the density of a row is not known, the entropy is NaN.
-
-    Args:
-        log_prob: The recorded log densities (n,).
+    A deterministic policy has 0, and uniform random actions have 3 log 2 = 2.08: densities are relative to
+    lengths and to unit masses. It is NaN if a density is not known.
 
     >>> round(action_entropy(np.log([0.5, 0.125])), 6)  # (log 2 + log 8) / 2 = 2 log 2
     1.386294

@@ -1,39 +1,41 @@
-"""A line on stderr whenever compiling makes somebody wait."""
+"""A line on stderr when compiling makes somebody wait, and in a terminal how far it is."""
 
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 
 from ibdata.system.cache_folders import cache_folders
 
-PAUSE = 5.0  # seconds without compiling, after which another line is due
-
 
 class Announcement:
-    """Says that functions are being compiled, once for those that are compiled one after another."""
+    """Says once in a process that functions are being compiled, and counts them while they are."""
 
     def __init__(self) -> None:
         self._under_way = 0  # functions that are being compiled, each for the one before it
-        self._last = float("-inf")
+        self._made = 0
+        self._said = False
 
     def begin(self) -> None:
         """Note that a function is about to be compiled."""
-        if not self._under_way and time.monotonic() - self._last > PAUSE:
+        if not self._said:
             print(f"ibdata: {_text()}", file=sys.stderr, flush=True)
+            self._said = True
         self._under_way += 1
 
     def end(self) -> None:
         """Note that the function has been compiled."""
         self._under_way -= 1
-        self._last = time.monotonic()
+        self._made += 1
+        if sys.stderr.isatty():
+            counted = f"ibdata: functions compiled: {self._made}" if self._under_way else ""
+            print(f"\r\033[K{counted}", end="", file=sys.stderr, flush=True)
 
 
 def _text() -> str:
     """What is compiled, how long it takes, and how often."""
     places = cache_folders()
-    what, duration = "the simulator", "up to 30 seconds"
+    what, duration = "the simulator", "about 10 seconds"
     if any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders):
         what, duration = "a part of the simulator that was not used before", "a few seconds"
     if places.lasting:

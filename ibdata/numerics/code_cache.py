@@ -4,8 +4,9 @@ numba only compares a function's own file, so it misses changes in the functions
 the names of the files hold a hash of the module of the function and of those that it imports, without lines
 and comments, so that outdated code is never found. Copies of ibdata in other folders share the machine code.
 
-This relies on two details of numba: that its classes of caches take a locator, and that the compiler calls
-`load_overload` before it compiles and `save_overload` afterwards.
+This relies on three details of numba: that its classes of caches take a locator, that the compiler calls
+`load_overload` before it compiles and `save_overload` afterwards, and that kept machine code needs numba's
+runtime only, so that `_load_overload` does without the compiler's imports, which take 0.1 s.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from types import CodeType
 from typing import Any
 
 import numba
-from numba.core.caching import Cache, CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
+from numba.core.runtime.nrt import rtsys
 
 from ibdata.numerics.announcement import Announcement
 from ibdata.system.cache_folders import cache_folders
@@ -34,7 +36,6 @@ ROOMS = (
     "dataset.statistics",
 )  # that hold compiled functions
 ANNOUNCEMENT = Announcement()
-_load = Cache.load_overload  # numba's own, also while `compile_others_anew` replaces it
 
 
 class CodeCache(NullCache):
@@ -50,16 +51,17 @@ class CodeCache(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
-        _leave_scipy_out()
+        rtsys.initialize(target_context)
         for each in self._caches:
             try:
-                found = _load(each, sig, target_context)
+                found = each._load_overload(sig, target_context)
             except Exception:  # whatever a damaged file leads to
                 with suppress(OSError):
                     each.flush()
                 continue
             if found is not None:
                 return found
+        _leave_scipy_out()
         ANNOUNCEMENT.begin()
         return None
 
@@ -123,7 +125,7 @@ def _imported(module: str, known: set[str]) -> set[str]:
 @cache
 def _code(module: str) -> CodeType:
     spec = sys.modules[module].__spec__
-    return spec.loader.get_code(module)  # type: ignore[union-attr,no-any-return]
+    return spec.loader.get_code(module)  # type: ignore[union-attr,no-any-return]  # a module of ibdata has source
 
 
 def _names(code: CodeType) -> Iterator[str]:
@@ -143,15 +145,6 @@ def _plain_constant(value: Any) -> Any:
     if isinstance(value, CodeType):
         return _plain(value)
     return sorted(map(repr, value)) if isinstance(value, frozenset) else value  # which has no order
-
-
-def compile_others_anew(anew: bool) -> None:
-    """Let numba load, or not load, what others than ibdata have compiled in earlier processes.
-
-    numba only compares a function's own file, so machine code may hold an earlier version of another file,
-    of which a number was compiled in or a function is called.
-    """
-    setattr(Cache, "load_overload", (lambda *_: None) if anew else _load)  # noqa: B010  # mypy refuses an assignment
 
 
 @cache

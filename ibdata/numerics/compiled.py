@@ -31,16 +31,17 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """As `compiled`, with its machine code repeated in its callers'.
+    """As `compiled`, but its code is repeated in its callers' before they are compiled.
 
-    For functions that handle many arrays: a call counts references to each, which takes longer than the work
-    on one lane.
+    For functions that handle many arrays, whose every call would count references to each, which takes longer
+    than the work on one lane. It also saves compiling them alone.
     """
     return _compiled(function, inline=True)
 
 
 def _compiled(function: F, inline: bool = False) -> F:
-    made: Any = numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
+    options: Any = {"inline": "always" if inline else "never", "no_cfunc_wrapper": True}
+    made: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
     if made is not function and function.__module__.startswith("ibdata."):
         made._cache = CodeCache(function)  # what cache=True does with numba's own cache
     return cast(F, made)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import pkgutil
 from functools import partial
@@ -19,6 +20,18 @@ if TYPE_CHECKING:
 FOLDER = "figures"
 DYNAMICS = ("siemens", "paper")
 FORMS = ("png", "svg")
+
+
+class Pictures(list[Path]):
+    """Files of pictures, which a notebook shows."""
+
+    def _repr_html_(self) -> str:
+        parts = []
+        for path in self:
+            kind = {".png": "png", ".svg": "svg+xml"}[path.suffix]
+            data = base64.b64encode(path.read_bytes()).decode()
+            parts.append(f'<img alt="{path.stem}" width="480" src="data:image/{kind};base64,{data}">')
+        return "\n".join(parts)
 
 
 def names() -> list[str]:
@@ -52,7 +65,7 @@ def figure(
 
     Raises:
         UsageError: an argument is invalid, or the file exists and is not to be replaced.
-        MissingError: matplotlib is not installed.
+        ImportError: matplotlib is not installed.
         IbdataError: the file cannot be written.
     """
     refuse_url(out)
@@ -80,7 +93,7 @@ def plot(
     form: str = "png",
     overwrite: bool = False,
     progress: bool | None = False,
-) -> list[Path]:
+) -> Pictures:
     """Draw all pictures of a dataset into a folder. Equal datasets give equal bytes.
 
     The pictures are actions, coverage, returns, rewards, splits (where there are some), traces (of the
@@ -95,12 +108,12 @@ def plot(
         progress: whether to show bars on stderr; None shows them if stderr is a terminal.
 
     Returns:
-        The files.
+        The files, a list that shows its pictures in a notebook.
 
     Raises:
         UsageError: the form is invalid, or a file exists and is not to be replaced.
         DatasetError: there is no dataset, or it is damaged.
-        MissingError: matplotlib is not installed.
+        ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
     refuse_url(out)
@@ -112,11 +125,11 @@ def plot(
         _refuse_existing(path, overwrite)
     for name, data in _drawn(summary, form).items():
         _write(paths[name], data)
-    return list(paths.values())
+    return Pictures(paths.values())
 
 
 def drawn(dataset: Dataset) -> dict[str, bytes]:
-    """The pictures of a dataset as PNG, by name. Raises DatasetError and MissingError as `plot` does."""
+    """The pictures of a dataset as PNG, by name. Raises DatasetError and ImportError as `plot` does."""
     return _drawn(_summary(dataset), "png")
 
 

@@ -21,6 +21,7 @@ COSTS = ("next_obs_consumption", "next_obs_fatigue")
 STEERING_EDGES = np.linspace(0.0, 100.0, 51)
 ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins, so that 0 is in the middle of one
 COST_BINS = 60
+REWARD_BINS = 5000  # so narrow that quantiles can be read from them
 TAILS: tuple[Quantile, Quantile] = ("0.05", "0.95")
 ROOM = 0.75  # on both sides of these quantiles, as a share of their distance
 
@@ -28,7 +29,7 @@ ROOM = 0.75  # on both sides of these quantiles, as a share of their distance
 class Counts(NamedTuple):
     """Histograms over all rows. A bin includes its lower edge, and the last bin its upper edge too.
 
-    Rewards and costs far from the others are in no bin.
+    Costs far from the others are in no bin.
     """
 
     rows: Numbers  # (setpoints, policies)
@@ -43,14 +44,12 @@ class Counts(NamedTuple):
 
 def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -> Counts:
     """Count the rows of a dataset. Raises DatasetError if rows or statistics are damaged."""
-    edges = {name: _edges(dataset, name) for name in COSTS}
-    reward_edges = _edges(dataset, "reward", episodes.returns / episodes.length)
     cells, policies = (len(episodes.setpoints), len(episodes.policies)), len(episodes.policies)
-    cost_edges = (edges[COSTS[0]], edges[COSTS[1]])
+    cost_edges = (_cost_edges(dataset, COSTS[0]), _cost_edges(dataset, COSTS[1]))
     made = Counts(
         np.zeros(cells, np.int64),
-        reward_edges,
-        np.zeros((*cells, COST_BINS), np.int64),
+        np.linspace(*_range(dataset, "reward"), REWARD_BINS + 1),
+        np.zeros((*cells, REWARD_BINS), np.int64),
         np.zeros((policies, len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
         cost_edges,
         np.zeros((COST_BINS, COST_BINS), np.int64),
@@ -62,18 +61,11 @@ def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -
     with bar(progress, len(dataset), "rows", "count") as advance:
         for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
             stop = first + batch.num_rows
-            if stop > stops[-1]:
-                break
             of = np.searchsorted(stops, np.arange(first, stop), side="right")
             x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
             _add(made, x, episodes.setpoint[of], episodes.policy[of])
             advance(batch.num_rows)
             first = stop
-    if first != stops[-1]:
-        raise DatasetError(
-            f"{dataset.place}: found more or fewer rows than in meta/episodes.parquet, expected {stops[-1]}; "
-            f"see ibdata validate {dataset.place}"
-        )
     rows = made.rows[..., None]
     return made._replace(mean_costs=np.where(rows > 0, made.mean_costs, np.nan) / np.maximum(rows, 1))
 
@@ -81,8 +73,7 @@ def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -
 def _add(made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers) -> None:
     """Add rows to the counts; mean_costs holds sums until all rows are counted."""
     _into(made.rows, setpoint, policy)
-    near = _within(x["reward"], made.reward_edges)
-    _into(made.rewards, setpoint[near], policy[near], bins(x["reward"][near], made.reward_edges))
+    _into(made.rewards, setpoint, policy, bins(x["reward"], made.reward_edges))
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
     for i, (a, b) in enumerate(PAIRS):
         _into(made.coverage[:, i], policy, places[a], places[b])
@@ -114,8 +105,8 @@ def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] 
     counts += np.bincount(flat, weights, minlength=counts.size).reshape(counts.shape)
 
 
-def _edges(dataset: Dataset, name: str, needed: Floats | None = None) -> Floats:
-    """Edges of equal bins around the quantiles of 5 and 95 % of all rows, and around some values."""
+def _range(dataset: Dataset, name: str) -> tuple[float, float]:
+    """The least and the greatest value of a column, or some room around its only value."""
     stat = dataset.statistics().get(name, {})
     low, high = stat.get("min"), stat.get("max")
     if low is None or high is None or low > high:
@@ -123,10 +114,14 @@ def _edges(dataset: Dataset, name: str, needed: Floats | None = None) -> Floats:
             f"{dataset.place}: meta/statistics.json: {name}: found min {low} and max {high}, expected "
             f"numbers with min <= max; see ibdata validate {dataset.place}"
         )
-    tails = [stat["quantiles"][tail] for tail in TAILS]
-    if None not in tails:
-        first, last = np.sort(np.clip(tails, low, high))
-        room = ROOM * (last - first)
-        wanted = np.append([first - room, last + room], [] if needed is None else needed)
-        low, high = max(low, wanted.min()), min(high, wanted.max())
-    return np.linspace(*((low, high) if low < high else (low - 0.5, high + 0.5)), COST_BINS + 1)
+    return (low, high) if low < high else (low - 0.5, high + 0.5)
+
+
+def _cost_edges(dataset: Dataset, name: str) -> Floats:
+    """Edges of equal bins around the quantiles of 5 and 95 % of all rows."""
+    low, high = _range(dataset, name)
+    tails = [dataset.statistics()[name]["quantiles"][tail] for tail in TAILS]
+    if None not in tails and tails[0] < tails[1]:
+        room = ROOM * (tails[1] - tails[0])
+        low, high = max(low, tails[0] - room), min(high, tails[1] + room)
+    return np.linspace(low, high, COST_BINS + 1)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.experiment import Experiment
-from ibdata.simulation.rollout import rollout
+from ibdata.experiment.rollout import rollout
 
 Columns = dict[str, npt.NDArray[np.float64]]
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from itertools import combinations
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import quality
+from ibdata.numerics.naming import counted
 from ibdata.plots import module_of
 from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
-CAPTION = 130  # height of a caption and a gap, in thousandths of a column's width
+MILLION = 1e6  # from which a number is written in full
 SHOWN = ("mean", "std", "min", "max")
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -34,8 +34,8 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> 
     """The report on a dataset; `pictures` are PNG by name."""
     name = escape(spec.name)
     sections = {
-        "Pictures": _pictures(pictures),
         "Returns and scores": _returns(dataset),
+        "Pictures": _pictures(pictures),
         "Quality": _quality(dataset),
         "Splits": _splits(dataset),
         "Statistics": _statistics(dataset),
@@ -75,13 +75,20 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
         names = (f"<th{_kind(value)}>{escape(text)}</th>" for text, value in zip(head, first, strict=True))
         lines.append(f"<thead><tr>{''.join(names)}</tr></thead>")
     lines += [f"<tr>{''.join(map(_cell, row))}</tr>" for row in everything[:MOST]]
-    more = f"<p>and {len(everything) - MOST} more</p>" if len(everything) > MOST else ""
+    rest = len(everything) - MOST
+    more = f"<p>and {counted(rest, 'more row')}</p>" if rest > 0 else ""
     return "\n".join([*lines, "</table></div>" + more])
 
 
 def _cell(value: Any) -> str:
-    text = "–" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-    return f"<td{_kind(value)}>{escape(text)}</td>"
+    kind = _kind(value)
+    text = "–" if value is None else str(value) if not kind else format(value, _form(value))
+    return f"<td{kind}>{escape(text)}</td>"
+
+
+def _form(value: float) -> str:
+    """Six digits, with separators of thousands."""
+    return ",.6g" if isinstance(value, float) and abs(value) < MILLION else ",.0f"
 
 
 def _kind(value: Any) -> str:
@@ -90,18 +97,8 @@ def _kind(value: Any) -> str:
 
 
 def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
-    """Two columns whose widths make them equally high."""
-    sizes = {name: _size(data) for name, data in pictures.items()}
-    heights = {name: CAPTION + 1000 * height // width for name, (width, height) in sizes.items()}
-    total = sum(heights.values())
-    choices = (choice for count in range(len(heights)) for choice in combinations(heights, count))
-    first = min(choices, key=lambda choice: abs(total - 2 * sum(heights[name] for name in choice)))
     yield '<div class="pictures">'
-    for names in (first, [name for name in heights if name not in first]):
-        other = total - sum(heights[name] for name in names)
-        yield f'<div style="--width: {other}">'
-        yield from (_picture(name, pictures[name]) for name in names)
-        yield "</div>"
+    yield from (_picture(name, data) for name, data in pictures.items())
     yield "</div>"
 
 
@@ -161,7 +158,7 @@ def _experiments(spec: DatasetSpec) -> Iterable[str]:
     for experiment in spec.experiments[:MOST]:
         yield f"<pre><code>{escape(as_yaml(experiment).decode())}</code></pre>"
     if len(spec.experiments) > MOST:
-        yield f"<p>and {len(spec.experiments) - MOST} more, see meta/</p>"
+        yield f"<p>and {counted(len(spec.experiments) - MOST, 'more experiment')}, see meta/</p>"
 
 
 def _provenance(dataset: Dataset) -> Iterable[str]:

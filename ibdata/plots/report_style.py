@@ -18,11 +18,8 @@ td.number + td:last-child { min-width: 12rem; }
   linear-gradient(to left, #8889, transparent) 100% 0 / .9rem 100% no-repeat scroll; }
 .wide::-webkit-scrollbar, pre::-webkit-scrollbar { height: .5rem; }
 .wide::-webkit-scrollbar-thumb, pre::-webkit-scrollbar-thumb { background: #888; border-radius: .25rem; }
-.pictures, .pictures > div { display: flex; gap: 1.5rem; }
-.pictures > div { flex: var(--width) 1 0; min-width: 0;
-  flex-direction: column; justify-content: space-between; }
-@media (max-width: 50rem) { .pictures { flex-direction: column; } .pictures > div { flex: none; } }
-figure { margin: 0; }
+.pictures { columns: 2 24rem; column-gap: 1.5rem; }
+figure { break-inside: avoid; margin: 0 0 1.5rem; }
 img { background: #fff; display: block; height: auto; max-width: 100%; }
 figcaption { font-size: .875rem; }
 .close { display: none; }

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import MissingError
+from ibdata.errors import missing
 
 try:
     import matplotlib
@@ -21,7 +21,7 @@ try:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 except ModuleNotFoundError:
-    raise MissingError("ibdata.plots", "matplotlib", "plot") from None
+    raise missing("ibdata.plots", "matplotlib", "plot") from None
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish; lines also differ in style.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -63,7 +63,7 @@ class Summary:
     def label(self, column: str) -> str:
         """The label of a column on an axis: its meaning and its unit, from meta/dataset.json."""
         described = self.columns[column]
-        unit = "" if described.unit == "1" else f" ({described.unit})"
+        unit = {"1": "", "cost": " (cost units)"}.get(described.unit, f" ({described.unit})")
         return f"{described.description}{unit}"
 
     @property

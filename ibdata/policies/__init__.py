@@ -1,7 +1,7 @@
 """Behaviour policies, one per module. All modules of this folder are imported, so there is no list to extend.
 
-`Policy`, `Deterministic` and `Wrapper` are the base classes, also for policies of other packages, which an
-experiment names with `kind: custom`. `ibdata.testing.check_policy` checks a policy.
+Write `decide`, state what the policy `needs`, and run `ibdata.testing.check_policy`; `ibdata.policies.base`
+is the page to read. An experiment names a policy of another package with `kind: custom`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,18 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
-from ibdata.policies.base import OBSERVATION, Deterministic, FrozenModel, Policy
+from ibdata.policies.base import (
+    OBSERVATION,
+    Decision,
+    Deterministic,
+    FrozenModel,
+    Needs,
+    Observed,
+    Policy,
+    at_start,
+)
 from ibdata.policies.choice import Choice
+from ibdata.policies.user_object import can_act
 from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
@@ -40,12 +50,10 @@ POLICIES: dict[str, type[Policy]] = {
 
 
 class _BareName:
-    """An annotation that lets the bare name of a policy stand for the block {kind: name}."""
+    """An annotation that lets a bare name, or an object that acts, stand for the block of a policy."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return no_info_before_validator_function(
-            lambda value: {"kind": value} if isinstance(value, str) else value, handler(source)
-        )
+        return no_info_before_validator_function(_block_of, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -55,9 +63,22 @@ class _BareName:
         return {"anyOf": [{"enum": complete, "type": "string"}, block]}
 
 
+def _block_of(value: Any) -> Any:
+    """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
+    if isinstance(value, str):
+        return {"kind": value}
+    is_policy = type(value) in POLICIES.values()
+    return {"kind": "custom", "target": value} if can_act(value) and not is_policy else value
+
+
 def _required(policy: type[Policy]) -> list[str]:
     """The options of a policy that have no default."""
     return [name for name, option in policy.model_fields.items() if option.is_required()]
+
+
+def _may_be_certain(policy: type[Policy]) -> bool:
+    """Whether a policy's actions are certain, or may be so by its option `deterministic`."""
+    return issubclass(policy, Deterministic) or "deterministic" in policy.model_fields
 
 
 def _one_of(kinds: Iterable[type[Policy]]) -> Any:
@@ -73,7 +94,7 @@ else:
     # The types of policies within others, known once all policies are.
     AnyPolicy = _one_of(POLICIES.values())
     AnyBase = _one_of(p for p in POLICIES.values() if not issubclass(p, Wrapper | Choice))
-    DeterministicBase = _one_of(p for p in POLICIES.values() if hasattr(p, "mean_action"))
+    DeterministicBase = _one_of(p for p in POLICIES.values() if _may_be_certain(p))
     for _block in _subclasses(FrozenModel):
         _block.model_rebuild(
             _types_namespace={
@@ -117,9 +138,13 @@ __all__ = [
     "POLICIES",
     "AnyBase",
     "AnyPolicy",
+    "Decision",
     "Deterministic",
     "DeterministicBase",
+    "Needs",
+    "Observed",
     "Policy",
     "Wrapper",
+    "at_start",
     "described",
 ]

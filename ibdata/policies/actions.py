@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -46,16 +43,11 @@ def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     return out
 
 
-def as_numbers(answer: Any) -> npt.NDArray[np.float64]:
-    """Return what a policy answered as an array: masked values are NaN, tensors of torch are detached.
-
-    Raises TypeError or ValueError if it holds no real numbers.
-    """
-    tensor: Any = getattr(sys.modules.get("torch"), "Tensor", ())
-    if isinstance(answer, tensor):
-        answer = answer.numpy(force=True) if answer.is_complex() else answer.double().numpy(force=True)
-    if isinstance(answer, np.ma.MaskedArray):
-        answer = np.ma.filled(answer.astype(np.float64), np.nan)
-    if np.iscomplexobj(answer):
-        raise TypeError
-    return np.asarray(answer, dtype=np.float64)
+@compiled
+def log_certain(own: npt.NDArray[np.float32], action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """The log probabilities (n,) of actions (n, 3) where the policy is certain to take its own ones."""
+    out = np.empty(action.shape[0])
+    for i in range(action.shape[0]):
+        same = action[i, 0] == own[i, 0] and action[i, 1] == own[i, 1] and action[i, 2] == own[i, 2]
+        out[i] = 0.0 if same else -np.inf
+    return out

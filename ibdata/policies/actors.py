@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.policies.ways import refuse_frame_stack
-from ibdata.policies.weights_file import denormal
+from ibdata.policies.libraries import refuse_frame_stack
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
@@ -113,6 +112,5 @@ def _modules(module: Any) -> list[Any]:
 
 
 def numbers(parameter: Any) -> npt.NDArray[np.float32]:
-    """The numbers of a parameter; 0 in place of denormal ones, which some machines take for 0."""
-    numbers = np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)
-    return np.where(denormal(numbers), np.float32(0.0), numbers)
+    """The numbers of a parameter."""
+    return np.asarray(parameter.detach().cpu().numpy(), dtype=np.float32)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
-from ibdata.policies.base import SHIFT, VELOCITY, Deterministic, Floats, History
+from ibdata.policies.base import Decision, Deterministic, Observed
+from ibdata.policies.mediocre import steered
 
 TARGET = 100.0
 
@@ -24,5 +22,5 @@ class Bad(Deterministic):
 
     kind: Literal["bad"] = "bad"
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        return TARGET - history[:, 0, VELOCITY : SHIFT + 1].astype(np.float64)
+    def decide(self, given: Observed) -> Decision:
+        return Decision(steered(given, TARGET), given.memory)

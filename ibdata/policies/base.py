@@ -1,24 +1,23 @@
-"""The base classes of policies. A policy is an immutable block of options with pure functions."""
+"""What a policy is: `decide`, `log_density` and `needs`, of an immutable block of options."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeGuard
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from ibdata.policies.actions import applied
-from ibdata.policies.given import Decision, Given, at_start
-from ibdata.policies.support import Piece, Support, whole
+from ibdata.policies.actions import applied, log_certain
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-History = npt.NDArray[np.float32]
+Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Steps = npt.NDArray[np.int64]
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
@@ -28,29 +27,78 @@ OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption"
 SETPOINT, VELOCITY, GAIN, SHIFT, FATIGUE, CONSUMPTION = range(6)
 
 
-def _no_denormal(least: float) -> AfterValidator:
-    """A validator that refuses denormal numbers, which processors may treat as 0 if a library tells them to.
+class Needs(NamedTuple):
+    """What a policy needs in order to act: how many numbers of each kind it is given.
 
-    It must be last in an annotation, because the JSON schema leaves out all bounds after it.
+    Attributes:
+        history: the latest observations that it sees, 0 for none, and as many of the latest actions.
+        step_draws: uniform random numbers at each step.
+        episode_draws: uniform random numbers that are drawn once for an episode.
+        memory: numbers that it remembers from one step to the next.
     """
 
-    def check(value: float) -> float:
-        if 0.0 < abs(value) < least:
-            bound = f"at least {least!r}" if value > 0.0 else f"at most {-least!r}"
-            raise ValueError(f"found {value!r}, which some machines take for 0; expected {bound}")
-        return value
-
-    return AfterValidator(check)
+    history: int = 1
+    step_draws: int = 0
+    episode_draws: int = 0
+    memory: int = 0
 
 
-NormalSingle = _no_denormal(float(np.finfo(np.float32).tiny))  # for values that become float32
-NormalDouble = _no_denormal(float(np.finfo(np.float64).tiny))
+class Observed(NamedTuple):
+    """All that the actions of n episodes at one step may depend on. The policy must not change it.
+
+    Attributes:
+        observations: the latest observations, float32 (n, history, 6), newest first, with the columns of
+            `OBSERVATION`. Before an episode's first observation, that one is repeated.
+        actions: the actions that led to these observations, float32 (n, history, 3), so the last action
+            first. Before an episode's first action they are zero.
+        step: the step of each episode, counted from 0, int64 (n,).
+        uniforms: independent random numbers, uniform on (0, 1), float64 (n, step_draws).
+        episode_uniforms: random numbers of the episode, which are the same at each of its steps, float64
+            (n, episode_draws).
+        memory: the numbers that the policy returned at the step before, float64 (n, memory); zeros at the
+            start of an episode.
+    """
+
+    observations: Float32s
+    actions: Float32s
+    step: Steps
+    uniforms: Floats
+    episode_uniforms: Floats
+    memory: Floats
+
+    def apply(self, change: Callable[[Any], Any]) -> Observed:
+        """The same with each array changed, for instance cut to some of the episodes."""
+        return Observed._make(map(change, self))
+
+    def cut(self, needs: Needs) -> Observed:
+        """The first numbers of each kind, as many as these needs say."""
+        return Observed(
+            np.ascontiguousarray(self.observations[:, : needs.history]),
+            np.ascontiguousarray(self.actions[:, : needs.history]),
+            self.step,
+            np.ascontiguousarray(self.uniforms[:, : needs.step_draws]),
+            np.ascontiguousarray(self.episode_uniforms[:, : needs.episode_draws]),
+            np.ascontiguousarray(self.memory[:, : needs.memory]),
+        )
+
+
+class Decision(NamedTuple):
+    """The actions of n episodes at one step.
+
+    Attributes:
+        actions: (Δvelocity, Δgain, Δshift) of each episode, (n, 3); the caller clips them to [-1, 1] and
+            rounds them to float32.
+        memory: the numbers that the policy will be given at the next step, float64 (n, memory).
+    """
+
+    actions: npt.ArrayLike
+    memory: npt.ArrayLike
 
 
 class FrozenModel(BaseModel):
     """An immutable model of a YAML block, in which unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(Needs,))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy that is checked as a new block is, and takes over nothing that was computed.
@@ -64,47 +112,69 @@ class FrozenModel(BaseModel):
         return {name: getattr(self, name) for name in type(self).model_fields}
 
 
+def refuse_log_prob(own: Any, has_density: bool) -> None:
+    """Raise TypeError for a policy or an object whose density has the name of another library."""
+    if callable(getattr(own, "log_prob", None)) and not has_density:
+        name = own.__name__ if isinstance(own, type) else type(own).__name__
+        raise TypeError(
+            f"{name}: found log_prob without log_density, expected log_density(given, action), which gets "
+            "all that decide(given) gets; see docs/custom-policies.md"
+        )
+
+
 class Policy(FrozenModel):
-    """Base class of behaviour policies. To add a policy, add a module with a subclass to this folder.
+    """Base class of behaviour policies: write `decide`, state what it `needs`, run `check_policy`.
 
-    A subclass defines a default for `kind: Literal["…"]`, its options as further fields, and:
-
-    - `history_length`: the number of observations and actions it sees, 0 for none;
-    - `uniforms_per_step`: the number of uniform random numbers it uses per step;
-    - `act`, and `log_prob` and `support` if its density is known.
-
-    A policy that needs more than observations and random numbers defines `decide` in place of `act`, and
-    `log_density` in place of `log_prob`. What it must know later, it returns as memory:
-
-    - `memory_size`: the number of numbers that it remembers from one step to the next;
-    - `uniforms_per_episode`: the number of uniform random numbers that are drawn once for an episode.
-
-    A policy never sees the hidden state. `Deterministic` and `Wrapper` below do part of the work, and
-    `ibdata.testing.check_policy` checks the result.
+    A subclass defines a default for `kind: Literal["…"]`, its options as further fields, `decide` and
+    `needs`. If the density of its actions is known, it also defines `log_density`, and `atoms` where the
+    default is wrong. All are pure functions, and none sees the hidden state.
     """
-
-    history_length: ClassVar[int] = 1
-    memory_size: ClassVar[int] = 0
-    uniforms_per_step: ClassVar[int] = 0
-    uniforms_per_episode: ClassVar[int] = 0
-    support: ClassVar[Support | None] = None
 
     kind: str
     name: Name | None = Field(default=None, description="label in the data; default: the kind")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        for short, full in (("act", "decide(given)"), ("log_prob", "log_density(given, action)")):
-            name = full.partition("(")[0]
-            if (
-                short in vars(cls)
-                and name not in vars(cls)
-                and getattr(cls, name) is not getattr(Policy, name)
-            ):
-                raise TypeError(
-                    f"{cls.__name__}: found {short}, which its base class does not call, expected {full}; "
-                    "see docs/extending.md"
-                )
+        refuse_log_prob(cls, cls.log_density is not Policy.log_density)
+
+    @property
+    def needs(self) -> Needs:
+        """What it is given; by default the last observation and action, and no random numbers."""
+        return Needs()
+
+    def decide(self, given: Observed) -> Decision:
+        """Return the actions (n, 3) of n episodes at one step, and what to remember (n, memory)."""
+        raise TypeError(
+            f"{type(self).__name__}: found no decide(given), expected one that returns a Decision"
+        )
+
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """Return the log density (n,) of actions; by default NaN, which means that none is known.
+
+        The density is with respect to Lebesgue measure on (-1, 1) plus unit masses at ±1 and at the float32
+        action of a base policy. It may depend on all that is given but the `uniforms`.
+
+        Args:
+            given: as in `decide`.
+            action: the actions after clipping and rounding, float32 (n, 3).
+        """
+        return np.full(len(action), np.nan)
+
+    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
+        """Return what `decide` returns, and the log density (n,) of these actions once clipped and rounded.
+
+        None in place of the density means that `log_density` computes it, which is the default. A policy
+        that would do most of its work twice computes both here.
+        """
+        return self.decide(given), None
+
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        """Whether the policy has a point mass, not a density, at each number of an action: bool (n, 3).
+
+        By default it has one at ±1, to which actions are clipped.
+        """
+        edges: Bools = np.abs(action) == 1.0
+        return edges
 
     @property
     def label(self) -> str:
@@ -115,11 +185,6 @@ class Policy(FrozenModel):
     def code_target(self) -> str | None:
         """The `package.module:name` of foreign code, which runs only if the user allows it; else None."""
         return None
-
-    @property
-    def is_short(self) -> bool:
-        """Whether actions depend on nothing but the last observations and random numbers of the step."""
-        return type(self).decide is Policy.decide
 
     @property
     def inner(self) -> tuple[Policy, ...]:
@@ -134,136 +199,54 @@ class Policy(FrozenModel):
 
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
-        return {"kind": self.kind, **self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)}
+        plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
+        return {"kind": self.kind, **{key: _form(getattr(self, key), inner) for key, inner in plain.items()}}
 
-    def decide(self, given: Given) -> Decision:
-        """Return the actions of n episodes at one step, and what to remember. A pure function.
 
-        The caller asks for the steps of an episode in order.
-
-        Args:
-            given: everything that the actions may depend on.
-
-        Returns:
-            The actions (n, 3) and the memory (n, memory_size).
-        """
-        return Decision(self.act(given.observations, given.uniforms), given.memory)
-
-    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
-        """Return what `decide` returns, and the log density (n,) of these actions once clipped and rounded.
-
-        None in place of the density means that `log_density` computes it, which is the default. A policy
-        that would do most of its work twice computes both here.
-        """
-        return self.decide(given), None
-
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density of actions, given all that is known before them. A pure function.
-
-        The density is with respect to Lebesgue measure on (-1, 1) plus unit masses at ±1 and at the float32
-        action of a base policy: in each dimension, or at the whole action if it is replaced as a whole.
-
-        Args:
-            given: as in `decide`.
-            action: the actions after clipping and rounding, float32 (n, 3).
-
-        Returns:
-            Float64 (n,); NaN where no density is known.
-        """
-        return self.log_prob(given.observations, action)
-
-    def supports(self, step: int) -> tuple[Support, ...] | None:
-        """Return where the density lies at a step; by default, `support` at every step.
-
-        Args:
-            step: the step of the episode, counted from 0.
-
-        Returns:
-            The supports of the policies of which one acts; None if that is not known.
-        """
-        return None if self.support is None else (self.support,)
-
-    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        """Whether the measure of the density has a unit mass at each number of an action.
-
-        By default, it has one at ±1, and at all three numbers of an action that is certain.
-
-        Args:
-            given: as in `decide`.
-            action: as in `log_density`.
-
-        Returns:
-            Bool (n, 3).
-        """
-        edges: npt.NDArray[np.bool_] = np.abs(action) == 1.0
-        if not is_deterministic(self):
-            return edges
-        own: npt.NDArray[np.bool_] = (action == applied(self.decide(given).actions)).all(axis=1)
-        return edges | own[:, None]
-
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        """Return the actions of n episodes at one step: the short form of `decide`.
-
-        Args:
-            history: `Given.observations`.
-            u: `Given.uniforms`.
-
-        Returns:
-            `Decision.actions`.
-
-        Raises:
-            TypeError: the policy defines neither form, or depends on more than history and random numbers.
-        """
-        if type(self).decide is Policy.decide:
-            raise TypeError(f"{type(self).__name__}: found neither act nor decide, expected one of them")
-        return self.decide(self._at_start(history, u)).actions
-
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density of actions: the short form of `log_density`; NaN by default.
-
-        Args:
-            history: `Given.observations`.
-            action: the actions after clipping and rounding, float32 (n, 3).
-
-        Returns:
-            Float64 (n,).
-        """
-        if type(self).log_density is Policy.log_density:
-            return np.full(len(action), np.nan)
-        return self.log_density(self._at_start(history, np.empty((len(action), 0))), action)
-
-    def _at_start(self, history: History, u: Floats) -> Given:
-        if not self.is_short:
-            raise TypeError(
-                f"{self.label}: found a call of act or log_prob, expected a call of decide or log_density, "
-                "because the policy may depend on more than the last observations"
-            )
-        return at_start(history, u)
+def _form(value: Any, plain: Any) -> Any:
+    """The plain data of an option, in which each policy is replaced by its form."""
+    if isinstance(value, Policy):
+        return value.form()
+    if isinstance(value, list):
+        return [_form(*pair) for pair in zip(value, plain, strict=True)]
+    if isinstance(value, FrozenModel):
+        return {key: _form(getattr(value, key), inner) for key, inner in plain.items()}
+    return plain
 
 
 class Deterministic(Policy):
     """A policy whose action is certain, given what is known before it; so it has the probability 1."""
 
-    def mean_action(self, history: History) -> npt.NDArray[np.float32]:
-        """Return the actions (n, 3), clipped and rounded."""
-        return applied(self.act(history, np.empty((len(history), 0))))
-
-    def supports(self, step: int) -> tuple[Support, ...] | None:
-        own = json.dumps(self.form(), sort_keys=True)
-        drawn = self.uniforms_per_episode > 0
-        text = f"a point mass at the action of {self.kind}"
-        return (whole(Piece(text + ", drawn for each episode," * drawn, own, drawn)),)
-
-    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
+    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
         return self.decide(given), np.zeros(len(given.step))
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        return np.where((action == applied(self.decide(given).actions)).all(axis=1), 0.0, -np.inf)
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        return log_certain(applied(self.decide(given).actions), action)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        return np.where((action == self.mean_action(history)).all(axis=1), 0.0, -np.inf)
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        """At all three numbers of its own action."""
+        return np.repeat(self.log_density(given, action)[:, None] == 0.0, 3, axis=1)
 
 
 def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
     """Whether a policy's action is certain, given what is known before it, by class or by promise."""
     return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)
+
+
+def at_start(observations: Float32s, needs: Needs, uniforms: Floats | None = None) -> Observed:
+    """What a policy is given at the first step of n episodes with these observations (n, history, 6).
+
+    Random numbers are ½ where none are given.
+
+    >>> at_start(np.zeros((2, 1, 6), dtype=np.float32), Needs()).actions.shape
+    (2, 1, 3)
+    """
+    n, history = observations.shape[:2]
+    return Observed(
+        observations,
+        np.zeros((n, history, 3), dtype=np.float32),
+        np.zeros(n, dtype=np.int64),
+        np.full((n, needs.step_draws), 0.5) if uniforms is None else uniforms,
+        np.full((n, needs.episode_draws), 0.5),
+        np.zeros((n, needs.memory)),
+    )

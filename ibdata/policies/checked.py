@@ -1,114 +1,82 @@
-"""Call a policy and check that it returns valid actions and log densities."""
+"""A policy whose actions and log densities are checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import IbdataError
-from ibdata.policies import Policy
-from ibdata.policies.actions import as_numbers, clip_and_round
-from ibdata.policies.given import Given
-from ibdata.policies.user_code import told
-from ibdata.policies.ways import AnswerError
+from ibdata.errors import IbdataError, PolicyError
+from ibdata.policies.actions import clip_and_round
+from ibdata.policies.answers import AnswerError, actions_and_memory, numbers
+from ibdata.policies.base import Float32s, Floats, Observed, Policy
+from ibdata.policies.code import error_line
+
+Ints = npt.NDArray[np.int64]
 
 
-class PolicyError(IbdataError):
-    """A policy raised an exception, or returned no valid action or log density."""
+class Checked(NamedTuple):
+    """A policy whose answers about n episodes are checked.
 
-
-class CheckedPolicy(NamedTuple):
-    """A policy whose results are checked. A lane is one of the episodes that are simulated side by side."""
+    A policy that sees and remembers nothing may act for several steps at once; the rows are then those of all
+    episodes at one step after another.
+    """
 
     policy: Policy
     label: str
-    first: int  # the episode in lane 0
-    lanes: int
+    episodes: Ints  # their numbers (n,), for messages
 
-    def decide(self, given: Given, out: npt.NDArray[np.float32]) -> tuple[int, npt.NDArray[np.float64]]:
-        """Write the policy's actions, clipped and rounded, into out (n, 3).
-
-        A policy that sees and remembers nothing may act for several steps at once; n is then the number of
-        steps times the number of lanes.
+    def decide(self, given: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
+        """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
 
         Returns:
-            The number of actions that were clipped, and the memory (n, memory_size) for the next step.
+            The number of actions that were clipped, and the memory (n, memory) for the next step.
 
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        answer = self._asked(lambda: self.policy.decide(given), given, out.shape, "actions")
-        return self._taken(answer, given, out)
-
-    def decide_with_density(
-        self, given: Given, out: npt.NDArray[np.float32], log_density: npt.NDArray[np.float64]
-    ) -> tuple[int, npt.NDArray[np.float64]]:
-        """As `decide`, and write the log densities of the actions into log_density (n,)."""
-        answer, density = self._asked(
-            lambda: self.policy.decide_with_density(given), given, out.shape, "actions"
-        )
-        taken = self._taken(answer, given, out)
-        if density is None:
-            log_density[:] = self.log_density(given, out)
-        else:
-            log_density[:] = self._numbers(density, given, log_density.shape, "log densities")
-        return taken
-
-    def _taken(
-        self, answer: Any, given: Given, out: npt.NDArray[np.float32]
-    ) -> tuple[int, npt.NDArray[np.float64]]:
-        """Check a decision, and write its actions."""
-        if not (isinstance(answer, tuple) and len(answer) == 2):
-            wrong = f"found {type(answer).__name__}, expected a Decision of actions and memory"
-            raise PolicyError(f"{self._place(given, 0)}: {wrong}")
-        action = self._numbers(answer[0], given, out.shape, "actions")
-        memory = given.memory
-        if self.policy.memory_size:
-            memory = self._numbers(answer[1], given, memory.shape, "memory")
-        clipped = int(clip_and_round(action, out))
+        density = None
+        try:
+            if log_density is None:
+                decision = self.policy.decide(given)
+            else:
+                decision, density = self.policy.decide_with_density(given)
+            proposed, memory = actions_and_memory(decision)
+            proposed = numbers(proposed, out.shape, "actions")
+            memory = numbers(memory, given.memory.shape, "memory") if given.memory.size else given.memory
+            if log_density is not None and density is not None:
+                log_density[:] = numbers(density, log_density.shape, "log densities")
+        except (IbdataError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # a policy must not end the run
+            raise self._located(error, given) from error
+        clipped = int(clip_and_round(proposed, out))
         if clipped < 0:
-            lane = -1 - clipped
+            row = -1 - clipped
             raise PolicyError(
-                f"{self._place(given, lane)}: found action {action[lane]}, expected finite numbers"
+                f"{self._place(given, row)}: found action {proposed[row]}, expected finite numbers"
             )
+        if log_density is not None and density is None:
+            log_density[:] = self.log_density(given, out)
         return clipped, memory
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-        """Return the log density (n,) of the actions. Raises PolicyError if it has the wrong shape."""
-        taken = action.view()
-        taken.flags.writeable = False
-        shape = (len(taken),)
-        answer = self._asked(lambda: self.policy.log_density(given, taken), given, shape, "log densities")
-        return self._numbers(answer, given, shape, "log densities")
-
-    def _place(self, given: Given, row: int) -> str:
-        episode = self.first + row % max(1, self.lanes)
-        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"
-
-    def _asked(self, ask: Callable[[], Any], given: Given, shape: tuple[int, ...], what: str) -> Any:
-        """Return the result of calling `ask`."""
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,) of the actions. Raises PolicyError if it has the wrong shape."""
+        fixed = action.view()
+        fixed.flags.writeable = False
         try:
-            return ask()
-        except (IbdataError, KeyboardInterrupt):  # raised by a signal handler, for example
+            return numbers(self.policy.log_density(given, fixed), (len(action),), "log densities")
+        except (IbdataError, KeyboardInterrupt):
             raise
-        except AnswerError as error:
-            raise PolicyError(f"{self._place(given, 0)}: {error}") from error
-        except BaseException as error:  # a policy must not end the run
-            raise PolicyError(f"{self._place(given, 0)}: {told(error)}") from error
+        except BaseException as error:
+            raise self._located(error, given) from error
 
-    def _numbers(
-        self, answer: Any, given: Given, shape: tuple[int, ...], what: str
-    ) -> npt.NDArray[np.float64]:
-        """Return what a policy answered as an array of that shape."""
-        try:
-            numbers = as_numbers(answer)
-        except (TypeError, ValueError):
-            wrong = f"found {repr(answer)[:60]}, expected {what} of shape {shape}"
-            raise PolicyError(f"{self._place(given, 0)}: {wrong}") from None
-        if numbers.shape != shape:
-            wrong = f"found {what} of shape {numbers.shape}, expected {shape}"
-            raise PolicyError(f"{self._place(given, 0)}: {wrong}")
-        return numbers
+    def _located(self, error: BaseException, given: Observed) -> PolicyError:
+        """An error of the policy as one line with its place."""
+        line = str(error) if isinstance(error, AnswerError) else error_line(error)
+        return PolicyError(f"{self._place(given)}: {line}")
+
+    def _place(self, given: Observed, row: int = 0) -> str:
+        episode = self.episodes[row % len(self.episodes)] if len(self.episodes) else 0
+        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"

@@ -5,16 +5,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, Policy
-from ibdata.policies.given import Decision, Given, Steps
-from ibdata.policies.support import Support
-from ibdata.policies.wrapper import part_of
+from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed, Policy, Steps
 
 Chosen = npt.NDArray[np.int64]
 
@@ -27,81 +23,59 @@ class Choice(Policy):
     """
 
     @abstractmethod
-    def chosen(self, given: Given) -> Chosen:
+    def chosen(self, given: Observed) -> Chosen:
         """The number of the policy that acts in each episode, (n,)."""
 
-    def began(self, given: Given) -> Steps:
+    def began(self, given: Observed) -> Steps:
         """The step of each episode at which the policy that acts began, without memory, (n,)."""
         return np.zeros_like(given.step)
 
     @property
-    def own_uniforms_per_episode(self) -> int:
-        """The number of random numbers of an episode that the choice itself uses."""
-        return 0
+    def own_needs(self) -> Needs:
+        """What the choice itself needs."""
+        return Needs(history=0)
 
     @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """As many observations as the policy sees that sees most."""
-        return max(policy.history_length for policy in self.inner)
+    def needs(self) -> Needs:
+        """As much as the policy needs that needs most, random numbers of an episode for each, and its own."""
+        own, history, draws, episode_draws, memory = (
+            self.own_needs,
+            *zip(*(p.needs for p in self.inner), strict=True),
+        )
+        return Needs(
+            max(history), max(draws) + own.step_draws, sum(episode_draws) + own.episode_draws, max(memory)
+        )
 
-    @property
-    def memory_size(self) -> int:  # type: ignore[override]  # read from instances only
-        """As many numbers as the policy remembers that remembers most."""
-        return max(policy.memory_size for policy in self.inner)
-
-    @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """As many numbers as the policy uses that uses most."""
-        return max(policy.uniforms_per_step for policy in self.inner)
-
-    @property
-    def uniforms_per_episode(self) -> int:  # type: ignore[override]  # read from instances only
-        """The random numbers of the choice and of all policies."""
-        return self.own_uniforms_per_episode + sum(policy.uniforms_per_episode for policy in self.inner)
-
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         actions = np.empty((len(given.step), 3), dtype=np.float32)
-        memory = np.zeros((len(given.step), self.memory_size))
+        memory = np.zeros((len(given.step), self.needs.memory))
         for policy, rows, part in self._parts(given):
-            answer = policy.decide(part)
-            actions[rows] = applied(answer.actions)
-            memory[rows, : policy.memory_size] = answer.memory
+            decision = policy.decide(part)
+            actions[rows] = applied(decision.actions)
+            memory[rows, : part.memory.shape[1]] = decision.memory
         return Decision(actions, memory)
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,) of actions under the policies that act."""
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,) under the policies that act."""
         out = np.empty(len(action))
         for policy, rows, part in self._parts(given):
             out[rows] = policy.log_density(part, action[rows])
         return out
 
-    def supports(self, step: int) -> tuple[Support, ...] | None:
-        """Return the supports of all policies, of which any may act."""
-        found = [policy.supports(step) for policy in self.inner]
-        return None if None in found else tuple(support for each in found for support in each or ())
-
-    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
         out = np.empty(action.shape, dtype=np.bool_)
         for policy, rows, part in self._parts(given):
             out[rows] = policy.atoms(part, action[rows])
         return out
 
-    def _parts(self, given: Given) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Given]]:
+    def _parts(self, given: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
         """Yield each policy that acts in some episodes, the numbers of these, and what it is given."""
         which, step = self.chosen(given), given.step - self.began(given)
-        memory = np.where(step[:, None] == 0, 0.0, given.memory)
-        first = self.own_uniforms_per_episode
+        own = given._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, given.memory))
+        first = self.own_needs.episode_draws
         for number, policy in enumerate(self.inner):
-            rows = np.flatnonzero(which == number)
+            needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
-                own = given._replace(
-                    step=step, memory=memory, episode_uniforms=given.episode_uniforms[:, first:]
-                )
-                some = own if len(rows) == len(step) else own.apply(itemgetter(rows))
-                yield policy, rows, part_of(policy, some)
-            first += policy.uniforms_per_episode
-
-
-def forms(policies: tuple[Policy, ...]) -> list[dict[str, Any]]:
-    """The forms of several policies, for the form of one that is made of them."""
-    return [policy.form() for policy in policies]
+                part = own._replace(episode_uniforms=given.episode_uniforms[:, first:]).cut(needs)
+                yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
+            first += needs.episode_draws

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Field
 
 from ibdata.numerics.circle import cosine, sine
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import pow
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats
+from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed, Steps
 from ibdata.policies.constant import Constant
-from ibdata.policies.given import Decision, Given, Steps
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -54,33 +52,27 @@ class ColouredNoise(Wrapper):
     )
 
     @property
-    def own_uniforms_per_episode(self) -> int:  # type: ignore[override]  # read from instances only
-        """Two numbers for each frequency and each number of the action."""
-        return 3 * self.period
+    def own_needs(self) -> Needs:
+        """Draws for the sines of each number of the action; it remembers the noise of the whole episode."""
+        return Needs(history=0, episode_draws=3 * self.period, memory=3 * self.period)
 
-    @property
-    def own_memory_size(self) -> int:  # type: ignore[override]  # read from instances only
-        """The noise of the whole episode, which is computed at its first step."""
-        return 3 * self.period
-
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         (base, memory), own = self.base_action(given), self.own(given)
         noise = own.memory
         if (given.step == 0).any():
             noise = noise.copy()
             _draw(given.step, own.episode_uniforms, self.beta, noise)
-        action = np.empty(base.shape)
-        _act(base, noise, given.step, self.scale, action)
-        return Decision(action, self.joined(memory, noise))
+        return Decision(_with_noise(base, noise, given.step, self.scale), self.remembered(memory, noise))
 
 
 @compiled
-def _act(base: npt.NDArray[np.float32], noise: Floats, step: Steps, scale: float, out: Floats) -> None:
+def _with_noise(base: Float32s, noise: Floats, step: Steps, scale: float) -> Floats:
     period = noise.shape[1] // 3
-    for i in range(out.shape[0]):
+    out = np.empty((noise.shape[0], 3))
+    for i in range(noise.shape[0]):
         for j in range(3):
-            x = noise[i, j * period + step[i] % period]
-            out[i, j] = np.float64(base[i, j]) + scale * x
+            out[i, j] = np.float64(base[i, j]) + scale * noise[i, j * period + step[i] % period]
+    return out
 
 
 @compiled
@@ -118,13 +110,8 @@ def _draw(step: Steps, u: Floats, beta: float, noise: Floats) -> None:
 def transform(real: Floats, imaginary: Floats, cosines: Floats, sines: Floats) -> None:
     """Replace c_k by Σ_k c_k e^(2πikt/N), for t = 0 … N - 1, in place; N is a power of two.
 
-    The fast Fourier transform of Cooley and Tukey 1965, in a fixed order.
-
-    Args:
-        real: the real parts of c_k, (N,).
-        imaginary: their imaginary parts, (N,).
-        cosines: cos 2πk/N for k < N/2.
-        sines: sin 2πk/N for k < N/2.
+    The fast Fourier transform of Cooley and Tukey 1965, in a fixed order. The cosines and sines are those of
+    2πk/N for k < N/2.
     """
     n = real.shape[0]
     j = 0

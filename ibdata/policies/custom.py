@@ -2,83 +2,105 @@
 
 from __future__ import annotations
 
-import os
+import inspect
+import json
+import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
-from functools import cached_property
-from importlib import import_module
+from contextlib import suppress
+from functools import cached_property, partial
 from pathlib import Path
-from threading import RLock
+from secrets import token_hex
 from typing import Annotated, Any, Literal
+from weakref import WeakValueDictionary
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic.functional_validators import ModelWrapValidatorHandler
 
-from ibdata.errors import IbdataError, UsageError, printable
-from ibdata.policies.adapter import Adapter
-from ibdata.policies.base import Deterministic, Floats, History
-from ibdata.policies.code_places import code_places, import_from, located, two_places
-from ibdata.policies.given import Decision, Given
-from ibdata.policies.parameters import Parameters
-from ibdata.policies.support import Support
-from ibdata.policies.user_code import told
-from ibdata.policies.ways import WAYS, can_act, decides, has_method, is_torch_module
+from ibdata.errors import PolicyError, UsageError, printable
+from ibdata.policies.base import (
+    Bools,
+    Decision,
+    Deterministic,
+    Float32s,
+    Floats,
+    Needs,
+    Observed,
+    refuse_log_prob,
+)
+from ibdata.policies.code import (
+    Places,
+    apart_from_results,
+    error_line,
+    imported,
+    loading,
+    located,
+    two_places,
+)
+from ibdata.policies.libraries import is_torch_module
+from ibdata.policies.purity import refuse_impure
+from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_method, needs_of
 
 NAME = "[A-Za-z_][A-Za-z0-9_]*"
-PART = r"[^/:\\\x00-\x1f\x7f-\x9f]+"  # of a relative path
-STEM = r"[^/:\\.\x00-\x1f\x7f-\x9f]+"
-TARGET = rf"^({NAME}(\.{NAME})*|({PART}/)*{STEM}\.py):{NAME}$"
+FILE = r"[^/:\\\x00-\x1f][^:\\\x00-\x1f]*\.py"  # a relative path
+TARGET = rf"^({NAME}(\.{NAME})*|{FILE}):{NAME}$"
 TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the YAML file"
-
-importing = RLock()  # held while modules of policies are imported or taken out of sys.modules
-_begun: set[str] = set()  # the targets that are being imported or created
+LIVE = "live:"  # begins the target of an object of a Python session
 
 
-class CustomError(IbdataError):
-    """The code of a custom policy cannot be loaded."""
+class Held:
+    """Keeps a live object as long as a policy, or a copy of it, acts through it."""
+
+    def __init__(self, target: Any) -> None:
+        self.target = target
 
 
-class Custom(Adapter):
+_held_by_run: WeakValueDictionary[str, Held] = WeakValueDictionary()
+
+
+def _as_json(params: dict[str, Any]) -> Any:
+    """Parameters as JSON and YAML give them back, so that they are the same in every process."""
+    try:
+        return json.loads(json.dumps(params, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"found what JSON cannot hold ({error}), expected finite numbers, texts, lists and mappings"
+        ) from None
+
+
+class Custom(UserObject):
     """Acts through the object that `target` names; a class or a function makes the object from `params`.
 
-    The object has a method `act(history, u)` like the policies here, or `predict(observations)` like those of
-    SB3 and d3rlpy, or is a torch module or another callable, which is called like `predict`. `predict` takes
-    float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a tuple that begins
-    with them. A method `log_prob` is used if there is one. The arrays are copies, which the object may
-    change.
+    A function whose first parameter is `observations` is the policy itself. In Python, the target may also be
+    an object.
 
-    A policy may remember earlier steps in one of three ways, and in no other:
+    The object has a method `decide(given)`, as in [Your own
+    policy](custom-policies.md#a-class-like-ibdatas-own), or `act(history, u)`, or `predict(observations)`
+    as those of SB3 and d3rlpy, or is a torch module or another callable, which is called like `predict`.
+    `predict` takes float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a
+    tuple that begins with them. The arrays are copies, which the object may change. A method
+    `log_density(given, action)` is used if there is one.
 
-    - `decide(given)`, `memory_size` and, if its density is known, `log_density(given, action)`, as in a
-      subclass of `Policy`: see [Extending](extending.md#a-policy-that-remembers).
-    - `predict` with the keyword `state`: it returns the actions and a state of any kind, which it is given at
-      the next step; at the first step it is given None. If it has the keywords `episode_start` and
-      `deterministic`, as recurrent policies of SB3 do, `episode_start` is an array (n,), which is true at the
-      first step, and `deterministic` is true.
-    - `reset(n)`, which is called before n episodes begin; until its next call, the n rows of all arrays
-      belong to these episodes.
-
-    A state, and whatever `reset` prepares, belongs to the n episodes that are simulated together. Which
-    episodes these are depends on files and workers. So the policy must act in each episode as if it were
-    alone, and draw random numbers from `u` only, not from a seed. Only a policy with `decide` can begin at
-    any step of an episode. ibdata repeats earlier calls at the steps 0, 1, 10 and 100 of each block of
-    episodes or, if there is `reset`, at the steps 0 and 1, and it repeats the first call with the episodes in
-    another order. A policy that then acts differently is refused.
+    A policy may remember earlier steps by the memory that `decide` returns, by the keyword `state` of
+    `predict`, and by a method `reset(n)`, which is called before n episodes begin; see [A policy that
+    remembers or draws](custom-policies.md). It must act in each episode as if it were
+    alone, and draw random numbers from `u` or `uniforms` only, not from a seed. Before a run, ibdata asks it
+    about the same few steps of some episodes again, in another order, and without half of them; a policy that
+    then acts differently is refused. Only a policy with `decide` can begin at any step of an episode.
 
     The module or file may be beside the YAML file or in the current folder, and may import other modules
-    there. It is not imported before a run begins. The output of its code goes to stderr.
+    there. It is not imported before a run begins. What it prints in a command or a run goes to stderr.
 
     With `deterministic: true`, you promise that the policy draws no random numbers at all: what it sees
     and remembers in these ways determines its actions. Then `action_log_prob` is known, and the policy may be
-    the `base` of `gaussian`, and of `epsilon_greedy` with `per_dimension`. `generate` calls a policy that
-    remembers nothing twice at each step, and refuses it if the actions differ.
+    the `base` of `gaussian`.
     """
 
     kind: Literal["custom"] = "custom"
     target: Annotated[str, Field(pattern=TARGET)] = Field(description=TARGET_MEANT)
-    params: Parameters = Field(default={}, description="keyword arguments for a class or a function")
+    params: Annotated[dict[str, Any], AfterValidator(_as_json)] = Field(
+        default={}, description="keyword arguments for a class or a function"
+    )
     history: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         default=1, description="number of observations that it sees"
     )
@@ -94,31 +116,24 @@ class Custom(Adapter):
         default=False, strict=True, description="promise that it draws no random numbers of any kind"
     )
 
-    _places: tuple[Path, ...] = PrivateAttr(())  # other folders than those of the run
+    _places: Places = PrivateAttr(())  # by default the current folder
+    _held: Held | None = PrivateAttr(None)
 
-    @property
-    def code_target(self) -> str | None:
-        """The target."""
-        return self.target
-
-    @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of observations that the object sees."""
-        return self.history
-
-    @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]
-        """The number of uniform random numbers per step."""
-        return self.uniforms
-
-    def form(self) -> dict[str, Any]:
-        """The kind and the options, without the files, which are recorded with the run like the code."""
-        return {key: value for key, value in super().form().items() if key != "files"}
-
-    @model_serializer(mode="wrap")
-    def _without_false(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out `deterministic: false`, so that datasets without this option stay as they are."""
-        return {key: x for key, x in serialize(self).items() if key != "deterministic" or x}
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_object(cls, data: Any, handler: ModelWrapValidatorHandler[Custom]) -> Custom:
+        """Let an object of Python's be the target, which is recorded by its class and a name for the run."""
+        target, holder = data.get("target") if isinstance(data, dict) else None, None
+        if can_act(target):
+            holder, run, needs = Held(target), token_hex(16), needs_of(target, 1)
+            _held_by_run[run] = holder
+            name = re.sub(r"\W", "_", getattr(target, "__name__", type(target).__name__))
+            own_needs = {"history": needs.history, "uniforms": needs.step_draws}
+            data = {**own_needs, **data, "target": LIVE + name, "params": {"run": run}}
+        made = handler(data)
+        if made.is_live:
+            made._held = holder or _held_by_run.get(str(made.params.get("run")))
+        return made
 
     @model_validator(mode="after")
     def _check(self) -> Custom:
@@ -129,119 +144,138 @@ class Custom(Adapter):
             )
         return self
 
-    def load(self) -> None:
-        """Import or create the object, unless this was done before. Raises CustomError if it fails."""
-        _ = self.adapted
+    @property
+    def is_live(self) -> bool:
+        """Whether it acts through an object of a Python session."""
+        return self.target.startswith(LIVE)
 
-    def forget(self) -> None:
-        """Forget the object, so that it is imported or created anew on its next use."""
-        for name in ("adapted", "way", "conversation"):
-            self.__dict__.pop(name, None)
+    @property
+    def is_held(self) -> bool:
+        """Whether that session is this one, and the object is still there."""
+        return self._held is not None
 
-    def module(self) -> str:
-        """Make the target's module importable and return its name.
+    @property
+    def code_target(self) -> str | None:
+        """The target."""
+        return self.target
 
-        Raises UsageError if the target is a file that is not found.
-        """
-        import_from(self._code_places())
-        if (file := self.file()) is None:
-            return self.target.partition(":")[0]
-        import_from((file.parent,))
-        return file.stem
+    @property
+    def needs(self) -> Needs:
+        """The options; an object with `decide` also says what it remembers and draws for an episode."""
+        own = needs_of(self.adapted, self.history, self.uniforms)
+        return own._replace(history=self.history, step_draws=self.uniforms)
 
-    def look_beside(self, folder: Path | None) -> None:
-        """Look for the code in the current folder and in that of a YAML file, whatever run it belongs to."""
-        self._places = two_places(Path.cwd(), folder)
+    def form(self) -> dict[str, Any]:
+        """The kind and the options, without the files, which are recorded with the run like the code."""
+        return {key: value for key, value in super().form().items() if key != "files"}
 
-    def _code_places(self) -> tuple[Path, ...]:
-        return self._places or code_places()
+    def look_in(self, places: Places) -> None:
+        """Look for the code, and the files that it reads, in these folders and no others."""
+        self._places = places
+
+    @property
+    def places(self) -> Places:
+        """The folders in which the code and the files that it reads are looked for."""
+        return self._places or two_places(None)
 
     def declared(self) -> dict[str, Path]:
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
-        what = f"{self.target}: files"
-        return {name: located(name, what, self._code_places()) for name in self.files or ()}
+        return {name: located(name, f"{self.target}: files", self.places) for name in self.files or ()}
 
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
-        name = Path(self.target.partition(":")[0])
-        is_file = name.suffix == ".py" and "." not in name.stem  # else the module py of a package
-        return located(str(name), self.target, self._code_places()) if is_file else None
+        source, _, _ = self.target.partition(":")
+        return located(source, self.target, self.places) if source.endswith(".py") else None
+
+    def load(self) -> None:
+        """Import or create the object, unless this was done before, and check that it is pure.
+
+        Raises PolicyError if it cannot be loaded, or if it remembers or draws in secret.
+        """
+        if "adapted" not in self.__dict__:
+            refuse_impure(self)
+
+    def forget(self) -> None:
+        """Forget the object, so that it is created anew on its next use, and its folders in Python's path."""
+        if "adapted" in self.__dict__ and not self.is_live:
+            self._leave_path()
+        super().forget()
 
     @cached_property
     def adapted(self) -> Any:
         """The object, which is imported or created on first use."""
-        from ibdata.numerics.code_cache import compile_others_anew
-
-        module, name = self.module(), self.target.partition(":")[2]
+        if self._held is not None:
+            return self._held.target
+        sys.path[:0] = self._folders()  # before all others, as `python -m` does
         try:
-            compile_others_anew(True)
-            with importing, self._not_within_itself(), redirect_stdout(sys.stderr):  # stdout is for results
-                found = getattr(self._imported(module), name)
-                made = isinstance(found, type) or not (has_method(found) or is_torch_module(found))
-                own = found(**self.params) if made and callable(found) else found
+            return self._loaded()
+        except BaseException:
+            self._leave_path()
+            raise
+
+    def _folders(self) -> list[str]:
+        """The folders in which the code finds other modules."""
+        file = self.file()
+        return list(dict.fromkeys(map(str, [*([] if file is None else [file.parent]), *self.places])))
+
+    def _leave_path(self) -> None:
+        for folder in self._folders():
+            with suppress(ValueError):
+                sys.path.remove(folder)
+
+    def _loaded(self) -> Any:
+        source, _, name = self.target.partition(":")
+        try:
+            with loading(self.target), apart_from_results():
+                own = self._made(getattr(imported(source, self.file()), name))
         except (UsageError, KeyboardInterrupt):
             raise
         except BaseException as error:
-            line = f"{self.target}: cannot be loaded: {told(error)}"
-            if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-                folders = " or ".join(map(str, self._code_places()))
+            line = f"{self.target}: cannot be loaded: {error_line(error)}"
+            if isinstance(error, ModuleNotFoundError) and error.name == source.partition(".")[0]:
+                folders = " or ".join(map(str, self.places))
                 line += f"; expected the module in {printable(folders)}, or installed"
-            raise CustomError(line) from error
+            raise PolicyError(line) from error
         if not can_act(own):
-            raise CustomError(f"{self.target}: found {type(own).__name__}, expected {WAYS}")
-        self._refuse_too_little(own)
+            raise PolicyError(f"{self.target}: found {type(own).__name__}, expected {EXPECTED}")
+        self._refuse_other_form(own)
         return own
 
-    @contextmanager
-    def _not_within_itself(self) -> Iterator[None]:
-        """A context that raises UsageError within itself, as where the target is in the script."""
-        if self.target in _begun:
-            raise UsageError(
-                f"{self.target}: calls ibdata with itself as a policy while it is imported; put the policy "
-                'into a file of its own, or such calls under `if __name__ == "__main__":`'
-            )
-        _begun.add(self.target)
-        try:
-            yield
-        finally:
-            _begun.discard(self.target)
+    def _made(self, found: Any) -> Any:
+        """What the target is, or makes of `params`."""
+        if inspect.isfunction(found):
+            first = next(iter(inspect.signature(found).parameters), "")
+            if first == "observations":
+                return partial(found, **self.params) if self.params else found
+        acts = not isinstance(found, type) and (has_method(found) or is_torch_module(found))
+        return found(**self.params) if callable(found) and not acts else found
 
-    def _refuse_too_little(self, own: Any) -> None:
-        """CustomError if an object with `decide` needs more than the options say, which are known before."""
-        for option, length in (("history", "history_length"), ("uniforms", "uniforms_per_step")):
-            found, least = getattr(self, option), getattr(own, length, 0) if decides(own) else 0
+    def _refuse_other_form(self, own: Any) -> None:
+        """PolicyError for an object that needs more than the options say, or has `log_prob`."""
+        try:
+            refuse_log_prob(own, hasattr(own, "log_density"))
+        except TypeError as error:
+            raise PolicyError(f"{self.target}: {error}") from None
+        needs = needs_of(own, self.history, self.uniforms)
+        for option, found, least in (
+            ("history", self.history, needs.history),
+            ("uniforms", self.uniforms, needs.step_draws),
+        ):
             if found < least:
-                raise CustomError(
-                    f"{self.target}: found {option}: {found}, expected at least the {length} of "
+                raise PolicyError(
+                    f"{self.target}: found {option}: {found}, expected at least the needs of "
                     f"{type(own).__name__}; write {option}: {least}"
                 )
 
-    def _imported(self, module: str) -> Any:
-        """Import the module. Raises UsageError if its name means another one than the target's file."""
-        imported, file = import_module(module), self.file()
-        found = getattr(imported, "__file__", None)
-        if file is not None and not (found and os.path.samefile(found, file)):
-            raise UsageError(
-                f"{self.target}: found another module with the name {module}, {found or 'of Python'}; rename "
-                "the file, or start Python again if the other one is imported no more"
-            )
-        return imported
+    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
+        return self.decide(given), np.zeros(len(given.step)) if self.deterministic else None
 
-    def decide(self, given: Given) -> Decision:
-        with redirect_stdout(sys.stderr):
-            return super().decide(given)
-
-    def mean_action(self, history: History) -> npt.NDArray[np.float32]:
-        """Return the actions (n, 3), clipped and rounded; only for `deterministic: true`."""
-        return Deterministic.mean_action(self, history)  # type: ignore[arg-type]
-
-    def supports(self, step: int) -> tuple[Support, ...] | None:
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
         if self.deterministic:
-            return Deterministic.supports(self, step)  # type: ignore[arg-type]
-        return super().supports(step)
+            return Deterministic.log_density(self, given, action)  # type: ignore[arg-type]  # needs a Policy only
+        return super().log_density(given, action)
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
         if self.deterministic:
-            return Deterministic.log_density(self, given, action)  # type: ignore[arg-type]
-        with redirect_stdout(sys.stderr):
-            return super().log_density(given, action)
+            return Deterministic.atoms(self, given, action)  # type: ignore[arg-type]  # needs a Policy only
+        return super().atoms(given, action)

@@ -1,90 +1,117 @@
-"""The best policy that is known in closed form."""
+"""The expert: a table of velocities and gains and a few rules, on what it sees."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import json
+from functools import cache
+from pathlib import Path
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from ibdata.dynamics.fatigue import (
+    AMPLIFICATION_START,
+    TOLERANCE,
+    basic_fatigue,
+    effective_gain,
+    effective_velocity,
+    velocity_transform,
+)
 from ibdata.dynamics.miscalibration import PHI_MAX, RHO_S, SAFE_ZONE, effective_shift, sgn, update_direction
-from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.dynamics.steering import D_G, D_H, D_V, clip
+from ibdata.dynamics.variants import VARIANTS, Parameters
 from ibdata.numerics.compiled import compiled
-from ibdata.policies.base import GAIN, SETPOINT, SHIFT, VELOCITY, Deterministic, Floats, History
-from ibdata.policies.given import Decision, Given
-
-Table = tuple[tuple[float, float, float], ...]
-
-# (setpoint, velocity, gain), found by scripts/expert. Between two rows the values are interpolated; at a
-# setpoint with two rows, high gains end and low gains begin.
-SIEMENS: Table = (
-    (0.0, 40.0, 100.0),
-    (20.0, 40.0, 100.0),
-    (25.0, 39.0, 100.0),
-    (30.0, 38.0, 100.0),
-    (35.0, 36.0, 100.0),
-    (40.0, 34.5, 96.5),
-    (45.0, 32.0, 92.0),
-    (52.0, 30.5, 91.0),
-    (52.0, 41.0, 53.0),
-    (55.0, 41.0, 50.0),
-    (60.0, 40.5, 48.0),
-    (65.0, 39.5, 46.5),
-    (70.0, 38.5, 45.5),
-    (75.0, 37.5, 44.5),
-    (80.0, 36.5, 43.5),
-    (85.0, 35.0, 43.0),
-    (90.0, 34.0, 42.5),
-    (95.0, 33.0, 41.0),
-    (100.0, 32.0, 40.0),
+from ibdata.policies.base import (
+    FATIGUE,
+    GAIN,
+    SETPOINT,
+    SHIFT,
+    VELOCITY,
+    Decision,
+    Deterministic,
+    Float32s,
+    Floats,
+    Needs,
+    Observed,
+    Steps,
 )
-PAPER: Table = (
-    (0.0, 40.0, 100.0),
-    (30.0, 40.0, 100.0),
-    (83.5, 27.0, 100.0),
-    (83.5, 62.0, 0.0),
-    (100.0, 57.0, 0.0),
-)
-TABLES = {"siemens": SIEMENS, "paper": PAPER}
-TURNING = 0.125  # effective shift at which the direction turns to 0, inside the safe zone
+
+FILE = Path(__file__).with_name("expert.json")  # made by scripts/expert
+# Columns of a table: the setpoint, the velocity to aim at, and the best gains at velocities 0, 5 … 100.
+AIM, GAINS, SPACING = 1, 2, 5.0
+TURNING = 0.1294  # effective shift at which the direction turns to 0, just inside the safe zone
 UNKNOWN = PHI_MAX  # steps in the safe zone after which the direction is 0, whatever it was
+VISIBLE = 1.0  # basic fatigue from which fatigue shows α
+ALARM = 2  # observations in a row with the α of a runaway, from which there is one
+LEAVING = 3  # the state of alarm while the velocity's runaway is left
+BEYOND = 0.5  # how far the velocity goes beyond the one that resets its μ
+
+
+class Feedback(NamedTuple):
+    """How velocity and gain depend on the estimate of μᵛ and on α."""
+
+    rise: float  # of the velocity, for each unit of μᵛ above the next number
+    rise_from: float
+    fall: float  # of the gain from 100, for each unit of μᵛ above the next number
+    fall_from: float
+    runaway: float  # α above which a runaway is assumed; 1 for never
 
 
 class Expert(Deterministic):
-    """Constant velocity and gain per setpoint, and the optimal shift, which oscillates.
+    """Velocity and gain by a table and feedback on fatigue, and the optimal shift, which oscillates.
 
-    Hein et al. 2017 show in their figure 3a that the optimal effective shift follows the direction φ on a
-    sine, hᵉ = sin(πφ/12). The policy cannot see φ, but computes it: it remembers domain, response and
+    The shift. Hein et al. 2017 show in their figure 3a that the optimal effective shift follows the direction
+    φ on a sine, hᵉ = sin(πφ/12). The policy cannot see φ, but computes it: it remembers domain, response and
     direction, and applies Eqs. (9) to (16) to the shifts that it sees. From φ = 0 it goes to 6 or to -6,
-    whichever is on the side of the shift, and back, and then passes through the safe zone. If an episode
-    begins after a burn-in, φ is unknown, and the policy first stays in the safe zone until φ must be 0.
+    whichever is on the side of the shift, and back, and then passes through the safe zone. Where φ is on the
+    other side than the domain, the shift goes there at once. If an episode begins after a burn-in, φ is
+    unknown, and the policy first stays in the safe zone until φ must be 0.
 
-    At the first observation it takes φ to be 0, although the step with action zero has moved φ to 1 or -1
-    where the shift is outside the safe zone: at the default start, for setpoints below 43.5 or above 56.5. So
-    its first turn of 12 steps is a step late, which costs 14 to 31 of the return at setpoints 10, 70 and 100.
-    This stays as it is, so that the data of `expert` keep their content.
+    Velocity and gain, in `siemens`:
 
-    Velocity and gain are the constants that cost least over 1000 steps from the default start.
-    `scripts/expert` finds them at every fifth setpoint; high gains end and low gains begin between two of
-    these.
+    - The velocity aims at that of a table for the setpoint. The gain is, also by the table, the one at the
+      present velocity from which the way there costs least.
+    - Fatigue shows the amplification α = (3 f / f_b - 1) / 2. From it the policy estimates μᵛ. So that μᵛ
+      seldom runs away, the velocity aims higher by 6.7 for each unit of μᵛ above 0.79, and the gain falls
+      from 100 by 148 for each unit above 0.98.
+    - After two observations in a row with α > 0.75 there is a runaway. The gain goes up until its own μ is
+      reset. If α stays high, it is μᵛ that runs away: the velocity goes to where gain 0 resets it, and the
+      gain falls to 0 in time.
+
+    At low setpoints, where velocity and gain of the table leave no fatigue, there are only the table and the
+    shift. So it is in `paper`, where a runaway is the usual state.
+
+    `scripts/expert` finds the numbers, by equations and by a search for what costs least over 1000 steps from
+    all three kinds of start.
     """
 
-    history_length: ClassVar[int] = 2
-    memory_size: ClassVar[int] = 4  # domain, response, direction, steps until the direction is known
+    # It remembers domain, response, direction, the steps until these are known, μᵛ, and the state of alarm.
+    needs: ClassVar[Needs] = Needs(history=2, memory=6)
 
     kind: Literal["expert"] = "expert"
     dynamics: Literal["siemens", "paper"] = Field(
-        default="siemens", description="the dynamics for which velocity and gain are the best"
+        default="siemens", description="the dynamics for which the policy is made"
     )
 
-    def decide(self, given: Given) -> Decision:
-        actions = np.empty((len(given.step), 3))
-        memory = np.empty((len(given.step), 4))
-        _decide(
-            given.observations, given.step, given.memory, np.array(TABLES[self.dynamics]), actions, memory
-        )
+    def decide(self, given: Observed) -> Decision:
+        n = len(given.step)
+        actions, memory = np.empty((n, 3)), np.empty((n, 6))
+        table, rule = numbers(self.dynamics)
+        k = VARIANTS[self.dynamics].parameters
+        _decide(given.observations, given.step, given.memory, table, rule, k, actions, memory)
         return Decision(actions, memory)
+
+
+@cache
+def numbers(dynamics: str) -> tuple[Floats, Feedback]:
+    """The table (rows, 23) and the feedback of a variant.
+
+    Between two rows the values are interpolated. At a setpoint with two rows one way to run the system ends
+    and another begins.
+    """
+    found = json.loads(FILE.read_text(encoding="utf-8"))[dynamics]
+    return np.array(found["table"]), Feedback(**found["feedback"])
 
 
 @compiled
@@ -98,6 +125,65 @@ def interpolated(table: Floats, p: float, column: int) -> float:
 
 
 @compiled
+def best_gain(table: Floats, p: float, v: float) -> float:
+    """The gain of the table at setpoint p and velocity v."""
+    i = min(int(v / SPACING), table.shape[1] - GAINS - 2)
+    low, high = interpolated(table, p, GAINS + i), interpolated(table, p, GAINS + i + 1)
+    return float(low + (v / SPACING - i) * (high - low))
+
+
+@compiled
+def resetting_velocity(p: float, k: Parameters) -> float:
+    """The velocity at which vᵉ is 0.05 with gain 0."""
+    t0, t1 = velocity_transform(k.v0, k.g0, p), velocity_transform(k.v1, k.g1, p)
+    return (p + 2.0) / (t0 + TOLERANCE * (t1 - t0)) + p - 101.0
+
+
+@compiled
+def next_alarm(alarm: int, visible: bool, high: bool) -> int:
+    """The next state of alarm, from whether fatigue shows α and whether it is that of a runaway.
+
+    >>> next_alarm(0, True, True), next_alarm(ALARM, False, False), next_alarm(LEAVING, False, False)
+    (1, 0, 3)
+    """
+    if alarm == LEAVING:
+        return LEAVING if high or not visible else 0
+    return min(alarm + 1, ALARM) if high else 0
+
+
+@compiled
+def velocity_and_gain(
+    p: float, v: float, g: float, f: float, mu: float, alarm: int,
+    table: Floats, rule: Feedback, k: Parameters,
+) -> tuple[float, float, float, int]:  # fmt: skip
+    """The velocity and the gain to aim at, the next estimate of μᵛ, and the next state of alarm.
+
+    p, v, g and f are the present setpoint, velocity, gain and fatigue.
+    """
+    aim, gain = interpolated(table, p, AIM), best_gain(table, p, v)
+    if basic_fatigue(aim, best_gain(table, p, aim)) <= VISIBLE:
+        return aim, gain, 0.0, 0
+    f_b = basic_fatigue(v, g)
+    ve, ge = effective_velocity(v, g, p, k.v0, k.g0, k.v1, k.g1), effective_gain(g, p)
+    visible = f_b > VISIBLE
+    alpha = clip((3.0 * f / f_b - 1.0) / 2.0, 0.0, 1.0) if visible else 0.0
+    eta = alpha if ve >= ge else 0.0  # α is the larger of the two η
+    mu = ve if ve <= TOLERANCE else min(AMPLIFICATION_START, 0.9 * mu + eta / 3.0)
+    alarm = next_alarm(alarm, visible, alpha > rule.runaway)
+    if alarm == ALARM and ge <= TOLERANCE:
+        alarm = LEAVING
+    if alarm == LEAVING and ve <= TOLERANCE:
+        alarm = 0
+
+    if alarm == LEAVING:
+        reset = resetting_velocity(p, k)
+        return reset + BEYOND, 0.0 if (reset - v) / D_V <= g / D_G else gain, mu, alarm
+    aim += rule.rise * max(0.0, mu - rule.rise_from)
+    gain = min(gain, 100.0 - rule.fall * max(0.0, mu - rule.fall_from))
+    return aim, 100.0 if alarm == ALARM else gain, mu, alarm
+
+
+@compiled
 def best_shift(he: float, domain: int, response: int, direction: int) -> float:
     """The effective shift to aim at, from the present one and the domain, response and direction.
 
@@ -105,28 +191,27 @@ def best_shift(he: float, domain: int, response: int, direction: int) -> float:
     True
     """
     side = sgn(direction) if direction != 0 else (1 if he >= 0.0 else -1)
-    if direction != 0 and domain != side:
-        return side * TURNING
-    away = response > 0 or direction == 0
+    away = direction == 0 or (response > 0 and domain == side)
     following = min(abs(direction) + 1, PHI_MAX) if away else abs(direction) - 1
     return side * RHO_S[following] if following > 0 else side * TURNING
 
 
 @compiled
 def _decide(
-    history: History, step: npt.NDArray[np.int64], memory: Floats, table: Floats, actions: Floats, new: Floats
-) -> None:
+    history: Float32s, step: Steps, memory: Floats, table: Floats, rule: Feedback, k: Parameters,
+    actions: Floats, new: Floats,
+) -> None:  # fmt: skip
     for i in range(history.shape[0]):
         p = np.float64(history[i, 0, SETPOINT])
         v, g = np.float64(history[i, 0, VELOCITY]), np.float64(history[i, 0, GAIN])
-        h = np.float64(history[i, 0, SHIFT])
+        h, f = np.float64(history[i, 0, SHIFT]), np.float64(history[i, 0, FATIGUE])
         he = effective_shift(h, p)
-        domain, response, direction, unknown = 1, 1, 0, 0
+        domain, response, direction, unknown, mu, alarm = 1, 1, 0, 0, 0.0, 0
         if step[i] > 0:
-            domain, response = int(memory[i, 0]), int(memory[i, 1])
-            domain, response, direction = update_direction(domain, response, int(memory[i, 2]), he)
-            unknown = int(memory[i, 3]) - 1 if abs(he) <= SAFE_ZONE else UNKNOWN
-            unknown = max(0, unknown) if memory[i, 3] > 0.0 else 0
+            domain, response, direction = int(memory[i, 0]), int(memory[i, 1]), int(memory[i, 2])
+            unknown, mu, alarm = int(memory[i, 3]), memory[i, 4], int(memory[i, 5])
+            if unknown > 0:
+                unknown = unknown - 1 if abs(he) <= SAFE_ZONE else UNKNOWN
         else:
             for column in range(history.shape[2]):
                 if history[i, 0, column] != history[i, 1, column]:
@@ -135,8 +220,11 @@ def _decide(
             domain, response, direction = 1, 1, 0
             aim = TURNING if he >= 0.0 else -TURNING
         else:
+            domain, response, direction = update_direction(domain, response, direction, he)
             aim = best_shift(he, domain, response, direction)
-        actions[i, 0] = (interpolated(table, p, 1) - v) / D_V
-        actions[i, 1] = (interpolated(table, p, 2) - g) / D_G
+        velocity, gain, mu, alarm = velocity_and_gain(p, v, g, f, mu, alarm, table, rule, k)
+        actions[i, 0] = (velocity - v) / D_V
+        actions[i, 1] = (gain - g) / D_G
         actions[i, 2] = (20.0 * (aim + p / 50.0 + 1.5) - h) / D_H
-        new[i, 0], new[i, 1], new[i, 2], new[i, 3] = domain, response, direction, unknown
+        new[i, 0], new[i, 1], new[i, 2] = domain, response, direction
+        new[i, 3], new[i, 4], new[i, 5] = unknown, mu, alarm

@@ -20,11 +20,7 @@ BLOCK = 256  # lanes at a time, whose activations stay in the processor's cache
 
 
 def packed(layers: list[tuple[Float32s, Float32s]]) -> tuple[Sizes, Float32s]:
-    """Put the weights (outputs, inputs) and biases (outputs,) of all layers into one array for `forward`.
-
-    Returns:
-        The padded numbers (outputs, inputs) of each layer, and its biases followed by its weights.
-    """
+    """The padded sizes (outputs, inputs) of all layers, and in one array the biases and weights of each."""
     sizes, flat = [], []
     for weight, bias in layers:
         outputs, inputs = (-(-n // MULTIPLE) * MULTIPLE for n in weight.shape)
@@ -38,15 +34,7 @@ def packed(layers: list[tuple[Float32s, Float32s]]) -> tuple[Sizes, Float32s]:
 
 @compiled
 def scale(seen: Float32s, mean: Float32s, std: Float32s, clip: np.float32, out: Float32s) -> None:
-    """Write the inputs clip((seen - mean) / std) of a network (inputs, n) into the first rows of out.
-
-    Args:
-        seen: what the network sees (n, inputs).
-        mean: subtracted from it (inputs,).
-        std: by which it is divided then (inputs,).
-        clip: the largest absolute value of an input.
-        out: (at least inputs, n).
-    """
+    """Write the inputs clip((seen - mean) / std) of a network (inputs, n) into the first rows of out."""
     for j in range(seen.shape[1]):
         for i in range(seen.shape[0]):
             out[j, i] = seen[i, j]
@@ -57,14 +45,10 @@ def scale(seen: Float32s, mean: Float32s, std: Float32s, clip: np.float32, out: 
 
 @compiled
 def forward(x: Float32s, sizes: Sizes, parameters: Float32s, tanh_inside: bool, out: Float32s) -> None:
-    """Compute the outputs of a network.
+    """Write the outputs (n, outputs) of the last layer, from sizes and parameters as `packed` gives them.
 
-    Args:
-        x: the inputs (widest, n), with room for the outputs of any layer; overwritten.
-        sizes: see `packed`.
-        parameters: see `packed`.
-        tanh_inside: whether hidden layers end in tanh, otherwise in max(0, x).
-        out: the outputs (n, outputs) of the last layer.
+    The inputs x (widest, n), with room for the outputs of any layer, are overwritten. Hidden layers end in
+    tanh, or otherwise in max(0, x).
     """
     y = np.zeros_like(x)
     at = 0

@@ -11,15 +11,13 @@ from pydantic import Field
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats
-from ibdata.policies.given import Decision, Given
-from ibdata.policies.support import EDGES, INSIDE, Support, each
+from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
     from ibdata.policies import DeterministicBase
 
-EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
+CLIP_EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 LOG_SQRT_2PI = float.fromhex("0x1.d67f1c864beb5p-1")
 FAR = 3.0  # |z| from which a continued fraction replaces the series
 TERMS = 60  # of either
@@ -31,8 +29,7 @@ class Gaussian(Wrapper):
     The base must be deterministic, because a random base would give no simple density.
     """
 
-    own_uniforms_per_step: ClassVar[int] = 3
-    support: ClassVar[Support | None] = each(INSIDE, EDGES)
+    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=3)
 
     kind: Literal["gaussian"] = "gaussian"
     base: Annotated[DeterministicBase, Unnamed, Certain] = Field(description="a deterministic policy")
@@ -40,48 +37,41 @@ class Gaussian(Wrapper):
         description="standard deviation of the noise"
     )
 
-    @property
-    def is_short(self) -> bool:
-        """Whether that is true of the base."""
-        return self.base.is_short
-
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         base, memory = self.base_action(given)
-        action = np.empty(base.shape)
-        _act(base, self.own(given).uniforms, self.scale, action)
-        return Decision(action, memory)
+        return Decision(_with_noise(base, self.own(given).uniforms, self.scale), memory)
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
-        out = np.empty(len(action))
-        log_clipped_normal(self.base_action(given)[0], action, self.scale, out)
-        return out
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
+        return log_clipped_normal(self.base_action(given)[0], action, self.scale)
 
 
 @compiled
-def _act(base: npt.NDArray[np.float32], u: Floats, scale: float, out: Floats) -> None:
+def _with_noise(base: Float32s, u: Floats, scale: float) -> Floats:
+    out = np.empty((base.shape[0], 3))
     for i in range(out.shape[0]):
         for j in range(3):
             out[i, j] = np.float64(base[i, j]) + scale * standard_normal(u[i, j])
+    return out
 
 
 @compiled
-def log_clipped_normal(
-    own: npt.NDArray[np.floating[Any]], action: npt.NDArray[np.float32], scale: float, out: Floats
-) -> None:
-    """Write the log densities of N(own, scale²), clipped to [-1, 1], at actions (n, 3) into out (n,)."""
+def log_clipped_normal(own: npt.NDArray[np.floating[Any]], action: Float32s, scale: float) -> Floats:
+    """The log densities (n,) of N(own, scale²), clipped to [-1, 1], at actions (n, 3)."""
+    out = np.empty(action.shape[0])
     log_height = -log(scale) - LOG_SQRT_2PI
     for i in range(out.shape[0]):
         total = 0.0
         for j in range(3):
             mean, x = np.float64(own[i, j]), np.float64(action[i, j])
             if x >= 1.0:
-                total += log_cdf((mean - EDGE) / scale)
+                total += log_cdf((mean - CLIP_EDGE) / scale)
             elif x <= -1.0:
-                total += log_cdf((-mean - EDGE) / scale)
+                total += log_cdf((-mean - CLIP_EDGE) / scale)
             else:
                 total += log_height - 0.5 * ((x - mean) / scale) * ((x - mean) / scale)
         out[i] = total
+    return out
 
 
 @compiled

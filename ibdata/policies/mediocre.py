@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from ibdata.policies.base import SHIFT, VELOCITY, Deterministic, Floats, History
+from ibdata.policies.base import SHIFT, VELOCITY, Decision, Deterministic, Floats, Observed
 
 TARGET = 25.0
 
@@ -23,5 +22,10 @@ class Mediocre(Deterministic):
 
     kind: Literal["mediocre"] = "mediocre"
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        return TARGET - history[:, 0, VELOCITY : SHIFT + 1].astype(np.float64)
+    def decide(self, given: Observed) -> Decision:
+        return Decision(steered(given, TARGET), given.memory)
+
+
+def steered(given: Observed, target: float) -> Floats:
+    """The changes (n, 3) that would bring velocity, gain and shift to a target, not clipped."""
+    return target - given.observations[:, 0, VELOCITY : SHIFT + 1].astype(np.float64)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from itertools import accumulate
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from ibdata.policies.base import NormalDouble, Policy
-from ibdata.policies.choice import Choice, Chosen, forms
-from ibdata.policies.given import Given
+from ibdata.policies.base import Needs, Observed, Policy
+from ibdata.policies.choice import Choice, Chosen
 from ibdata.policies.wrapper import Unnamed
 
 if TYPE_CHECKING:
     from ibdata.policies import AnyPolicy
 
-Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True), NormalDouble]
+Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True)]
 
 
 class Mixture(Choice):
@@ -27,6 +26,8 @@ class Mixture(Choice):
     turns; Fu et al. 2020, D4RL (arXiv 2004.07219), make their medium-replay and medium-expert data of several
     policies.
     """
+
+    own_needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
 
     kind: Literal["mixture"] = "mixture"
     bases: Annotated[list[Annotated[AnyPolicy, Unnamed]], Field(min_length=1, max_length=100)] = Field(
@@ -42,20 +43,11 @@ class Mixture(Choice):
         """The policies."""
         return tuple(self.bases)
 
-    @property
-    def own_uniforms_per_episode(self) -> int:
-        """The draw of the policy."""
-        return 1
-
-    def chosen(self, given: Given) -> Chosen:
+    def chosen(self, given: Observed) -> Chosen:
         weights = self.weights or [1.0] * len(self.bases)
         total = math.fsum(weights)
         bounds = [part / total for part in accumulate(weights)][:-1]
         return np.searchsorted(bounds, given.episode_uniforms[:, 0], side="right").astype(np.int64)
-
-    def form(self) -> dict[str, Any]:
-        """The form of the policy, which contains those of the bases."""
-        return {**super().form(), "bases": forms(self.inner)}
 
     @model_validator(mode="after")
     def _check(self) -> Mixture:

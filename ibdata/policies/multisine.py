@@ -6,13 +6,11 @@ from functools import lru_cache
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from ibdata.numerics.circle import cosine
 from ibdata.numerics.compiled import compiled
-from ibdata.policies.base import Deterministic, Floats
-from ibdata.policies.given import Decision, Given
+from ibdata.policies.base import Decision, Deterministic, Floats, Needs, Observed
 from ibdata.policies.prbs import Amplitude
 
 
@@ -27,8 +25,7 @@ class Multisine(Deterministic):
     signals; Ljung 1999, System Identification, chapter 13.
     """
 
-    history_length: ClassVar[int] = 0
-    uniforms_per_episode: ClassVar[int] = 1
+    needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
 
     kind: Literal["multisine"] = "multisine"
     sines: Annotated[int, Field(ge=1, le=1000, strict=True)] = Field(
@@ -39,7 +36,7 @@ class Multisine(Deterministic):
     )
     amplitude: Amplitude = Field(default=1.0, description="the highest peak")
 
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         place = np.floor(given.episode_uniforms[:, 0] * self.period).astype(np.int64)
         signals = waves(self.sines, self.period)
         return Decision(self.amplitude * signals[(place + given.step) % self.period], given.memory)
@@ -55,17 +52,16 @@ class Multisine(Deterministic):
 
 
 @lru_cache
-def waves(sines: int, period: int) -> npt.NDArray[np.float64]:
+def waves(sines: int, period: int) -> Floats:
     """The three signals (period, 3), with the highest peak 1."""
-    out = np.empty((period, 3))
-    _waves(sines, out)
+    out = _waves(sines, period)
     out.flags.writeable = False
     return out
 
 
 @compiled
-def _waves(sines: int, out: Floats) -> None:
-    period = out.shape[0]
+def _waves(sines: int, period: int) -> Floats:
+    out = np.empty((period, 3))
     for j in range(3):
         peak = 0.0
         for t in range(period):
@@ -77,3 +73,4 @@ def _waves(sines: int, out: Floats) -> None:
             peak = max(peak, abs(total))
         for t in range(period):
             out[t, j] /= peak
+    return out

@@ -6,20 +6,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
-from ibdata.dataset.models import SHA256
 from ibdata.errors import Problems
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import tanh
-from ibdata.policies.base import Deterministic, Floats, History
-from ibdata.policies.forward import forward, scale
-from ibdata.policies.weights_file import Weights, find
+from ibdata.policies.base import Decision, Deterministic, Float32s, Floats, Needs, Observed
+from ibdata.policies.weights_file import SHA256, Weights, find
 
-BLOCK = 256  # episodes at a time, whose activations stay in the processor's cache
 # From this tanh on, the action is ±1: closer to ±1, float32 is too coarse for the density of a random one.
-EDGE = 1.0 - 2.0**-20
+TANH_EDGE = 1.0 - 2.0**-20
 
 
 class Network(Deterministic):
@@ -62,31 +58,17 @@ class Network(Deterministic):
         return self._weights
 
     @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
+    def needs(self) -> Needs:
         """As many observations as its file says."""
-        return self.weights.metadata.frames
+        return Needs(history=self.weights.metadata.frames)
 
     def form(self) -> dict[str, Any]:
         """The kind and the SHA-256 of the weights, wherever they came from."""
         return {"kind": self.kind, "sha256": self.sha256}
 
-    def outputs(self, history: History) -> npt.NDArray[np.float32]:
-        """Return the outputs of the last layer, float32 (n, 3 or 6); see `Weights.has_log_std`."""
-        w = self.weights
-        seen = np.ascontiguousarray(history).reshape(len(history), len(w.mean))
-        out = np.empty((len(seen), 6 if w.has_log_std else 3), dtype=np.float32)
-        widest = max(int(w.sizes.max()), seen.shape[1])
-        for first in range(0, len(seen), BLOCK):
-            part = slice(first, min(first + BLOCK, len(seen)))
-            x = np.zeros((widest, part.stop - first), dtype=np.float32)
-            scale(seen[part], w.mean, w.std, w.clip, x)
-            forward(x, w.sizes, w.parameters, w.metadata.activation == "tanh", out[part])
-        return out
-
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        action = np.empty((len(history), 3))
-        _act(self.outputs(history), self.weights.metadata.squash == "tanh", action)
-        return action
+    def decide(self, given: Observed) -> Decision:
+        outputs = self.weights.outputs(given.observations.reshape(len(given.step), -1))
+        return Decision(_actions(outputs, self.weights.metadata.squash == "tanh"), given.memory)
 
 
 @compiled
@@ -95,11 +77,13 @@ def squashed(x: float, by_tanh: bool) -> float:
     if not by_tanh:
         return x
     y = tanh(x)
-    return 1.0 if y >= EDGE else -1.0 if y <= -EDGE else y
+    return 1.0 if y >= TANH_EDGE else -1.0 if y <= -TANH_EDGE else y
 
 
 @compiled
-def _act(outputs: npt.NDArray[np.float32], by_tanh: bool, action: Floats) -> None:
+def _actions(outputs: Float32s, by_tanh: bool) -> Floats:
+    action = np.empty((outputs.shape[0], 3))
     for i in range(action.shape[0]):
         for j in range(3):
             action[i, j] = squashed(np.float64(outputs[i, j]), by_tanh)
+    return action

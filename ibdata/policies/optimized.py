@@ -5,11 +5,20 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from ibdata.errors import UsageError
 from ibdata.numerics.compiled import compiled
-from ibdata.policies.base import FATIGUE, SETPOINT, SHIFT, VELOCITY, Deterministic, Floats, History
+from ibdata.policies.base import (
+    FATIGUE,
+    SETPOINT,
+    SHIFT,
+    VELOCITY,
+    Decision,
+    Deterministic,
+    Float32s,
+    Floats,
+    Needs,
+    Observed,
+)
 
 # Of setpoint, velocity, gain, shift, fatigue, consumption; constants of the policy, not of a dataset.
 MEAN = (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
@@ -27,17 +36,12 @@ class Optimized(Deterministic):
     the source: `siemens-research/lion`, generate_data.py.
     """
 
-    history_length: ClassVar[int] = 6
+    needs: ClassVar[Needs] = Needs(history=6)
 
     kind: Literal["optimized"] = "optimized"
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        if history.ndim != 3 or history.shape[1] < self.history_length or history.shape[2] != len(MEAN):
-            expected = f"(n, {self.history_length}, {len(MEAN)})"
-            raise UsageError(f"history: found {history.shape}, expected {expected}")
-        action = np.empty((len(history), 3))
-        _act(history, action)
-        return action
+    def decide(self, given: Observed) -> Decision:
+        return Decision(_actions(given.observations), given.memory)
 
 
 @compiled
@@ -47,7 +51,8 @@ def _z(x: float, column: int) -> float:
 
 
 @compiled
-def _act(history: History, action: Floats) -> None:
+def _actions(history: Float32s) -> Floats:
+    action = np.empty((history.shape[0], 3))
     for i in range(history.shape[0]):
         p = _z(np.float64(history[i, 0, SETPOINT]), SETPOINT)
         v5 = _z(np.float64(history[i, 5, VELOCITY]), VELOCITY)
@@ -57,3 +62,4 @@ def _act(history: History, action: Floats) -> None:
         action[i, 0] = -v5 - 0.91
         action[i, 1] = 2.0 * f3 - p + 1.43
         action[i, 2] = -3.48 * h3 - h4 + 2.0 * p + 0.81
+    return action

@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Floats
+from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed
 from ibdata.policies.constant import Constant
 from ibdata.policies.gaussian import log_clipped_normal
-from ibdata.policies.given import Decision, Given
-from ibdata.policies.support import EDGES, INSIDE, Support, each
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -32,9 +29,7 @@ class OrnsteinUhlenbeck(Wrapper):
     al. 2016 (arXiv 1509.02971), section 7.
     """
 
-    own_uniforms_per_step: ClassVar[int] = 3
-    own_memory_size: ClassVar[int] = 3
-    support: ClassVar[Support | None] = each(INSIDE, EDGES)
+    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=3, memory=3)  # the memory is x
 
     kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
     base: Annotated[DeterministicBase, Unnamed, Certain] = Field(
@@ -47,31 +42,22 @@ class OrnsteinUhlenbeck(Wrapper):
         default=0.2, description="standard deviation of the random number added to the process per step"
     )
 
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         (base, memory), own = self.base_action(given), self.own(given)
-        x, action = np.empty(base.shape), np.empty(base.shape)
-        _act(base, own.memory, own.uniforms, self.theta, self.sigma, x, action)
-        return Decision(action, self.joined(memory, x))
+        x = _moved(own.memory, own.uniforms, self.theta, self.sigma)
+        return Decision(base + x, self.remembered(memory, x))
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
         base, _ = self.base_action(given)
-        out = np.empty(len(action))
-        log_clipped_normal(base + (1.0 - self.theta) * self.own(given).memory, action, self.sigma, out)
-        return out
+        mean = base + (1.0 - self.theta) * self.own(given).memory
+        return log_clipped_normal(mean, action, self.sigma)
 
 
 @compiled
-def _act(
-    base: npt.NDArray[np.float32],
-    before: Floats,
-    u: Floats,
-    theta: float,
-    sigma: float,
-    x: Floats,
-    out: Floats,
-) -> None:
-    for i in range(out.shape[0]):
+def _moved(before: Floats, u: Floats, theta: float, sigma: float) -> Floats:
+    x = np.empty((before.shape[0], 3))
+    for i in range(x.shape[0]):
         for j in range(3):
             x[i, j] = (1.0 - theta) * before[i, j] + sigma * standard_normal(u[i, j])
-            out[i, j] = np.float64(base[i, j]) + x[i, j]
+    return x

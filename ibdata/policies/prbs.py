@@ -6,11 +6,9 @@ from functools import lru_cache
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
-from ibdata.policies.base import Deterministic, NormalSingle
-from ibdata.policies.given import Decision, Given
+from ibdata.policies.base import Decision, Deterministic, Floats, Needs, Observed
 
 # The bits of a shift register of that many bits whose parity is shifted in, for the longest period: exponents
 # of primitive polynomials over GF(2), as in Peterson and Weldon 1972, Error-Correcting Codes, appendix C.
@@ -18,7 +16,7 @@ TAPS = {
     2: (2, 1), 3: (3, 2), 4: (4, 3), 5: (5, 3), 6: (6, 5), 7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7),
     11: (11, 9), 12: (12, 11, 10, 4),
 }  # fmt: skip
-Amplitude = Annotated[float, Field(gt=0.0, le=1.0, strict=True), NormalSingle]
+Amplitude = Annotated[float, Field(gt=0.0, le=1.0, strict=True)]
 
 
 class Prbs(Deterministic):
@@ -31,8 +29,7 @@ class Prbs(Deterministic):
     Source: Ljung 1999, System Identification, chapter 13.
     """
 
-    history_length: ClassVar[int] = 0
-    uniforms_per_episode: ClassVar[int] = 1
+    needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
 
     kind: Literal["prbs"] = "prbs"
     order: Annotated[int, Field(ge=2, le=12, strict=True)] = Field(
@@ -43,7 +40,7 @@ class Prbs(Deterministic):
     )
     amplitude: Amplitude = Field(default=1.0, description="the size of each number of the action")
 
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         signs = sequence(self.order)
         length = len(signs)
         place = np.floor(given.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
@@ -53,7 +50,7 @@ class Prbs(Deterministic):
 
 
 @lru_cache
-def sequence(order: int) -> npt.NDArray[np.float64]:
+def sequence(order: int) -> Floats:
     """The 2^order - 1 signs, 1.0 or -1.0, of the register that begins with ones only.
 
     >>> sequence(3).tolist()

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import GAIN, VELOCITY, Floats, History, Policy
-from ibdata.policies.support import INSIDE, SOME_EDGES, Support
+from ibdata.policies.base import GAIN, VELOCITY, Bools, Decision, Float32s, Floats, Needs, Observed, Policy
+from ibdata.policies.random import LOG_HALF, LOG_MASS_AT_EDGE
 
-STEERED = (INSIDE, SOME_EDGES._replace(of="safe"))  # of velocity and gain
 LOW, HIGH = 40.0, 60.0
 MEAN = 0.5
 SD = float.fromhex("0x1.279a74590331cp-1")  # 1/√3, the standard deviation of U(-1, 1)
 LOG_SD_SQRT_2PI = float.fromhex("0x1.7a80e9b6f7754p-2")
 LOG_MASS_TOWARDS = float.fromhex("-0x1.a4d22e1380293p+0")  # log P(z >= 1)
 LOG_MASS_AWAY = float.fromhex("-0x1.57396f7dee539p+2")  # log P(z <= -1)
-LOG_UNIFORM = float.fromhex("-0x1.62e42fefa39efp-1")  # log ½
-LOG_EDGE = float.fromhex(
-    "-0x1.205966f2b4f12p+4"
-)  # log 2⁻²⁶, the share of U(-1, 1) that float32 rounds to 1, and to -1
 
 
 class Safe(Policy):
@@ -36,20 +29,23 @@ class Safe(Policy):
     appendix C.3.1, as restated by `angelolovatto/raylab`; we take 1/√3 as the standard deviation.
     """
 
-    uniforms_per_step: ClassVar[int] = 5
-    support: ClassVar[Support | None] = frozenset(product(STEERED, STEERED, (INSIDE,)))
+    needs: ClassVar[Needs] = Needs(history=1, step_draws=5)
 
     kind: Literal["safe"] = "safe"
 
-    def act(self, history: History, u: Floats) -> npt.ArrayLike:
-        action = np.empty((len(history), 3))
-        _act(history, u, action)
-        return action
+    def decide(self, given: Observed) -> Decision:
+        return Decision(_actions(given.observations, given.uniforms), given.memory)
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
-        out = np.empty(len(action))
-        _log_prob(history, action, out)
-        return out
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        return _log_density(given.observations, action)
+
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        """At ±1 in velocity and gain, where they are steered."""
+        edges: Bools = np.abs(action) == 1.0
+        steered = given.observations[:, 0, VELOCITY : GAIN + 1]
+        edges[:, :2] &= (steered < LOW) | (steered > HIGH)
+        edges[:, 2] = False
+        return edges
 
 
 @compiled
@@ -59,7 +55,8 @@ def _region(x: float) -> float:
 
 
 @compiled
-def _act(history: History, u: Floats, action: Floats) -> None:
+def _actions(history: Float32s, u: Floats) -> Floats:
+    action = np.empty((history.shape[0], 3))
     for i in range(history.shape[0]):
         for j, column in ((0, VELOCITY), (1, GAIN)):
             side = _region(history[i, 0, column])
@@ -68,15 +65,17 @@ def _act(history: History, u: Floats, action: Floats) -> None:
             else:
                 action[i, j] = side * (MEAN + SD * standard_normal(u[i, j]))
         action[i, 2] = 2.0 * u[i, 4] - 1.0
+    return action
 
 
 @compiled
 def _log_uniform(x: float) -> float:
-    return LOG_EDGE if abs(x) == 1.0 else LOG_UNIFORM
+    return LOG_MASS_AT_EDGE if abs(x) == 1.0 else LOG_HALF
 
 
 @compiled
-def _log_prob(history: History, action: npt.NDArray[np.float32], out: Floats) -> None:
+def _log_density(history: Float32s, action: Float32s) -> Floats:
+    out = np.empty(action.shape[0])
     for i in range(history.shape[0]):
         total = _log_uniform(action[i, 2])
         for j, column in ((0, VELOCITY), (1, GAIN)):
@@ -91,3 +90,4 @@ def _log_prob(history: History, action: npt.NDArray[np.float32], out: Floats) ->
             else:
                 total -= 0.5 * ((z - MEAN) / SD) * ((z - MEAN) / SD) + LOG_SD_SQRT_2PI
         out[i] = total
+    return out

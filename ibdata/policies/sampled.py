@@ -5,22 +5,18 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exp, log, tanh
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, NormalDouble
-from ibdata.policies.gaussian import EDGE as CLIP_EDGE
-from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
-from ibdata.policies.given import Decision, Given
-from ibdata.policies.network import EDGE, Network, squashed
-from ibdata.policies.support import EDGES, INSIDE, Support, each
+from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed
+from ibdata.policies.gaussian import CLIP_EDGE, LOG_SQRT_2PI, log_cdf
+from ibdata.policies.network import TANH_EDGE, Network, squashed
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
-ATANH_EDGE = float.fromhex("0x1.d1cb7dea86bcap+2")
+ATANH_OF_EDGE = float.fromhex("0x1.d1cb7dea86bcap+2")
 COARSE = 2.0**-6  # standard deviations between neighbouring float32 actions from which rounding matters
 LEAST = 1e-300  # a smaller probability is lost in the difference of two others
 
@@ -39,63 +35,47 @@ class Sampled(Wrapper):
     2102.00714) were made in this way, with a share of 0.2.
     """
 
-    own_uniforms_per_step: ClassVar[int] = 4
+    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the draw
 
     kind: Literal["sampled"] = "sampled"
     base: Annotated[Network, Unnamed, AfterValidator(_with_deviation)] = Field(description="a network")
-    share: Annotated[float, Field(gt=0.0, le=1.0, strict=True, allow_inf_nan=False), NormalDouble] = Field(
+    share: Annotated[float, Field(gt=0.0, le=1.0, strict=True, allow_inf_nan=False)] = Field(
         description="probability of a draw at each step, above 0 and at most 1"
     )
 
-    def decide(self, given: Given) -> Decision:
+    def decide(self, given: Observed) -> Decision:
         return self._decide(given, *self._distribution(given))
 
-    def decide_with_density(self, given: Given) -> tuple[Decision, Floats | None]:
+    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
         outputs, by_tanh = self._distribution(given)
         decision = self._decide(given, outputs, by_tanh)
         return decision, self._log_density(applied(decision.actions), outputs, by_tanh)
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,): a mass at the whole mean action, and the density of a draw elsewhere.
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,): a mass at the whole mean action, and the density of a draw elsewhere.
 
         A draw has masses at ±1. Where float32 is coarse, its density is the mean over the numbers that are
         rounded to the same action.
         """
         return self._log_density(action, *self._distribution(given))
 
-    def supports(self, step: int) -> tuple[Support, ...] | None:
-        drawn, kept = each(INSIDE, EDGES), self.base.supports(step)
-        if self.share == 1.0:
-            return (drawn,)
-        return None if kept is None else tuple(support | drawn for support in kept)
-
-    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
         edges = super().atoms(given, action)
-        return edges if self.share == 1.0 else edges | self.base.atoms(self.for_base(given), action)
+        return edges if self.share == 1.0 else edges | self.base.atoms(self.of_base(given), action)
 
-    def _decide(self, given: Given, outputs: Floats, by_tanh: bool) -> Decision:
-        action = np.empty((len(outputs), 3))
-        _act(outputs, given.uniforms, self.share, by_tanh, action)
-        return Decision(action, given.memory)
+    def _decide(self, given: Observed, outputs: Floats, by_tanh: bool) -> Decision:
+        return Decision(_actions(outputs, given.uniforms, self.share, by_tanh), given.memory)
 
-    def _log_density(self, action: npt.NDArray[np.float32], outputs: Floats, by_tanh: bool) -> Floats:
-        out = np.empty(len(action))
-        _log_prob(outputs, _means(outputs, by_tanh), action, self.share, by_tanh, out)
-        return out
+    def _log_density(self, action: Float32s, outputs: Floats, by_tanh: bool) -> Floats:
+        means = applied(_actions(outputs, np.ones((len(outputs), 4)), 0.0, by_tanh))
+        return _log_densities(outputs, means, action, self.share, by_tanh)
 
-    def _distribution(self, given: Given) -> tuple[Floats, bool]:
+    def _distribution(self, given: Observed) -> tuple[Floats, bool]:
         """Means and log standard deviations before the squash, (n, 6), and whether that is tanh."""
-        of = self.base.weights.metadata
-        outputs = self.base.outputs(given.observations).astype(np.float64)
+        of, seen = self.base.weights.metadata, given.observations.reshape(len(given.step), -1)
+        outputs = self.base.weights.outputs(seen).astype(np.float64)
         _bound(outputs, of.log_std == "tanh", of.log_std_low, of.log_std_high)
         return outputs, of.squash == "tanh"
-
-
-def _means(outputs: Floats, by_tanh: bool) -> npt.NDArray[np.float32]:
-    """The mean actions (n, 3), clipped and rounded."""
-    out = np.empty((len(outputs), 3))
-    _act(outputs, np.ones((len(outputs), 4)), 0.0, by_tanh, out)
-    return applied(out)
 
 
 @compiled
@@ -111,24 +91,20 @@ def _bound(outputs: Floats, by_tanh: bool, low: float, high: float) -> None:
 
 
 @compiled
-def _act(outputs: Floats, u: Floats, share: float, by_tanh: bool, action: Floats) -> None:
+def _actions(outputs: Floats, u: Floats, share: float, by_tanh: bool) -> Floats:
+    action = np.empty((outputs.shape[0], 3))
     for i in range(action.shape[0]):
         for j in range(3):
             x = outputs[i, j]
             if u[i, 0] < share:
                 x += exp(outputs[i, 3 + j]) * standard_normal(u[i, 1 + j])
             action[i, j] = squashed(x, by_tanh)
+    return action
 
 
 @compiled
-def _log_prob(
-    outputs: Floats,
-    mean: npt.NDArray[np.float32],
-    action: npt.NDArray[np.float32],
-    share: float,
-    by_tanh: bool,
-    out: Floats,
-) -> None:
+def _log_densities(outputs: Floats, mean: Float32s, action: Float32s, share: float, by_tanh: bool) -> Floats:
+    out = np.empty(action.shape[0])
     log_kept = log(1.0 - share) if share < 1.0 else 0.0
     for i in range(out.shape[0]):
         same = share < 1.0  # otherwise the mean action has no mass of its own
@@ -143,10 +119,11 @@ def _log_prob(
             density += log_component(action[i, j], low, high, outputs[i, j], outputs[i, 3 + j], by_tanh)
             width += log(high - low) if high > low else 0.0
         out[i] = log(1.0 - share + share * exp(density + width)) if same else log(share) + density
+    return out
 
 
 @compiled
-def _largest_mass(outputs: Floats, action: npt.NDArray[np.float32], i: int, by_tanh: bool) -> float:
+def _largest_mass(outputs: Floats, action: Float32s, i: int, by_tanh: bool) -> float:
     """A bound of the probability that a draw is the action i: the width times the top of the density."""
     bound = 1.0
     for j in range(3):
@@ -169,7 +146,7 @@ def rounded_to(action: np.float32, by_tanh: bool) -> tuple[float, float]:
     bits = np.float32(abs(action)).view(np.int32)
     a, after = np.float64(abs(action)), np.float64(np.int32(bits + 1).view(np.float32))
     before = np.float64(np.int32(bits - 1).view(np.float32)) if bits > 0 else -after
-    low, high = 0.5 * (a + before), min(0.5 * (a + after), EDGE if by_tanh else CLIP_EDGE)
+    low, high = 0.5 * (a + before), min(0.5 * (a + after), TANH_EDGE if by_tanh else CLIP_EDGE)
     return (low, high) if action >= 0.0 else (-high, -low)
 
 
@@ -179,15 +156,10 @@ def log_component(
 ) -> float:
     """Log density of a draw at one number of an action, or the log of its mass if that is ±1.
 
-    Args:
-        action: the number.
-        low: the least number that is played as this one, see `rounded_to`.
-        high: the greatest such number.
-        mean: of the normal distribution before the squash.
-        log_std: the logarithm of its standard deviation.
-        by_tanh: whether the squash is tanh, or else clipping.
+    The numbers from low to high are played as this one, see `rounded_to`. Mean and standard deviation are
+    those before the squash.
     """
-    std, a, edge = exp(log_std), np.float64(action), ATANH_EDGE if by_tanh else CLIP_EDGE
+    std, a, edge = exp(log_std), np.float64(action), ATANH_OF_EDGE if by_tanh else CLIP_EDGE
     if abs(a) == 1.0:
         return log_cdf((a * mean - edge) / std)
     if low >= high:

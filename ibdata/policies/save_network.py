@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +15,15 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.policies.actors import Actor, actor_of, numbers
-from ibdata.policies.safetensors import written
-from ibdata.policies.weights_file import COLUMNS, LAYOUT, kept
+from ibdata.policies.tensors import written
+from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept
 from ibdata.system.files import write
 from ibdata.system.part import refusals
 
 ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
-# The actions of the file and of the model are compared at inputs that are scaled, not scaled, and far out.
-INPUTS, SIZES, TOLERANCE = 64, (2.0, 20.0, 200.0), 1e-3
-ROUNDING = 20.0  # times the standard deviation of the error of float32
-Floats = npt.NDArray[np.float64]
+# The actions of the file and of the model are compared at so many scaled inputs, drawn from N(0, 4²).
+INPUTS, DEVIATION, TOLERANCE = 256, 4.0, 1e-3
 
 
 def save_network(
@@ -89,47 +86,27 @@ def save_network(
         weights = kept(data)
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
-    _refuse_other_actions(model, actor, tensors, activation, float(weights.clip))
+    _refuse_other_actions(model, actor, weights)
     target = Path(path).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
     return weights.sha256
 
 
-def _refuse_other_actions(
-    model: Any, actor: Actor, tensors: Mapping[str, npt.NDArray[np.float32]], activation: str, clip: float
-) -> None:
-    """Raise UsageError if a model's own actions are not those of its layers, at inputs of at most `clip`.
-
-    What float32 loses is allowed: a multiple of the error of the same layers here at inputs of that size.
-    """
-
-    def outputs(dtype: Any) -> Floats:
-        x: npt.NDArray[Any] = inputs.astype(dtype)
-        for name in (*(f"layers.{i}" for i in range(len(actor.hidden) // 2)), "mean"):
-            if name != first:
-                x = np.tanh(x) if activation == "tanh" else np.maximum(x, 0.0)
-            x = x @ tensors[f"{name}.weight"].T.astype(dtype) + tensors[f"{name}.bias"]
-        exact: Floats = x.astype(np.float64)
-        return exact
-
-    first = "layers.0" if actor.hidden else "mean"
-    width = tensors[f"{first}.weight"].shape[1]
-    each = np.random.default_rng(0).uniform(-1.0, 1.0, (len(SIZES), INPUTS, width))
-    far_out = np.concatenate([size * part for size, part in zip(SIZES, each, strict=True)])
-    inputs = np.clip(far_out, -clip, clip).astype(np.float32)
-    exact = outputs(np.float64)
-    errors = (outputs(np.float32) - exact).reshape(len(SIZES), -1)
-    lost = ROUNDING * np.repeat(np.sqrt((errors**2).mean(axis=1)), INPUTS)[:, None]
-    expected = np.tanh(exact) if actor.squash == "tanh" else np.clip(exact, -1.0, 1.0)
+def _refuse_other_actions(model: Any, actor: Actor, weights: Weights) -> None:
+    """Raise UsageError if a model's own actions are not those of the weights."""
+    drawn = DEVIATION * np.random.default_rng(0).standard_normal((INPUTS, len(weights.mean)))
+    inputs = np.clip(drawn, -weights.clip, weights.clip).astype(np.float32)
+    outputs = weights.outputs(inputs, is_scaled=True)[:, :ACTIONS].astype(np.float64)
+    expected = np.tanh(outputs) if actor.squash == "tanh" else np.clip(outputs, -1.0, 1.0)
     try:
         found = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
-        far = float((np.abs(found - expected) - lost).max())
+        off = float(np.abs(found - expected).max())
     except Exception as error:
         raise UsageError(f"model: its actions could not be compared ({error}); expected {KNOWN}") from None
-    if not far <= TOLERANCE:
+    if not off <= TOLERANCE:
         raise UsageError(
-            f"model: found {type(model).__name__}, whose actions are up to {far:.2g} from those of its "
+            f"model: found {type(model).__name__}, whose actions are up to {off:.2g} from those of its "
             f"layers alone; expected {KNOWN}, which does nothing else"
         )
 

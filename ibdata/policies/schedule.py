@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from ibdata.policies.base import Floats, FrozenModel, Policy
-from ibdata.policies.choice import Choice, Chosen, forms
+from ibdata.policies.base import (
+    Bools,
+    Decision,
+    Float32s,
+    Floats,
+    FrozenModel,
+    Needs,
+    Observed,
+    Policy,
+    Steps,
+)
+from ibdata.policies.choice import Choice, Chosen
 from ibdata.policies.epsilon_greedy import Probability, log_replaced, replaced
-from ibdata.policies.given import Decision, Given, Steps
-from ibdata.policies.support import INSIDE, Support, each
 from ibdata.policies.wrapper import Unnamed
 
 if TYPE_CHECKING:
@@ -42,9 +49,7 @@ class Schedule(Choice):
     Each policy begins its stage as if it began an episode, with step 0 and without memory, but sees the
     observations and actions before. In a stage with `epsilon`, the whole action is replaced with probability
     ε by one drawn from U(-1, 1)³; ε changes linearly with the step, as in Mnih et al. 2015, Human-level
-    control through deep reinforcement learning. The density is that of the stage. With `epsilon` around a
-    policy with `per_dimension: true`, it is too great where only some numbers of an action are those of the
-    inner base; `importance` refuses such policies.
+    control through deep reinforcement learning. The density is that of the stage.
     """
 
     kind: Literal["schedule"] = "schedule"
@@ -63,65 +68,42 @@ class Schedule(Choice):
         return any(stage.epsilon for stage in self.stages)
 
     @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """Those of the bases and, if actions are replaced, four: one that decides, three for the action."""
-        return super().uniforms_per_step + 4 * self.explores
+    def own_needs(self) -> Needs:
+        """If actions are replaced, four draws: one that decides, three for the action."""
+        return Needs(history=0, step_draws=4 * self.explores)
 
-    def chosen(self, given: Given) -> Chosen:
-        return self._stage(given.step)
+    def chosen(self, given: Observed) -> Chosen:
+        return np.searchsorted(self._starts[1:], given.step, side="right").astype(np.int64)
 
-    def began(self, given: Given) -> Steps:
+    def began(self, given: Observed) -> Steps:
         return self._starts[self.chosen(given)]
 
-    def decide(self, given: Given) -> Decision:
-        answer = super().decide(given)
+    def decide(self, given: Observed) -> Decision:
+        decision = super().decide(given)
         if not self.explores:
-            return answer
+            return decision
         own = np.ascontiguousarray(given.uniforms[:, -4:])
-        return answer._replace(actions=replaced(np.asarray(answer.actions), own, self.epsilon(given)))
+        return decision._replace(actions=replaced(np.asarray(decision.actions), own, self.epsilon(given)))
 
-    def log_density(self, given: Given, action: npt.NDArray[np.float32]) -> Floats:
-        """Return the log density (n,) of actions in the stage of each episode."""
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        """The log density (n,) of actions in the stage of each episode."""
         density = super().log_density(given, action)
         if not self.explores:
             return density
-        mass = np.asarray(self.atoms(given, action).all(axis=1))
-        return log_replaced(density, mass, action, self.epsilon(given))
+        certain: Bools = np.asarray(super().atoms(given, action).all(axis=1))
+        return log_replaced(density, certain, action, self.epsilon(given))
 
-    def supports(self, step: int) -> tuple[Support, ...] | None:
-        now = np.array([step])
-        stage, epsilon = int(self._stage(now)[0]), float(self._epsilon(now)[0])
-        base = self.stages[stage].base.supports(step - int(self._starts[stage]))
-        if base is None or epsilon == 0.0:
-            return base
-        return (each(INSIDE),) if epsilon == 1.0 else tuple(support | each(INSIDE) for support in base)
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        return super().atoms(given, action) & (self.epsilon(given) < 1.0)[:, None]
 
-    def atoms(self, given: Given, action: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-        kept = super().atoms(given, action) & (self.epsilon(given) < 1.0)[:, None]
-        return kept | Policy.atoms(self, given, action)
-
-    def epsilon(self, given: Given) -> Floats:
+    def epsilon(self, given: Observed) -> Floats:
         """The share ε of actions that are replaced at the step of each episode, (n,)."""
-        return self._epsilon(given.step)
-
-    def _epsilon(self, step: Steps) -> Floats:
-        """The share ε at some steps, (n,)."""
         first, last = np.array([stage.epsilon or (0.0, 0.0) for stage in self.stages]).T
         lengths = np.array([max(2, stage.steps or 2) for stage in self.stages])
-        which = self._stage(step)
-        passed = np.minimum((step - self._starts[which]) / (lengths[which] - 1), 1.0)
-        epsilon: Floats = first[which] + passed * (last[which] - first[which])
+        stage = self.chosen(given)
+        passed = np.minimum((given.step - self._starts[stage]) / (lengths[stage] - 1), 1.0)
+        epsilon: Floats = first[stage] + passed * (last[stage] - first[stage])
         return epsilon
-
-    def form(self) -> dict[str, Any]:
-        """The form of the policy, which contains those of the bases."""
-        plain = super().form()
-        stages = zip(plain["stages"], forms(self.inner), strict=True)
-        return {**plain, "stages": [{**stage, "base": form} for stage, form in stages]}
-
-    def _stage(self, step: Steps) -> Chosen:
-        """The number of the stage at some steps, (n,)."""
-        return np.searchsorted(self._starts[1:], step, side="right").astype(np.int64)
 
     @cached_property
     def _starts(self) -> Steps:

@@ -12,14 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import ConfigDict, Field, FiniteFloat, Json
+from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
 
-from ibdata.dataset.models import JsonObject, parse
 from ibdata.errors import printable
-from ibdata.policies import safetensors
-from ibdata.policies.base import NormalSingle
-from ibdata.policies.forward import Float32s, packed
+from ibdata.policies.forward import BLOCK, Float32s, forward, packed, scale
+from ibdata.policies.tensors import read
 from ibdata.system.files import plain_bytes
 
 LAYOUT = "ibdata-network-1"
@@ -28,28 +25,28 @@ SHIPPED = Path(__file__).parent / "weights"
 MAX_BYTES = 2**26
 COLUMNS = 6  # of an observation
 ACTIONS = 3
-TINY, HUGE = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
+SHA256 = "^[0-9a-f]{64}$"
 
 Layer = tuple[Float32s, Float32s]  # weights (outputs, inputs) and biases (outputs,)
-Positive = Annotated[float, Field(ge=TINY, le=HUGE)]
+Positive = Annotated[float, Field(gt=0.0)]
 
 
-class Metadata(JsonObject):
+class Metadata(BaseModel):
     """The metadata of a file of weights, which are texts."""
 
-    model_config = ConfigDict(strict=False, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     layout: Literal["ibdata-network-1"]
     frames: Annotated[int, Field(ge=1, le=1000)]
-    mean: Json[list[Annotated[FiniteFloat, Field(ge=-HUGE, le=HUGE), NormalSingle]]]
+    mean: Json[list[float]]
     std: Json[list[Positive]]
-    clip: Positive = HUGE
+    clip: Positive = float(np.finfo(np.float32).max)
     activation: Literal["relu", "tanh"] = "relu"
     squash: Literal["tanh", "clip"]
     log_std: Literal["clamp", "tanh"] = "clamp"
-    log_std_low: Annotated[float, Field(ge=-20.0, le=20.0), NormalSingle] = -20.0
-    log_std_high: Annotated[float, Field(ge=-20.0, le=20.0), NormalSingle] = 2.0
-    provenance: Annotated[str, Field(max_length=10_000)] = ""
+    log_std_low: float = -20.0
+    log_std_high: float = 2.0
+    provenance: str = ""
     format: str = ""  # written by some libraries
 
 
@@ -70,19 +67,13 @@ class Weights:
     def __init__(self, data: bytes) -> None:
         if len(data) > MAX_BYTES:
             raise ValueError(f"found {len(data)} bytes, expected at most {MAX_BYTES}; use a smaller network")
-        tensors, texts = safetensors.read(data)
+        tensors, texts = read(data)
         self.data, self.sha256 = data, hashlib.sha256(data).hexdigest()
-        try:
-            self.metadata = parse(Metadata, texts)
-        except ValueError as error:
-            raise ValueError(f"metadata: {error}") from None
-        if self.metadata.log_std_low > self.metadata.log_std_high:
-            raise ValueError("metadata: found log_std_low above log_std_high, expected at most the same")
+        self.metadata = _metadata(texts)
         inputs = COLUMNS * self.metadata.frames
         self.has_log_std = "log_std.bias" in tensors
-        self.mean, self.std = (
-            _scaling(name, getattr(self.metadata, name), inputs) for name in ("mean", "std")
-        )
+        self.mean = _scaling("mean", self.metadata.mean, inputs)
+        self.std = _scaling("std", self.metadata.std, inputs)
         self.clip = np.float32(self.metadata.clip)
         self.sizes, self.parameters = packed(_layers(tensors, inputs))
 
@@ -90,6 +81,21 @@ class Weights:
     def name(self) -> str:
         """The name of the file in a dataset."""
         return name_of(self.sha256)
+
+    def outputs(self, seen: Float32s, is_scaled: bool = False) -> Float32s:
+        """The outputs of the last layer, float32 (n, 3 or 6), for what the network sees, (n, 6 · frames)."""
+        out = np.empty((len(seen), 6 if self.has_log_std else 3), dtype=np.float32)
+        widest = max(int(self.sizes.max()), seen.shape[1])
+        for first in range(0, len(seen), BLOCK):
+            some = seen[first : first + BLOCK]
+            x = np.zeros((widest, len(some)), dtype=np.float32)
+            if is_scaled:
+                x[: some.shape[1]] = some.T
+            else:
+                scale(some, self.mean, self.std, self.clip, x)
+            into = out[first : first + BLOCK]
+            forward(x, self.sizes, self.parameters, self.metadata.activation == "tanh", into)
+        return out
 
     def __reduce__(self) -> tuple[Any, tuple[bytes]]:
         return kept, (self.data,)
@@ -117,16 +123,9 @@ def kept(data: bytes) -> Weights:
 
 
 def find(file: str, sha256: str | None, folder: Path | None) -> Weights:
-    """Find weights by the path of their file, or by a shipped name.
+    """Find weights by the path of their file in a folder, by a shipped name, or by `name_of` known weights.
 
-    Args:
-        file: a path relative to the folder, the name of shipped weights, or `name_of` weights that this
-            process has read before.
-        sha256: the SHA-256 that the file must have; None for any.
-        folder: the folder; by default the current one.
-
-    Raises:
-        ValueError: there is no such file, or it is not valid, or it has another SHA-256.
+    Raises ValueError if there is no such file, or it is not valid, or has another SHA-256 than is given.
     """
     if sha256 in _known and file == name_of(sha256):
         return _known[sha256]
@@ -149,6 +148,16 @@ def find(file: str, sha256: str | None, folder: Path | None) -> Weights:
     return weights
 
 
+def _metadata(texts: Mapping[str, str]) -> Metadata:
+    try:
+        return Metadata.model_validate(texts)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        found = printable(f"found {first['input']!r}")[:60]
+        problem = "missing" if first["type"] == "missing" else f"{found}, expected {first['msg']}"
+        raise ValueError(f"metadata: {'.'.join(map(str, first['loc']))}: {problem}") from None
+
+
 def _scaling(name: str, values: list[float], inputs: int) -> Float32s:
     if len(values) not in (COLUMNS, inputs):
         raise ValueError(f"metadata: {name}: found {len(values)} numbers, expected {COLUMNS} or {inputs}")
@@ -156,46 +165,32 @@ def _scaling(name: str, values: list[float], inputs: int) -> Float32s:
 
 
 def _layers(tensors: Mapping[str, Float32s], inputs: int) -> list[Layer]:
-    """Weights and biases from the first to the last layer, which computes means and log deviations.
-
-    Raises ValueError for a tensor with another name or another shape than the layout has.
-    """
-    left = dict(tensors)
+    """Weights and biases from the first to the last layer, which computes means and log deviations."""
+    left, width = dict(tensors), inputs
     layers: list[Layer] = []
-    width = inputs
     while f"layers.{len(layers)}.weight" in left:
-        layers.append(_layer(left, f"layers.{len(layers)}", None, width))
+        layers.append(_layer(left, f"layers.{len(layers)}", width))
         width = len(layers[-1][1])
-    heads = [_layer(left, "mean", ACTIONS, width)]
+    heads = [_layer(left, "mean", width, ACTIONS)]
     if "log_std.bias" in left:
         left.setdefault("log_std.weight", np.zeros((ACTIONS, width), dtype=np.float32))
-        heads.append(_layer(left, "log_std", ACTIONS, width))
+        heads.append(_layer(left, "log_std", width, ACTIONS))
     if left:
         raise ValueError(f"found the tensor {min(left)}, expected layers.0.weight, mean.bias and so on")
     weights, biases = zip(*heads, strict=True)
     return [*layers, (np.concatenate(weights), np.concatenate(biases))]
 
 
-def denormal(numbers: Float32s) -> npt.NDArray[np.bool_]:
-    """Whether each number is denormal. Its bits are compared, as the processor may take it for 0."""
-    size = np.ascontiguousarray(numbers).view(np.uint32) & 0x7FFFFFFF
-    return (size > 0) & (size < 0x00800000)
-
-
-def _layer(left: dict[str, Float32s], name: str, outputs: int | None, inputs: int) -> Layer:
-    """Take a layer's weights (outputs, inputs) and biases (outputs,) out of `left`."""
-    found = []
-    for part, rest in (("weight", (inputs,)), ("bias", ())):
-        tensor = left.pop(f"{name}.{part}", None)
-        if tensor is None:
+def _layer(left: dict[str, Float32s], name: str, inputs: int, outputs: int | None = None) -> Layer:
+    """Move a layer's weights (outputs, inputs) and biases (outputs,) out of `left`."""
+    for part in ("weight", "bias"):
+        if f"{name}.{part}" not in left:
             raise ValueError(f"{name}.{part}: missing, expected a tensor of this name")
-        outputs = outputs or (tensor.shape or (0,))[0] or 1
-        if tensor.shape != (outputs, *rest):
-            raise ValueError(f"{name}.{part}: found the shape {tensor.shape}, expected {(outputs, *rest)}")
-        if denormal(tensor).any():
-            raise ValueError(
-                f"{name}.{part}: found a number closer to 0 than {TINY!r}, which some machines take for 0; "
-                "expected 0 in its place"
-            )
-        found.append(tensor)
-    return found[0], found[1]
+    weight, bias = left.pop(f"{name}.weight"), left.pop(f"{name}.bias")
+    outputs = outputs or bias.size
+    if weight.shape != (outputs, inputs) or bias.shape != (outputs,):
+        raise ValueError(
+            f"{name}: found weights of shape {weight.shape} and biases of shape {bias.shape}, expected "
+            f"{(outputs, inputs)} and {(outputs,)}"
+        )
+    return weight, bias

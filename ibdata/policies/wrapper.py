@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator
 
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Floats, Policy, is_deterministic
-from ibdata.policies.given import Given
+from ibdata.policies.base import Float32s, Floats, Needs, Observed, Policy, is_deterministic
 
 
 def _without_name(base: Policy) -> Policy:
@@ -33,80 +30,53 @@ Unnamed, Certain = AfterValidator(_without_name), AfterValidator(_certain)
 
 
 class Wrapper(Policy):
-    """A policy that changes the actions of another one, its `base`.
+    """A policy that changes the actions of another one, its `base`, and sees what the base sees.
 
-    It sees the same observations as the base, and the actions before them. The base uses the first of the
-    random numbers and of the memory; the policy itself uses the other `own_uniforms_per_step` and
-    `own_memory_size`. `for_base` and `own` separate them.
+    It needs what the base needs and `own_needs`. The base uses the first of the random numbers and of the
+    memory, the policy itself those that follow: `of_base` and `own` are the two parts.
     """
-
-    own_uniforms_per_step: ClassVar[int] = 0
-    own_memory_size: ClassVar[int] = 0
-    own_uniforms_per_episode: ClassVar[int] = 0
 
     base: Policy
 
     @property
-    def history_length(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of observations that the base sees."""
-        return self.base.history_length
+    def own_needs(self) -> Needs:
+        """What it needs beyond the needs of its base; of the history, the least."""
+        return Needs(history=0)
 
     @property
-    def uniforms_per_step(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of uniform random numbers per step, of the base and of the policy itself."""
-        return self.base.uniforms_per_step + self.own_uniforms_per_step
-
-    @property
-    def uniforms_per_episode(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of uniform random numbers per episode, of the base and of the policy itself."""
-        return self.base.uniforms_per_episode + self.own_uniforms_per_episode
-
-    @property
-    def memory_size(self) -> int:  # type: ignore[override]  # read from instances only
-        """The number of numbers that are remembered, those of the base and of the policy itself."""
-        return self.base.memory_size + self.own_memory_size
+    def needs(self) -> Needs:
+        """The needs of the base and its own."""
+        base, own = self.base.needs, self.own_needs
+        return Needs(
+            max(base.history, own.history),
+            base.step_draws + own.step_draws,
+            base.episode_draws + own.episode_draws,
+            base.memory + own.memory,
+        )
 
     @property
     def inner(self) -> tuple[Policy, ...]:
         """The base."""
         return (self.base,)
 
-    def form(self) -> dict[str, Any]:
-        """The form of the policy, which contains the form of the base unless that is the default."""
-        form = super().form()
-        return {**form, "base": self.base.form()} if "base" in form else form
+    def of_base(self, given: Observed) -> Observed:
+        """What the base is given."""
+        return given.cut(self.base.needs)
 
-    def for_base(self, given: Given) -> Given:
-        """The part that the base gets: the first random numbers, and the first numbers of the memory."""
-        return part_of(self.base, given)
-
-    def own(self, given: Given) -> Given:
-        """The part that is the policy's own: the random numbers and the memory that the base does not use."""
-        base = self.base
+    def own(self, given: Observed) -> Observed:
+        """The random numbers and the memory that the base does not use."""
+        base = self.base.needs
         return given._replace(
-            uniforms=np.ascontiguousarray(given.uniforms[:, base.uniforms_per_step :]),
-            episode_uniforms=np.ascontiguousarray(given.episode_uniforms[:, base.uniforms_per_episode :]),
-            memory=np.ascontiguousarray(given.memory[:, base.memory_size :]),
+            uniforms=np.ascontiguousarray(given.uniforms[:, base.step_draws :]),
+            episode_uniforms=np.ascontiguousarray(given.episode_uniforms[:, base.episode_draws :]),
+            memory=np.ascontiguousarray(given.memory[:, base.memory :]),
         )
 
-    def joined(self, base: npt.ArrayLike, own: Floats) -> npt.ArrayLike:
-        """Join the memory of the base with the policy's own."""
-        return np.concatenate([base, own], axis=1) if self.base.memory_size else own
-
-    def base_action(self, given: Given) -> tuple[npt.NDArray[np.float32], npt.ArrayLike]:
+    def base_action(self, given: Observed) -> tuple[Float32s, npt.ArrayLike]:
         """Return the base's actions (n, 3), clipped and rounded, and its memory."""
-        chosen = self.base.decide(self.for_base(given))
-        return applied(chosen.actions), chosen.memory
+        decision = self.base.decide(self.of_base(given))
+        return applied(decision.actions), decision.memory
 
-
-def part_of(policy: Policy, given: Given) -> Given:
-    """The first observations, actions, random numbers and memory, as many as a policy uses."""
-    frames = policy.history_length
-    return Given(
-        np.ascontiguousarray(given.observations[:, :frames]),
-        np.ascontiguousarray(given.actions[:, :frames]),
-        given.step,
-        np.ascontiguousarray(given.uniforms[:, : policy.uniforms_per_step]),
-        np.ascontiguousarray(given.episode_uniforms[:, : policy.uniforms_per_episode]),
-        np.ascontiguousarray(given.memory[:, : policy.memory_size]),
-    )
+    def remembered(self, base: npt.ArrayLike, own: Floats) -> npt.ArrayLike:
+        """The memory of the base followed by the policy's own."""
+        return np.concatenate([base, own], axis=1) if self.base.needs.memory else own

@@ -1,1 +1,1 @@
-"""Simulation of the episodes of an experiment into columns."""
+"""Episodes side by side: a `World`, `Lanes` with a policy, and the `Run` that plays them."""

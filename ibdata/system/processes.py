@@ -1,8 +1,12 @@
-"""The processors of this machine."""
+"""The processors of this machine, and the purpose of this process."""
 
 from __future__ import annotations
 
 import os
+from typing import Literal
+
+# A session of Python's; or a process of ibdata's own, which has no other purpose.
+purpose: Literal["session", "command", "worker"] = "session"
 
 
 def available_processors() -> int:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from ibdata.errors import DatasetError, MissingError, UsageError, hidden, printable
+from ibdata.errors import DatasetError, UsageError, hidden, missing, printable
 from ibdata.system.files import FileEntry
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Storage:
 class Remote(Storage):
     """The files at a URL. `url` may contain credentials, `name` does not.
 
-    Raises UsageError if no file system has such URLs, and MissingError if that needs another library.
+    Raises UsageError if no file system has such URLs, and ImportError if that needs another library.
     """
 
     url: str
@@ -180,6 +180,14 @@ def is_url(place: Any) -> bool:
     return url_of(place) is not None
 
 
+def existing(place: Any) -> Any:
+    """A place, or the folder below data/ where only that exists."""
+    if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(place):
+        return place
+    below = os.path.join("data", place)
+    return below if os.path.lexists(below) else place
+
+
 def refuse_url(*places: Any) -> None:
     """Raise UsageError if one of the places is a URL."""
     for place in places:
@@ -222,7 +230,7 @@ def _file_system(url: str) -> tuple[Any, str]:
     try:
         import fsspec
     except ImportError:
-        raise MissingError(scheme, "fsspec", "remote") from None
+        raise missing(scheme, "fsspec", "remote") from None
     try:
         files, path = fsspec.core.url_to_fs(url)
     except ImportError as error:

@@ -15,9 +15,9 @@ from ibdata.dataset import parquet
 from ibdata.dataset.statistics import Moments
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import Column, columns
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.variables import Column, columns
 from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
@@ -138,7 +138,7 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 
 
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
-    """Describe the first column that differs from the expected one; None if none does."""
+    """Describe the first column whose name or type is not the expected one, if there is one."""
     pairs = zip_longest(
         [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
     )

@@ -15,9 +15,9 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import Column
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.replay import log_densities
-from ibdata.simulation.variables import Column
+from ibdata.experiment.replay import log_densities
 from ibdata.writing.arrow import index_columns, policy_numbers
 
 Array = npt.NDArray[Any]

@@ -10,7 +10,7 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.system.progress import Advance, bar
-from ibdata.system.storage import Storage, storage
+from ibdata.system.storage import Storage, existing, storage
 from ibdata.validation.derived import metadata_problems, splits_problems
 from ibdata.validation.files import Hashing, check_files, unlisted_files
 from ibdata.validation.rows import check_shard
@@ -36,7 +36,7 @@ def validate(
     README.md and report.html are yours to edit, and are not checked.
 
     Args:
-        folder: A folder or a URL.
+        folder: A folder or a URL, as in `open`.
         quick: Compare only the SHA-256 of the files, and the splits, whose file has none.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
 
@@ -46,7 +46,7 @@ def validate(
     Raises:
         BusyError: The dataset was replaced while it was read.
     """
-    place = storage(folder)
+    place = storage(existing(folder))
     try:
         listed = manifest.read(place)
     except DatasetError as error:

@@ -7,6 +7,7 @@ variate. So a view of a dataset is the same however it is read.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,12 +25,16 @@ Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-KINDS = ("delay", "noise", "quantise", "missing")
+LEAST = math.ulp(0.0)
+# What is given for a column: the least, the most, and both in words. So nothing that is seen is infinite.
+KINDS = {
+    "delay": (1, 1000, "a whole number of steps, 1 to 1000"),
+    "noise": (LEAST, 1e30, "a standard deviation above 0 and at most 1e+30"),
+    "quantise": (1e-30, sys.float_info.max, "a step of at least 1e-30"),
+    "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
+}
 KEYS = (*KINDS, "mask", "seed")
 ADDRESSED = of_role("observation", "latent", "drift", "derived")  # their places are parts of the addresses
-MOST_DELAY = 1000  # steps
-MOST_SEED = 2**64
-MOST_NOISE, LEAST_STEP = 1e30, 1e-30  # so that nothing that is seen is infinite
 
 
 @dataclass(frozen=True)
@@ -87,14 +92,9 @@ class Measurement:
         self._random = bool(self._noise.any() or self._missing.any())
 
     def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:
-        """Measure an episode.
+        """Measure the true values (T + 1, k) of an episode with this number.
 
-        Args:
-            clean: the true values at the times 0 … T, (T + 1, k).
-            number: the number of the episode.
-
-        Returns:
-            What is seen (T + 1, k), and which values did not arrive (T + 1, k).
+        Returns what is seen (T + 1, k), and which values did not arrive (T + 1, k).
         """
         times = np.arange(len(clean))[:, None]
         late = np.take_along_axis(clean, np.maximum(times - self.delay, 0), axis=0)
@@ -104,15 +104,9 @@ class Measurement:
         return np.take_along_axis(arrived, latest, axis=0), lost
 
     def step(self, late: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
-        """Measure n episodes at one time.
+        """Measure the late true values (n, k) of episodes with these numbers (n,) at one time.
 
-        Args:
-            late: the true values with their delays, (n, k).
-            numbers: the numbers of the episodes, (n,).
-            time: the time.
-
-        Returns:
-            What arrives (n, k), and what does not (n, k), of which the first array holds nothing of use.
+        Returns what arrives (n, k), and what does not (n, k), of which the first array holds nothing of use.
         """
         arrived, lost = self._measured(late, *self._drawn(numbers, time, 1))
         return arrived, lost & (time > 0)
@@ -144,19 +138,17 @@ def imperfections_of(given: Any) -> Imperfections:
     if given is None:
         return NONE
     if not isinstance(given, Mapping):
-        raise UsageError(
-            f"imperfections: found {given!r}, expected a mapping such as {{delay: {{obs_fatigue: 3}}}}"
-        )
+        expected = "a mapping such as {delay: {obs_fatigue: 3}}"
+        raise UsageError(f"imperfections: found {given!r}, expected {expected}")
     for key in given:
         if key not in KEYS:
-            raise UsageError(
-                f"imperfections: found {key!r}, expected {', '.join(KEYS)}{suggestion(str(key), KEYS)}"
-            )
+            near = suggestion(str(key), KEYS)
+            raise UsageError(f"imperfections: found {key!r}, expected {', '.join(KEYS)}{near}")
     kinds = {kind: _numbers(kind, given[kind]) for kind in KINDS if kind in given}
     mask, seed = given.get("mask", False), given.get("seed", 0)
     if not isinstance(mask, bool):
         raise UsageError(f"imperfections: mask: found {mask!r}, expected true or false")
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < MOST_SEED:
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**64:
         raise UsageError(f"imperfections: seed: found {seed!r}, expected a whole number in [0, 2^64)")
     return Imperfections(**kinds, mask=mask, seed=int(seed))
 
@@ -165,17 +157,9 @@ def _numbers(kind: str, given: Any) -> dict[str, Any]:
     """The numbers of a kind by column."""
     if not isinstance(given, Mapping):
         raise UsageError(f"imperfections: {kind}: found {given!r}, expected a mapping of columns to numbers")
-    expected = {
-        "delay": f"a whole number of steps, 1 to {MOST_DELAY}",
-        "noise": f"a standard deviation above 0 and at most {MOST_NOISE:g}",
-        "quantise": f"a step of at least {LEAST_STEP:g}",
-        "missing": "a probability above 0 and at most 1",
-    }[kind]
-    least = {"quantise": LEAST_STEP}.get(kind, math.ulp(0.0))
-    most = {"delay": MOST_DELAY, "missing": 1.0, "noise": MOST_NOISE}.get(kind, math.inf)
+    least, most, expected = KINDS[kind]
+    number = Integral if kind == "delay" else Real
     for name, value in given.items():
-        number = Integral if kind == "delay" else Real
-        fits = isinstance(value, number) and not isinstance(value, bool)
-        if not fits or not least <= float(value) <= most or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, number) or not least <= float(value) <= most:
             raise UsageError(f"imperfections: {kind}: {name}: found {value!r}, expected {expected}")
     return {str(name): int(value) if kind == "delay" else float(value) for name, value in given.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -15,6 +15,7 @@ from ibdata.views.rewards import CLASSIC, Reward, reward_of
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
 OBSERVED = tuple(f"obs_{name}" for name in of_role("observation"))
+NAMED = ("classic", "markov")
 EXPECTED = "classic, markov or a list of columns"
 COLUMNS = (*OBSERVED, *(f"latent_{name}" for name in of_role("latent", "drift", "derived")))
 
@@ -105,46 +106,38 @@ def view_options(
     """
     if not isinstance(actions, bool):
         raise UsageError(f"actions: found {actions!r}, expected True or False")
-    try:
-        scale = float(reward_scale) if isinstance(reward_scale, Real) else math.nan
-    except OverflowError:
-        scale = math.inf
-    if isinstance(reward_scale, bool) or not 0 < scale < math.inf:
-        raise UsageError(f"reward scale: found {reward_scale!r}, expected a finite number above 0")
-    options = ViewOptions(
+    is_number = isinstance(reward_scale, Real) and not isinstance(reward_scale, bool)
+    if not is_number or not 0 < reward_scale <= sys.float_info.max:
+        raise UsageError(f"reward_scale: found {reward_scale!r}, expected a finite number above 0")
+    given = (
         _observed(observe),
         actions,
         reward_of(reward),
-        scale,
+        float(reward_scale),
         imperfections_of(imperfections),
     )
-    _refuse_unobserved(options)
-    return options
-
-
-def _observed(observe: Any) -> str | tuple[str, ...]:
-    if isinstance(observe, str):
-        if observe in ("classic", "markov"):
-            return observe
-        near = suggestion(observe, ["classic", "markov"])
-        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{near}")
-    names = tuple(map(str, observe)) if isinstance(observe, Iterable) else ()
-    if not names or len(set(names)) < len(names):
-        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
-    for name in names:
-        if name not in COLUMNS:
-            near = suggestion(str(name), COLUMNS)
-            raise UsageError(f"observe: found {name!r}, expected columns obs_… or latent_…{near}")
-    return names
-
-
-def _refuse_unobserved(options: ViewOptions) -> None:
-    """Raise UsageError for an imperfection of a column that is not observed."""
+    options = ViewOptions(*given)
     known = options.columns(drifting=True)
     for name in options.imperfections.columns:
         if name not in known:
             near = suggestion(name, known)
             raise UsageError(f"imperfections: found {name!r}, expected one of the observed columns{near}")
+    return options
+
+
+def _observed(observe: Any) -> str | tuple[str, ...]:
+    if isinstance(observe, str) and observe in NAMED:
+        return observe
+    if isinstance(observe, str):
+        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{suggestion(observe, NAMED)}")
+    names = tuple(map(str, observe)) if isinstance(observe, Iterable) else ()
+    if not names or len(set(names)) < len(names):
+        raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
+    for name in names:
+        if name not in COLUMNS:
+            near = suggestion(name, COLUMNS)
+            raise UsageError(f"observe: found {name!r}, expected columns obs_… or latent_…{near}")
+    return names
 
 
 def bounds_of(

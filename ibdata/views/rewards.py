@@ -38,13 +38,8 @@ class Reward:
     def of(self, before: Sequence[Float32s], after: Sequence[Float32s], scale: float) -> Float32s:
         """The scaled rewards of n steps, computed in float64 from float32 values and rounded once.
 
-        Args:
-            before: consumption and fatigue at t, (n,) each.
-            after: consumption and fatigue at t + 1, (n,) each.
-            scale: the factor of the reward.
-
-        Raises:
-            UsageError: a reward is too large for float32.
+        `before` and `after` are consumption and fatigue at t and at t + 1, (n,) each. Raises UsageError if a
+        reward is too large for float32.
         """
         rewards = -self.cost(*after)
         if self.kind == "delta":
@@ -80,12 +75,12 @@ def reward_of(given: Any) -> Reward:
 
 
 def _weights(given: Mapping[Any, Any]) -> Reward:
+    if not given:
+        raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
     for name, weight in given.items():
         if name not in COSTS:
             near = suggestion(str(name), COSTS)
             raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{near}")
         if isinstance(weight, bool) or not isinstance(weight, Real) or not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
-    if not given:
-        raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
     return Reward("weights", *(float(given.get(name, 0.0)) for name in COSTS))

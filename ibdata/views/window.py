@@ -12,14 +12,7 @@ Indices = npt.NDArray[np.int64]
 
 
 class Window:
-    """What n lanes see of their episodes, through a view.
-
-    Args:
-        options: the view.
-        drifting: whether the setpoints move.
-        n: the number of lanes.
-        history: how many frames are seen together. Before the first of an episode, that one is repeated.
-    """
+    """What n lanes see of their episodes through a view: `history` frames each, the first one repeated."""
 
     def __init__(self, options: ViewOptions, drifting: bool, n: int, history: int) -> None:
         columns = options.columns(drifting)

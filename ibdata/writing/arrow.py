@@ -11,9 +11,9 @@ import pyarrow as pa
 
 from ibdata.dataset.digest import Run, text
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import Column, columns
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns
-from ibdata.simulation.variables import Column, columns
+from ibdata.experiment.rollout import Columns
 
 ROW_GROUP_ROWS = 100_000
 STATISTICS = ("episode", "step", "obs_setpoint")  # the columns by which rows are selected

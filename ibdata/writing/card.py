@@ -11,6 +11,7 @@ import pyarrow as pa
 from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.experiment import Experiment
+from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
@@ -172,6 +173,10 @@ def _dynamics(experiment: Experiment) -> str:
 
 
 def _again(spec: DatasetSpec) -> list[str]:
+    live = [each.target for each in customs(spec) if each.is_live]
+    if live:
+        names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
+        return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]
     if len(spec.experiments) > 1:
         return [
             f"It was merged from {len(spec.experiments)} experiments, `meta/experiment-*.yaml`;",

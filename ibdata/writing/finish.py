@@ -16,9 +16,9 @@ from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.variables import columns
 from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata

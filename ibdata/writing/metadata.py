@@ -26,8 +26,8 @@ from ibdata.dataset.models import (
 )
 from ibdata.dataset.statistics import described, merged
 from ibdata.experiment.cells import Cell
+from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
-from ibdata.simulation.variables import columns, layout
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD, ShardSummary

@@ -14,10 +14,10 @@ import pyarrow.parquet as pq
 
 from ibdata.dataset.statistics import Moments
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns
-from ibdata.simulation.variables import columns
+from ibdata.experiment.rollout import Columns
 from ibdata.system.files import FileEntry, HashingFile, new_file
 from ibdata.system.signals import held
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, writer_options

@@ -11,10 +11,10 @@ import pyarrow as pa
 
 from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
+from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns, parts
-from ibdata.simulation.variables import layout
+from ibdata.experiment.rollout import Columns, parts
 from ibdata.writing.summary import ShardSummary, describe
 
 BATCH_ROWS = 65_536

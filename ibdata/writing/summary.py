@@ -11,11 +11,12 @@ import numpy as np
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
+from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import Columns, Memory, parts, rollout
-from ibdata.simulation.self_check import keeps_denormals
-from ibdata.simulation.variables import Table, layout
+from ibdata.experiment.rollout import Columns, Memory, parts, rollout
+from ibdata.experiment.self_check import keeps_denormals
+from ibdata.simulation.variables import Table
 from ibdata.writing.arrow import digest_runs
 
 

@@ -1,34 +1,34 @@
-"""Documents in docs/ in which a script writes the lines between two markers."""
+"""Pages of docs/ in which scripts write the lines between two markers; all else is written by hand."""
 
-import sys
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-OPEN, CLOSE = "<!-- measured -->", "<!-- /measured -->"
 
 
-def replaced(document: str, block: str) -> str:
-    """The document with other lines between its markers."""
-    before, rest = document.split(OPEN)
-    after = rest.split(CLOSE)[1]
-    return f"{before}{OPEN}\n{block}\n{CLOSE}{after}"
+def replaced(document: str, block: str, kind: str = "measured") -> str:
+    """The document with other lines between its markers, `measured` or `generated`."""
+    before, opened, rest = document.partition(f"<!-- {kind} -->\n")
+    _, closed, after = rest.partition(f"\n<!-- /{kind} -->")
+    if not closed:
+        raise ValueError(f"found no lines between the markers {kind} and /{kind}")
+    return before + opened + block + closed + after
 
 
 def measured(document: str) -> str:
     """The lines between the markers of a document."""
-    return document.split(OPEN)[1].split(CLOSE)[0][1:-1]
+    found = re.search(r"<!-- measured -->\n(.*)\n<!-- /measured -->", document, re.DOTALL)
+    assert found is not None
+    return found[1]
 
 
-def write_or_compare(path: Path, block: str, check: bool) -> int:
-    """Write the lines between the markers, or with `check` compare them; return 1 if they differ."""
-    old = path.read_text(encoding="utf-8")
-    new = replaced(old, block)
-    if not check:
-        path.write_text(new, encoding="utf-8")
-    elif old != new:
-        name = Path(sys.argv[0]).name
-        print(
-            f"docs/{path.name}: the tables differ from the measurement; run scripts/{name}", file=sys.stderr
-        )
-        return 1
-    return 0
+def write_measured(path: Path, block: str) -> None:
+    """Write the lines between the markers of a page."""
+    path.write_text(replaced(path.read_text(encoding="utf-8"), block), encoding="utf-8")
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table."""
+    lines = [f"| {' | '.join(map(str, row))} |" for row in (head, *rows)]
+    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])

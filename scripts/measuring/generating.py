@@ -48,39 +48,31 @@ print((time.process_time() - start) / 10_000)
 def speed(scratch: Scratch) -> list[Row]:
     """One processor compared with loops that call a simulator for each transition; then all processors."""
     one = pinned(scratch, MILLION)
-    recorded, stepped = (
-        statistics.median(scratch.script(PUBLISHED, kind, "1000") for _ in range(3))
-        for kind in ("record", "step")
-    )
-    rows: list[Row] = [
-        (
-            "one processor, 1,000,000 transitions, against the published package recording",
-            f"{recorded / one:.0f} ×",
-            "≥ 125 ×",
-            f"{1e9 * one:.0f} ns of processor time a transition; the package takes {recorded * 1e6:.1f} µs, "
-            f"stepping alone {stepped * 1e6:.1f}",
-        ),
-    ]
+    kinds = ("record", "step")
+    recorded, stepped = (median_of_three(scratch, PUBLISHED, kind, "1000") for kind in kinds)
+    remark = f"{1e9 * one:.0f} ns of processor time a transition; the package takes {recorded * 1e6:.1f} µs, "
+    remark += f"stepping alone {stepped * 1e6:.1f}"
+    what = "one processor, 1,000,000 transitions, against the published package recording"
+    rows: list[Row] = [(what, f"{recorded / one:.0f} ×", "≥ 125 ×", remark)]
     if importlib.util.find_spec("gymnasium"):
-        loop = statistics.median(scratch.script(GYMNASIUM) for _ in range(3))
-        rows.append(
-            (
-                "one processor, against a loop over our environment",
-                f"{loop / one:.0f} ×",
-                "",
-                f"{loop * 1e6:.1f} µs a transition",
-            )
+        loop = median_of_three(scratch, GYMNASIUM)
+        what, remark = (
+            "one processor, against a loop over our environment",
+            f"{loop * 1e6:.1f} µs a transition",
         )
-    return [*rows, *all_processors(scratch), *files(scratch)]
+        rows.append((what, f"{loop / one:.0f} ×", "", remark))
+    return [*rows, *all_processors(scratch), files(scratch)]
+
+
+def median_of_three(scratch: Scratch, *script: str) -> float:
+    """The median of what a script prints in three runs."""
+    return statistics.median(scratch.script(*script) for _ in range(3))
 
 
 def pinned(scratch: Scratch, rows: int) -> float:
     """Seconds of processor time a transition in a process that may use one processor."""
-    found = []
-    for _ in range(TIMES):
-        found.append(scratch.child(described(rows), processors=1).processor / rows)
-        shutil.rmtree(scratch.folder / "child")
-    return statistics.median(found)
+    found = [scratch.child(described(rows), processors=1).processor for _ in range(TIMES)]
+    return statistics.median(found) / rows
 
 
 def all_processors(scratch: Scratch) -> list[Row]:
@@ -91,40 +83,19 @@ def all_processors(scratch: Scratch) -> list[Row]:
         calls = [partial(scratch.generate, described(size), workers) for workers in numbers]
         default, *others = paired(*calls, times=3)
         each = ", ".join(f"{workers}: {seconds:.2f} s" for workers, seconds in enumerate(others, start=1))
-        rows.append(
-            (
-                f"default workers against the best number, {size:,} transitions",
-                f"{default / min(others):.2f} ×",
-                "≤ 1.1 ×",
-                f"{default:.2f} s; workers {each}",
-            )
-        )
+        what = f"default workers against the best number, {size:,} transitions"
+        rows.append((what, f"{default / min(others):.2f} ×", "≤ 1.1 ×", f"{default:.2f} s; workers {each}"))
     alone = scratch.child(described(10 * MILLION), processors=1).seconds
-    shutil.rmtree(scratch.folder / "child")
-    rows.append(
-        (
-            "all processors against one, 10,000,000 transitions",
-            f"{alone / default:.2f} ×",
-            "≥ 1.5 ×",
-            f"{os.cpu_count()} processors",
-        )
-    )
-    return rows
+    what, remark = "all processors against one, 10,000,000 transitions", f"{os.cpu_count()} processors"
+    return [*rows, (what, f"{alone / default:.2f} ×", "≥ 1.5 ×", remark)]
 
 
-def files(scratch: Scratch) -> list[Row]:
+def files(scratch: Scratch) -> Row:
     """One file compared with four."""
-    one, four = paired(
-        lambda: scratch.generate(described(MILLION)), lambda: scratch.generate(described(4 * MILLION))
-    )
-    return [
-        (
-            "seconds a transition, 1,000,000 in one file against 4,000,000 in four",
-            f"{4 * one / four:.2f} ×",
-            "≤ 1.2 ×",
-            f"{1e9 * one / MILLION:.0f} and {1e9 * four / (4 * MILLION):.0f} ns",
-        )
-    ]
+    one, four = paired(*(partial(scratch.generate, described(n * MILLION)) for n in (1, 4)))
+    what = "seconds a transition, 1,000,000 in one file against 4,000,000 in four"
+    remark = f"{1e9 * one / MILLION:.0f} and {1e9 * four / (4 * MILLION):.0f} ns"
+    return what, f"{4 * one / four:.2f} ×", "≤ 1.2 ×", remark
 
 
 def start_up(scratch: Scratch) -> list[Row]:
@@ -135,26 +106,19 @@ def start_up(scratch: Scratch) -> list[Row]:
         lambda: _command(scratch),
         lambda: scratch.script(PUBLISHED, "record", "1000"),
     )
+    what, remark = "the paper's 10,000 rows, against the published package", "start-up included"
     return [
         ("ibdata --help", f"{help_seconds:.2f} s", "≤ 0.3 s", ""),
         ("ibdata generate, 10 rows", f"{ten:.2f} s", "", "imports and loading machine code"),
-        (
-            "the paper's 10,000 rows, against the published package",
-            f"{paper / theirs:.2f} ×",
-            "≤ 0.7 ×",
-            f"{paper:.2f} s and {theirs:.2f} s, start-up included",
-        ),
+        (what, f"{paper / theirs:.2f} ×", "≤ 0.7 ×", f"{paper:.2f} s and {theirs:.2f} s, {remark}"),
     ]
 
 
 def _command(scratch: Scratch, *arguments: str) -> None:
-    shutil.rmtree(scratch.folder / "command", ignore_errors=True)
-    out = str(scratch.folder / "command")
-    subprocess.run(
-        [COMMAND, "generate", "--config", "random", "--out", out, *arguments],
-        check=True,
-        capture_output=True,
-    )
+    out = scratch.folder / "command"
+    shutil.rmtree(out, ignore_errors=True)
+    command = [str(COMMAND), "generate", "--config", "random", "--out", str(out), *arguments]
+    subprocess.run(command, check=True, capture_output=True)
 
 
 def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, float, float]]]:
@@ -163,13 +127,12 @@ def scaling(scratch: Scratch, full: bool) -> tuple[list[Row], list[tuple[int, fl
     for rows in (10_000, 100_000, MILLION, 10 * MILLION, *([100 * MILLION] if full else [])):
         found = scratch.child(described(rows))
         points.append((rows, found.seconds, found.peak))
-        shutil.rmtree(scratch.folder / "child")
-    memory = {rows: used for rows, _, used in points}
-    largest = max(memory)
     listed = [
         (f"{rows:,} transitions", f"{1e9 * s / rows:.0f} ns each", "", f"peak {used:.0f} MB")
         for rows, s, used in points
     ]
+    memory = {rows: used for rows, _, used in points}
+    largest = max(memory)
     ratio = memory[largest] / memory[MILLION]
     return [
         *listed,

@@ -3,20 +3,24 @@
 import io
 import os
 import tempfile
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.statistics import moments
+from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.plan import plan
+from ibdata.experiment.rollout import lanes_of, rollout
 from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
+from ibdata.policies.base import at_start
 from ibdata.simulation import kernel
-from ibdata.simulation.episodes import NO_PAST
+from ibdata.simulation.driver import CHUNK, LANES, Run
 from ibdata.simulation.noise import NOISE_ROWS, standard_noise
-from ibdata.simulation.rollout import CHUNK, LANES, Block, rollout
-from ibdata.simulation.variables import columns, layout
+from ibdata.simulation.world import NO_PAST
 from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
 from measuring.timing import MILLION, Row, described, paired
 
@@ -29,35 +33,36 @@ def stages() -> list[Row]:
 def simulating() -> list[Row]:
     """The stages from random integers to columns, for one chunk of one block."""
     experiment = described(MILLION)
-    block = Block(experiment, 0, LANES)
+    run = Run(experiment.world, lanes_of(experiment, np.arange(LANES)))
+    acting, numbers = run.lanes.policy, run.everyone
     n, count = LANES, CHUNK
-    per = 1e9 / (n * count)
-    raw, drift = block.episodes.integers(block.draw, block.lanes, 1, count)
-    draws = block.policy.uniforms_per_step
-    policy_raw = block.draw(block.lanes, Purpose.POLICY, 0, count, slots(draws))
+    raw, drift = run.world.integers(run.lanes.draw, numbers, 1, count)
+    draws = run.needs.step_draws
+    policy_raw = run.lanes.draw(numbers, Purpose.POLICY, 0, count, slots(draws))
     u, actions = np.empty((count, n, draws)), np.zeros((count, n, 3), dtype=np.float32)
     u_rows, action_rows = u.reshape(count * n, draws), actions.reshape(count * n, 3)
-    seen, blank = np.empty((count * n, 0, 6), dtype=np.float32), np.zeros((NOISE_ROWS, n))
+    given = at_start(np.empty((count * n, 0, 6), dtype=np.float32), run.needs, u_rows)
+    blank = np.zeros((NOISE_ROWS, n))
     places = layout(experiment)
-    record = np.zeros((len(places.rows), count + 1, n), dtype=np.float32)
+    record = np.zeros((len(places.rows), count + 1, n))
     table = np.empty((len(places.names), n * experiment.steps), dtype=np.float32)
     log_prob = np.zeros((count, n))
 
     def draw() -> None:
-        block.episodes.integers(block.draw, block.lanes, 1, count)
-        block.draw(block.lanes, Purpose.POLICY, 0, count, slots(draws))
+        run.world.integers(run.lanes.draw, numbers, 1, count)
+        run.lanes.draw(numbers, Purpose.POLICY, 0, count, slots(draws))
 
     def policy() -> None:
         uniforms(policy_raw, u)
-        clip_and_round(np.asarray(block.policy.act(seen, u_rows)), action_rows)
-        block.policy.log_prob(seen, action_rows)
+        clip_and_round(np.asarray(acting.decide(given).actions), action_rows)
+        acting.log_density(given, action_rows)
 
     def noise() -> None:
         for t in range(count):
             standard_noise(raw[t], blank)
 
     def step() -> None:
-        block.episodes.advance(block.state, actions, raw, drift, NO_PAST, record, places.rows, 1)
+        run.world.advance(run.state, actions, raw, drift, NO_PAST, record, places.rows, 1)
 
     def scatter_columns() -> None:
         kernel.scatter_columns(
@@ -65,15 +70,14 @@ def simulating() -> list[Row]:
             count, experiment.steps,
         )  # fmt: skip
 
-    parts = paired(draw, policy, noise, step, scatter_columns)
-    names = (
-        "Philox integers",
-        "policy and its density",
-        "noise from integers",
-        "noise, step, record",
-        "record into columns",
-    )
-    return [(name, f"{seconds * per:.0f} ns", "", "") for name, seconds in zip(names, parts, strict=True)]
+    calls = {
+        "Philox integers": draw,
+        "policy and its density": policy,
+        "noise from integers": noise,
+        "noise, step, record": step,
+        "record into columns": scatter_columns,
+    }
+    return timed_rows(calls, n * count)
 
 
 def writing() -> list[Row]:
@@ -99,18 +103,17 @@ def writing() -> list[Row]:
             os.fsync(file.fileno())
 
     lengths = [experiment.steps] * shard.stop
-    parts = paired(
-        lambda: arrow_table(experiment, shard, floats),
-        encode,
-        lambda: episode_digests(digest_runs(experiment, shard, floats), lengths),
-        lambda: moments(floats.table),
-        durable,
-    )
-    names = (
-        "columns into Arrow",
-        "encode as Parquet",
-        "content digests (SHA-256)",
-        "moments",
-        "write and fsync",
-    )
-    return [(name, f"{s * 1e9 / MILLION:.0f} ns", "", "") for name, s in zip(names, parts, strict=True)]
+    calls = {
+        "columns into Arrow": lambda: arrow_table(experiment, shard, floats),
+        "encode as Parquet": encode,
+        "content digests (SHA-256)": lambda: episode_digests(digest_runs(experiment, shard, floats), lengths),
+        "moments": lambda: moments(floats.table),
+        "write and fsync": durable,
+    }
+    return timed_rows(calls, MILLION)
+
+
+def timed_rows(calls: dict[str, Callable[[], Any]], transitions: int) -> list[Row]:
+    """A row with the time of each call a transition."""
+    parts = paired(*calls.values())
+    return [(name, f"{1e9 * s / transitions:.0f} ns", "", "") for name, s in zip(calls, parts, strict=True)]

@@ -77,7 +77,8 @@ class Scratch:
     def generate(self, experiment: Experiment, workers: int | None = 1, name: str = "x") -> ibdata.Dataset:
         """Generate a dataset, replacing an older one."""
         shutil.rmtree(self.folder / name, ignore_errors=True)
-        return ibdata.generate(experiment, self.folder / name, workers=workers)
+        made: ibdata.Dataset = ibdata.generate(experiment, self.folder / name, workers=workers)
+        return made
 
     def script(self, text: str, *arguments: str) -> float:
         """Run a script and return the number that it prints last."""

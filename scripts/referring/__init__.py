@@ -1,3 +1,1 @@
-"""Pages of docs/ that follow from the sources: commands, columns, errors, the Python API."""
-
-NOTE = "<!-- scripts/reference writes this page -->\n"
+"""The parts of docs/ that follow from the sources: options, columns, errors, the Python API."""

@@ -18,7 +18,7 @@ import ibdata
 from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
-from ibdata.policies import safetensors
+from ibdata.policies.tensors import read
 from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
 from training.targets import Target, drawn
 
@@ -52,7 +52,7 @@ class Adapter:
     def __init__(self, target: Target) -> None:
         self.impl = self
         weights = target.network.weights
-        tensors, metadata = safetensors.read(weights.data)
+        tensors, metadata = read(weights.data)
         if metadata["squash"] != "tanh" or metadata["activation"] != "relu":
             raise ValueError(f"found {metadata}, expected relu layers and a tanh at the end")
         self.scaler = StandardObservationScaler(mean=weights.mean, std=weights.std, eps=0.0)

@@ -19,6 +19,7 @@ from d3rlpy.preprocessing import StandardObservationScaler
 import ibdata
 from ibdata.exporters._view import View
 from ibdata.exporters.d3rlpy import episode
+from ibdata.policies import Needs
 from ibdata.views.options import view_options
 
 HISTORY, REWARD_SCALE, DISCOUNT = 30, 0.01, 0.97
@@ -94,8 +95,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 class Drawing:
     """A policy that draws actions and takes the best one, with random numbers that ibdata gives it."""
 
-    history_length = HISTORY
-    uniforms_per_step = 1
+    needs = Needs(history=HISTORY, step_draws=1)
 
     def __init__(self, learned: Any) -> None:
         self.learned = learned

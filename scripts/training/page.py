@@ -11,26 +11,14 @@ import numpy.typing as npt
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, SETTINGS, Baseline
 from ibdata.numerics.confidence import estimate
-from measuring.documents import DOCS, replaced
+from measuring.documents import DOCS, table, write_measured
 
-PAGE = DOCS / "baselines.md"
-REFERENCES = {
-    "random": "`random`",
-    "zero": "no change at any step",
-    "optimized": "`optimized`",
-    "expert": "`expert`",
-}
+REFERENCES = {"random": "`random`", "zero": "no change at any step"}
+REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
 FORMULAS = ("bad", "mediocre", "optimized")
 SUITES = ("siemens-offline", "d4rl-like", "neorl-like")
-LABELS = {
-    BEHAVIOUR: "behaviour",
-    "bc": "BC",
-    "td3+bc": "TD3+BC",
-    "iql": "IQL",
-    "cql": "CQL",
-    "bcq": "BCQ",
-    "bear": "BEAR",
-}
+LABELS = {name: name.upper() for name in ("bc", "td3+bc", "iql", "cql", "bcq", "bear")}
+LABELS = {BEHAVIOUR: "behaviour", **LABELS}
 Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
 
@@ -66,15 +54,13 @@ def cell(lines: Sequence[Baseline], field: str) -> str:
     return " ".join(parts).replace("-", "−") or "–"
 
 
-def table(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str], field: str) -> str:
+def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str], field: str) -> str:
     """A Markdown table with a row per set."""
     found = grouped(lines)
-    head = f"| set | {' | '.join(LABELS[name] for name in algorithms)} |"
     rows = [
-        f"| `{each}` | {' | '.join(cell(found.get((each, name), []), field) for name in algorithms)} |"
-        for each in sets
+        (f"`{each}`", *(cell(found.get((each, name), []), field) for name in algorithms)) for each in sets
     ]
-    return "\n".join([head, "|---" * (1 + len(algorithms)) + "|", *rows])
+    return table(("set", *(LABELS[name] for name in algorithms)), rows)
 
 
 def behaviours(lines: Sequence[Baseline]) -> dict[str, Floats]:
@@ -114,9 +100,9 @@ def verdicts(lines: Sequence[Baseline]) -> str:
             groups.append([verdict(line, pure[line.set]) for line in sets if line.set in pure])
         if own:
             cells = (" / ".join(str(group.count(k)) for k in range(3)) if group else "–" for group in groups)
-            rows.append(f"| {label} | {' | '.join(cells)} |")
-    kinds = " | ".join(f"formula of `{kind}`" for kind in FORMULAS)
-    return "\n".join([f"| algorithm | behaviour, all sets | {kinds} |", "|---|---|---|---|---|", *rows])
+            rows.append((label, *cells))
+    kinds = (f"formula of `{kind}`" for kind in FORMULAS)
+    return table(("algorithm", "behaviour, all sets", *kinds), rows)
 
 
 def times(lines: Sequence[Baseline]) -> str:
@@ -126,8 +112,8 @@ def times(lines: Sequence[Baseline]) -> str:
         seconds = [line.cpu_seconds for line in lines if line.algorithm == name and name != BEHAVIOUR]
         if seconds:
             low, middle, high = min(seconds), float(np.median(seconds)), max(seconds)
-            rows.append(f"| {label} | {len(seconds)} | {middle:.0f} | {low:.0f} to {high:.0f} |")
-    return "\n".join(["| algorithm | runs | median seconds | from, to |", "|---|---|---|---|", *rows])
+            rows.append((label, len(seconds), f"{middle:.0f}", f"{low:.0f} to {high:.0f}"))
+    return table(("algorithm", "runs", "median seconds", "from, to"), rows)
 
 
 def worst_error(lines: Iterable[Baseline]) -> str:
@@ -155,9 +141,9 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
     parts.append(f"For comparison, the mean returns of 10,000 episodes: {known}.")
     for field, title in (("mean_return", "Mean return"), ("p10", "10th percentile")):
         parts.append(f"### {title}")
-        parts += [table(lines, sets, four, field) for sets in by_suite.values()]
+        parts += [results(lines, sets, four, field) for sets in by_suite.values()]
         sets = list(dict.fromkeys(run.set for run in others))
-        parts.append(table(lines, sets, [BEHAVIOUR, "bcq", "bear"], field))
+        parts.append(results(lines, sets, [BEHAVIOUR, "bcq", "bear"], field))
     parts += [
         "### Compared with the behaviour of the set",
         "Numbers of runs whose return is higher / not seen to differ / lower, by the 95 % interval of the "
@@ -173,5 +159,4 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
 
 def write_page(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
     """Write the tables."""
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replaced(page, f"\n{block(lines, plan)}\n"), encoding="utf-8")
+    write_measured(DOCS / "baselines.md", f"\n{block(lines, plan)}\n")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from ibdata.dataset.models import JsonObject, Sha256
 
@@ -35,7 +36,8 @@ class Checkpoint(NamedTuple):
 
     def file(self, folder: Path) -> Path:
         """The file of its network."""
-        return folder / self.set.replace("/", "-") / f"{self.algorithm}-{self.training_steps}.safetensors"
+        name = f"{self.set.replace('/', '-')}-{self.algorithm}-{self.training_steps}.safetensors"
+        return folder / "policies" / name
 
 
 class Estimate(JsonObject):
@@ -82,35 +84,17 @@ def plan() -> list[Checkpoint]:
     return [Checkpoint(name, each, steps) for name in SETS for each in AT for steps in AT[each]]
 
 
-def read(file: Path) -> list[Line]:
-    """The lines of a file, in its order."""
-    if not file.exists():
-        return []
-    return [Line.model_validate_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
-
-
 def absolute_error(values: Floats, estimates: Floats) -> float:
     """The mean of |estimate - value| over the policies."""
     return float(np.abs(estimates - values).mean())
 
 
-def ranks(x: Floats) -> Floats:
-    """The ranks of n numbers, from 1; equal numbers share the mean of their ranks.
-
-    >>> ranks(np.array([3.0, 1.0, 3.0])).tolist()
-    [2.5, 1.0, 2.5]
-    """
-    below = (x[:, None] > x).sum(axis=1)
-    same = (x[:, None] == x).sum(axis=1)
-    found: Floats = below + (same + 1) / 2.0
-    return found
-
-
 def rank_correlation(values: Floats, estimates: Floats) -> float:
-    """Spearman's rank correlation: that of the ranks; NaN if either has no two different numbers."""
-    a, b = (ranks(x) - (len(x) + 1) / 2.0 for x in (values, estimates))
-    norm = math.sqrt((a @ a) * (b @ b))
-    return float(a @ b) / norm if norm > 0.0 else math.nan
+    """Spearman's rank correlation; NaN if either has no two different numbers."""
+    ranks = [pd.Series(x).rank().to_numpy() for x in (values, estimates)]
+    if any(np.ptp(each) == 0.0 for each in ranks):
+        return math.nan
+    return float(np.corrcoef(ranks)[0, 1])
 
 
 def regret(values: Floats, estimates: Floats, k: int) -> float:

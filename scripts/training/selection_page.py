@@ -7,39 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from measuring.documents import DOCS, replaced
+from measuring.documents import DOCS, table, write_measured
+from training import selecting
 from training.page import LABELS
-from training.selecting import (
-    AT,
-    CHOSEN,
-    ESTIMATORS,
-    FQE,
-    GRID,
-    MODEL,
-    PER_DECISION,
-    SETS,
-    WEIGHTED,
-    Checkpoint,
-    Line,
-    Measure,
-    absolute_error,
-    chance_regret,
-    estimates_of,
-    measured,
-    plan,
-    rank_correlation,
-    regret,
-    values_of,
-)
+from training.selecting import CHOSEN, ESTIMATORS, GRID, PER_DECISION, SETS, WEIGHTED, Checkpoint, Line, plan
 
-PAGE = DOCS / "policy-selection.md"
-NAMES = {PER_DECISION: "per-decision IS", WEIGHTED: "weighted IS", FQE: "FQE", MODEL: "model"}
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
-    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
+NAMES = dict(zip(ESTIMATORS, ("per-decision IS", "weighted IS", "FQE", "model"), strict=True))
 
 
 def number(x: float, digits: int = 1) -> str:
@@ -47,7 +20,7 @@ def number(x: float, digits: int = 1) -> str:
     return f"{x:.{digits}f}".replace("-", "−") if round(x, digits) else f"{0.0:.{digits}f}"
 
 
-def cell(found: Measure, digits: int) -> str:
+def cell(found: selecting.Measure, digits: int) -> str:
     """A measure and its interval; – if there is none."""
     if np.isnan(found.value):
         return "–"
@@ -64,7 +37,7 @@ def true_values(lines: Sequence[Line]) -> str:
     found = {line.key: line.value.mean_return for line in lines}
     rows = []
     for name in SETS:
-        for algorithm in AT:
+        for algorithm in selecting.AT:
             values = [found.get(Checkpoint(name, algorithm, steps)) for steps in GRID]
             if any(x is not None for x in values):
                 shown = ["–" if x is None else number(x / 100) for x in values]
@@ -74,19 +47,17 @@ def true_values(lines: Sequence[Line]) -> str:
 
 def measures(lines: Sequence[Line]) -> str:
     """How good each estimator is on the policies of a set, in hundreds."""
-    values, rows = values_of(lines) / 100, []
+    kinds = [(selecting.absolute_error, 1), (selecting.rank_correlation, 2)]
+    kinds += [(partial(selecting.regret, k=k), 1) for k in CHOSEN]
+    values, rows = selecting.values_of(lines) / 100, []
     for estimator in ESTIMATORS:
-        estimates, none = estimates_of(lines, estimator), ["–"] * (2 + len(CHOSEN))
+        estimates, cells = selecting.estimates_of(lines, estimator), ["–"] * len(kinds)
         if estimates is not None:
-            found = [measured(values, estimates / 100, absolute_error)]
-            found += [measured(values, estimates / 100, partial(regret, k=k)) for k in CHOSEN]
-            ranked = measured(values, estimates / 100, rank_correlation)
-            none = [cell(found[0], 1), cell(ranked, 2), *(cell(each, 1) for each in found[1:])]
-        rows.append([NAMES[estimator], *none])
-    chance = (number(chance_regret(values, k)) for k in CHOSEN)
+            cells = [cell(selecting.measured(values, estimates / 100, kind), n) for kind, n in kinds]
+        rows.append([NAMES[estimator], *cells])
+    chance = (number(selecting.chance_regret(values, k)) for k in CHOSEN)
     rows.append(["drawing policies at random", "–", "–", *chance])
-    head = ["estimator", "absolute error", "rank correlation", *(f"regret@{k}" for k in CHOSEN)]
-    return table(head, rows)
+    return table(["estimator", "absolute error", "rank correlation", *(f"regret@{k}" for k in CHOSEN)], rows)
 
 
 def covered(lines: Sequence[Line], estimator: str) -> str:
@@ -134,7 +105,7 @@ def block(lines: Sequence[Line]) -> str:
         if len(own) < len(wanted):
             parts.append(f"{len(own)} of {len(wanted)} target policies are done; measures need all.")
             continue
-        low, middle, high = (number(x / 100) for x in np.quantile(values_of(own), [0.0, 0.5, 1.0]))
+        low, middle, high = (number(x / 100) for x in np.quantile(selecting.values_of(own), [0.0, 0.5, 1.0]))
         parts.append(f"True values: worst {low}, median {middle}, best {high}.")
         parts.append(measures(own))
     parts += [
@@ -151,5 +122,4 @@ def block(lines: Sequence[Line]) -> str:
 
 def write_page(lines: Sequence[Line]) -> None:
     """Write the tables."""
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replaced(page, f"\n{block(lines)}\n"), encoding="utf-8")
+    write_measured(DOCS / "policy-selection.md", f"\n{block(lines)}\n")

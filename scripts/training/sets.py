@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import ibdata
 
-PLACE = Path(os.environ.get("IBDATA_BASELINES") or Path.home() / ".cache" / "ibdata" / "baselines")
-
 
 @lru_cache(maxsize=2)
 def dataset(name: str, data: Path, steps: int | None = None) -> ibdata.Dataset:
-    """The dataset of a shipped experiment, without splits, since all its episodes count.
-
-    Args:
-        name: The experiment.
-        data: The folder of the datasets.
-        steps: How many of the first steps of its episodes to make, in a dataset of their own; None for all.
-    """
+    """The dataset of a shipped experiment, or the first steps of its episodes, without splits."""
     folder = data / (name.replace("/", "-") + (f"-{steps}-steps" if steps else ""))
     changes: dict[str, Any] = {"splits": {}, **({"steps": steps} if steps else {})}
     return ibdata.generate(name, folder, overrides=changes, workers=1, resume=True)

@@ -1,21 +1,26 @@
-"""The target policies of docs/policy-selection.md: networks with noise, which gives them densities."""
+"""The target policies of docs/policy-selection.md: networks with noise, which gives them densities.
+
+The networks are checkpoints of the training of the baselines.
+"""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch.special import ndtr, ndtri
 
-from ibdata.policies.base import History
+import ibdata
+from ibdata.policies.base import Bools, Float32s, Needs, Observed, at_start
 from ibdata.policies.network import Network
-from ibdata.policies.support import INSIDE, Support, each
-from training.offline import HISTORY
+from training.offline import HISTORY, STEPS, Rows, train
+from training.selecting import Checkpoint
 
+SEED = 0  # of the training
 SCALE = 0.3  # of the noise
 EDGE = 1.0 - 2.0**-24  # the greatest number below 1 of float32
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
@@ -43,9 +48,7 @@ def log_density(mean: Any, action: Any) -> Any:
 class Target:
     """A network with noise, as `ibdata.evaluate` and `ibdata.importance` take it."""
 
-    history_length = HISTORY
-    uniforms_per_step = 3
-    support: ClassVar[Support] = each(INSIDE)
+    needs = Needs(history=HISTORY, step_draws=3)
 
     def __init__(self, file: Path | str) -> None:
         self.network = Network(file=str(file))
@@ -55,16 +58,35 @@ class Target:
         """That of the file."""
         return str(self.network.sha256)
 
-    def mean(self, history: History) -> Any:
+    def mean(self, history: Float32s) -> Any:
         """The network's actions (n, 3) for observations (n, HISTORY, 6)."""
-        return torch.from_numpy(self.network.act(history, np.empty((len(history), 0))))
+        return torch.from_numpy(self.network.decide(at_start(history, self.network.needs)).actions)
 
-    def act(self, history: History, u: Floats) -> Floats:
+    def act(self, history: Float32s, u: Floats) -> Floats:
         """Actions (n, 3) from uniform random numbers (n, 3)."""
         actions: Floats = drawn(self.mean(history), torch.from_numpy(u)).numpy()
         return actions
 
-    def log_prob(self, history: History, action: npt.NDArray[np.float32]) -> Floats:
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
         """The log densities (n,) of actions (n, 3)."""
-        density: Floats = log_density(self.mean(history), torch.from_numpy(action.astype(np.float64))).numpy()
+        mean = self.mean(given.observations)
+        density: Floats = log_density(mean, torch.from_numpy(action.astype(np.float64))).numpy()
         return density
+
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        """None: the noise is truncated, so no action is at ±1."""
+        return np.zeros(action.shape, dtype=np.bool_)
+
+
+def write_checkpoints(wanted: list[Checkpoint], rows: Rows, folder: Path) -> None:
+    """Train an algorithm as `scripts/baselines` does, up to the last of some checkpoints, and write these."""
+    by_steps = {each.training_steps: each for each in wanted}
+
+    def keep(step: int, learned: Any) -> None:
+        if one := by_steps.get(step):
+            path = one.file(folder)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            said = f"{one.algorithm} on {one.set}, seed {SEED}, {step} of {STEPS} steps"
+            ibdata.save_network(path, learned, history=HISTORY, provenance=said)
+
+    train(wanted[0].algorithm, rows, SEED, max(by_steps), keep)

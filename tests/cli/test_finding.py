@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
 
 import pytest
 
@@ -24,15 +21,9 @@ PLAIN = {
 }
 
 
-@pytest.fixture(scope="module")
-def original(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("finding") / "tiny"
-    return ibdata.generate(Experiment.model_validate(PLAIN), folder, workers=1).path
-
-
 @pytest.fixture
-def made(original, tmp_path):
-    return ibdata.open(shutil.copytree(original, tmp_path / "data/tiny"))
+def made(made_at, tmp_path):
+    return made_at(PLAIN, tmp_path / "data/tiny")
 
 
 def test_no_summary_of_a_command_is_cut(run, monkeypatch):
@@ -46,15 +37,15 @@ def test_no_summary_of_a_command_is_cut(run, monkeypatch):
 
 
 def test_configs_are_listed_with_rows_and_descriptions(run):
-    code, out, _ = run("configs")
+    code, out, _ = run("config", "list")
     lines = out.splitlines()
     assert (code, len(lines)) == (0, 1 + len(suites()) + len(shipped()))
     assert any(line.split()[:3] == ["siemens-offline/", "1,600,000", "A"] for line in lines)
-    listed = json.loads(run("configs", "--json")[1])["configs"]
+    listed = json.loads(run("config", "list", "--json")[1])["configs"]
     assert {each["name"]: each["rows"] for each in listed}["transfer"] == 20_000
 
 
-def test_datasets_are_listed_with_totals_of_folders(made, run):
+def test_datasets_are_listed_with_totals_of_folders(made, made_at, run):
     assert run("ls", "--json")[1] == json.dumps(
         {
             "version": 1,
@@ -68,22 +59,14 @@ def test_datasets_are_listed_with_totals_of_folders(made, run):
             ],
         }
     ) + "\n"  # fmt: skip
-    ibdata.generate(
-        Experiment.model_validate({**PLAIN, "setpoints": 70, "splits": {}}), "data/one", workers=1
-    )
+    made_at({**PLAIN, "setpoints": 70, "splits": {}}, "data/one")
     code, out, _ = run("ls")
     lines = [line.split() for line in out.splitlines()]
     assert code == 0
     assert lines[0] == ["dataset", "rows", "bytes", "setpoints", "policies", "content", "state"]
     assert lines[1][0::7] == ["data/one", "finished"]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
-    assert out.splitlines()[3].startswith("data: 2 datasets, 15 rows, ")
-    ibdata.generate(Experiment.model_validate({**PLAIN, "splits": {}}), "data/suite/a", workers=1)
-    totals = [line.partition(" rows")[0] for line in run("ls")[1].splitlines() if " datasets, " in line]
-    assert totals == ["data: 3 datasets, 27"]
-    ibdata.generate(Experiment.model_validate({**PLAIN, "splits": {}}), "more/b", workers=1)
-    totals = [line.partition(" rows")[0] for line in run("ls")[1].splitlines() if " datasets, " in line]
-    assert totals == ["data: 3 datasets, 27", ".: 4 datasets, 39"]
+    assert out.splitlines()[3].startswith(".: 2 datasets, 15 rows, ")
     (made.path / "../empty").mkdir()
     assert run("ls", "data/empty")[1].startswith("data/empty: no datasets here or below")
 
@@ -93,7 +76,6 @@ def test_datasets_are_listed_with_totals_of_folders(made, run):
     [
         (("generat",), 2, "generate"),
         (("config", "vaildate"), 2, "validate"),
-        (("info", "tiny"), 3, "data/tiny"),
         (("info", "dta/tinny"), 3, "data/tiny"),
         (("info", "data/tini"), 3, "data/tiny"),
         (("head", "data/tiny", "--columns", "rewrad"), 2, "reward"),
@@ -122,7 +104,8 @@ def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(made, run, a
         (("stats", "data/tiny", "--split", "l"), ["low"]),
         (("split", "data/tiny", "--remove", ""), ["low"]),
         (("export", "data/tiny", "--split", "l"), ["low"]),
-        (("warm",), ["warm-up"]),
+        (("evaluate", "saf"), ["safe"]),
+        (("repr",), ["reproduce"]),
     ],
     ids=str,
 )
@@ -134,23 +117,6 @@ def test_the_shell_completes_names(made, run, monkeypatch, words, offered):
     found = [line.partition(",")[2] for line in out.splitlines() if line.startswith("plain,")]
     assert sorted(found) == offered
     assert err == ""
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_script_for_a_shell_names_the_command(run, shell):
-    code, out, err = run("completion", shell)
-    assert (code, err) == (0, "")
-    assert f"_IBDATA_COMPLETE={shell}_complete" in out
-
-
-def test_bash_takes_the_script(run, command, tmp_path):
-    (tmp_path / "script").write_text(run("completion", "bash")[1])
-    line = (
-        ". ./script; COMP_WORDS=(ibdata gen); COMP_CWORD=1; _ibdata_completion ibdata; echo ${COMPREPLY[@]}"
-    )
-    env = {**os.environ, "PATH": f"{os.path.dirname(command)}:{os.environ['PATH']}"}
-    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("generate\n", "")
 
 
 def test_datasets_that_differ_and_what_is_none_have_codes_of_their_own(made, run):

@@ -128,16 +128,15 @@ def test_what_is_escaped_is_shown(crafted, run):
     assert json.loads(run("info", "d", "--json")[1])["info"]["start"] == EVIL
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "ascii"])
-def test_an_experiment_is_shown_with_escapes_of_yaml(run, encoding):
+def test_an_experiment_is_shown_with_escapes_of_yaml(run):
     params = {"limit é": "a\u202eb", "\u2066x": 1}
     Path("x.yaml").write_bytes(
         as_json({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", "params": params}], "splits": {}})
     )
     for args in (["config", "show", "x.yaml"], ["generate", "--config", "x.yaml", "--dry-run"]):
-        code, out, err = run(*args, encoding=encoding)
+        code, out, err = run(*args)
         assert not RAW.search(out + err)
-    code, out, err = run("config", "show", "x.yaml", encoding=encoding)
+    code, out, err = run("config", "show", "x.yaml")
     assert (code, err, "�" in out) == (0, "", False)
     Path("y.yaml").write_text(out, encoding="utf-8")
     assert ibdata.load("y.yaml") == ibdata.load("x.yaml")
@@ -152,14 +151,14 @@ ENCODINGS = [
 ]
 RUNS = {
     "export -h": 0,
-    "policies": 0,
-    "policies --json": 0,
+    "config policies": 0,
+    "config policies --json": 0,
     "config schema": 0,
     "info whole": 0,
     "info whole --json": 0,
     "diff whole other": 3,
     "diff whole other --json": 3,
-    "evaluate --policy safe --policy bad": 0,
+    "evaluate safe bad": 0,
     "info é☃": 3,
 }
 

@@ -7,7 +7,6 @@ import json
 import pytest
 
 import ibdata
-from ibdata import Experiment
 
 PLAIN = {
     "name": "tiny",
@@ -20,8 +19,8 @@ PLAIN = {
 
 
 @pytest.fixture
-def made(tmp_path):
-    ibdata.generate(Experiment.model_validate(PLAIN), tmp_path / "d", workers=1)
+def made(made_at, tmp_path):
+    made_at(PLAIN, tmp_path / "d")
 
 
 def test_what_is_replaced_or_removed_is_said(made, run):

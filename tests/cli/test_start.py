@@ -54,8 +54,8 @@ def test_a_file_name_that_names_no_experiment_gives_another_name(run, tmp_path, 
 
 
 def test_policies_lists_every_kind_and_option(run):
-    _, out, _ = run("policies")
-    _, as_json, _ = run("policies", "--json")
+    _, out, _ = run("config", "policies")
+    _, as_json, _ = run("config", "policies", "--json")
     listed = {policy["kind"]: policy for policy in json.loads(as_json)["policies"]}
     assert set(listed) == set(POLICIES)
     for kind, policy in POLICIES.items():

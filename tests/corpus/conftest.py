@@ -173,7 +173,6 @@ WORDS: dict[str, Callable[[str], Any]] = {
     "folder": _special(os.mkdir),
     "fifo": _special(os.mkfifo),
     "loop": _special(lambda path: path.symlink_to(path.name)),
-    "sparse": lambda rest: os.truncate(rest, 2**36),
     "without": lambda rest: _table(lambda t: t.drop_columns(rest.split()[1]))(rest.split()[0]),
     "no-columns": _table(lambda t: t.select([])),
     "no-rows": _table(lambda t: t.slice(0, 0)),

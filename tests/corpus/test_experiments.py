@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ibdata.errors import ConfigError, UsageError, printable
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.simulation.rollout import rollout
+from ibdata.experiment.rollout import rollout
 
 pytestmark = pytest.mark.corpus
 
@@ -230,10 +230,10 @@ KEYS = st.lists(
 
 @examples(500)
 @given(override=st.builds("{}={}".format, KEYS, VALUES.map(json.dumps) | YAML) | TEXT)
-def test_any_override_is_taken_or_an_error_that_repeats_it(file, override):
+def test_any_override_is_taken_or_an_error_that_says_where(file, override):
     file.write_text("name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n")
     try:
         load(file, [override])
     except UsageError as error:
-        starts = ("overrides: ", f"{file}:")
+        starts = ("override", f"{file}:")
         assert all(line.startswith(starts) for line in lines_of(error))  # noqa: PT017  # may be valid

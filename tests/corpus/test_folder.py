@@ -71,7 +71,7 @@ def without(path: str) -> Callable[[], None]:
 
 def unfinished(experiment: ibdata.Experiment) -> Callable[[], None]:
     def make() -> None:
-        ibdata.generate_shards(experiment, "1/2", "d", workers=1)
+        ibdata.generate(experiment, "d", shards="1/2", workers=1)
 
     return make
 

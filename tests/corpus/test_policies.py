@@ -17,10 +17,10 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import main
-from ibdata.policies import Policy
-from ibdata.policies.checked import PolicyError
+from ibdata.errors import PolicyError
+from ibdata.experiment.rollout import rollout
+from ibdata.policies import Decision, Needs, Policy
 from ibdata.policies.random import Random
-from ibdata.simulation.rollout import rollout
 from ibdata.validation.validate import validate
 
 pytestmark = pytest.mark.corpus
@@ -46,14 +46,15 @@ def good(history: np.ndarray, u: np.ndarray) -> np.ndarray:
 class Odd(Policy):
     """Good actions, changed by what a test gives: `answer(self, history, u, step)`."""
 
-    uniforms_per_step: ClassVar[int] = 3
+    needs: ClassVar[Needs] = Needs(step_draws=3)
     answer: ClassVar[Any] = None
     calls: ClassVar[Any] = itertools.count()
 
     kind: Literal["odd"] = "odd"
 
-    def act(self, history, u):
-        return type(self).answer(history, u, next(type(self).calls) % STEPS)
+    def decide(self, given):
+        history, u = given.observations, given.uniforms
+        return Decision(type(self).answer(history, u, next(type(self).calls) % STEPS), given.memory)
 
 
 @pytest.fixture
@@ -232,13 +233,17 @@ def test_finite_actions_out_of_range_are_clipped_and_counted(played, answer, vel
 def generated(monkeypatch, tmp_path):
     """Generate into out where the random policy answers so, given how often it has been asked."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Random, "history_length", 1)
+    monkeypatch.setattr(Random, "needs", Needs(history=1, step_draws=3))
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
-    monkeypatch.setattr("ibdata.simulation.self_check.answer", lambda: "0" * 64)  # it plays this policy too
+    monkeypatch.setattr("ibdata.experiment.self_check.answer", lambda: "0" * 64)  # it plays this policy too
 
     def generate(answer, resume=False):
         calls = itertools.count()
-        monkeypatch.setattr(Random, "act", lambda self, h, u: answer(h, u, next(calls)))
+
+        def decide(self, given):
+            return Decision(answer(given.observations, given.uniforms, next(calls)), given.memory)
+
+        monkeypatch.setattr(Random, "decide", decide)
         experiment = Experiment.model_validate(PLAIN)
         return ibdata.generate(experiment, "out", workers=1, resume=resume)
 
@@ -270,7 +275,7 @@ def test_clipped_actions_are_counted_in_the_manifest(generated):
 
 def test_a_dataset_without_densities_is_shown_by_every_command(generated, monkeypatch, capsys):
     monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
-    monkeypatch.setattr(Random, "log_prob", Policy.log_prob)
+    monkeypatch.setattr(Random, "log_density", Policy.log_density)
     generated(lambda h, u, call: good(h, u))
     capsys.readouterr()  # without this density, the known run of this machine has other bits
     for command in (["info"], ["stats"], ["head"], ["validate"], ["head", "--json"], ["stats", "--json"]):
@@ -318,8 +323,8 @@ def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path)
     )
     line, left = done.stdout.splitlines()
     assert line == (
-        "a worker process ended with code 7, perhaps for lack of memory; run again with resume=True and "
-        "fewer workers=…"
+        "a worker process ended with code 7, perhaps for lack of memory; run again with --resume and "
+        "fewer --workers"
     )
     assert left == "['ending.py', 'script.py']"
     assert done.stderr == "ibdata: running the code of ending:Ending\n"

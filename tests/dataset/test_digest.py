@@ -9,9 +9,9 @@ import pytest
 
 import ibdata
 from ibdata.dataset.digest import content_root, episode_digests, text
+from ibdata.experiment.columns import columns
 from ibdata.experiment.plan import Shard
-from ibdata.simulation.rollout import rollout
-from ibdata.simulation.variables import columns
+from ibdata.experiment.rollout import rollout
 from ibdata.writing.arrow import digest_runs
 
 # ibdata generate --config random.yaml --set steps=3 --set episodes=2 --seed 5 --out golden

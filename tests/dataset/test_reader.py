@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from helpers.python import python
 
 import ibdata
 from ibdata.errors import UsageError
+from ibdata.report import card
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
 SPLITS = {None: 480, "source": 240, "target": 160}
@@ -59,7 +61,7 @@ def test_a_table_holds_the_rows_of_the_files_in_order(dataset, split):
     parts = [pq.read_table(dataset.path / "data" / Path(path).name) for path in paths]
     assert table.num_rows == SPLITS[split]
     assert table.to_pylist() == pa.concat_tables(parts).to_pylist()
-    assert dataset.to_pandas(split=split).equals(table.to_pandas())
+    assert dataset.to_pandas(split=split).reset_index(drop=True).equals(table.to_pandas())
 
 
 def test_columns_come_in_the_order_asked_for(dataset):
@@ -215,3 +217,23 @@ def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
 def test_functions_that_take_a_folder_take_a_dataset(dataset):
     assert ibdata.validate(dataset) == []
     assert ibdata.reproduce(dataset, episodes=1)[1] == []
+
+
+def test_the_index_of_a_selection_has_the_numbers_of_its_rows(dataset):
+    rows = dataset.to_pandas()
+    for selection in ({"split": "target"}, {"setpoint": 20}, {"policy": "calm"}):
+        found = dataset.to_pandas(**selection)
+        assert 0 < len(found) < len(rows)
+        assert rows.loc[found.index].equals(found)
+
+
+def test_a_dataset_is_looked_for_in_data(dataset, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(dataset.path, "data/suite/set")
+    assert ibdata.open("suite/set").place == "data/suite/set"
+    assert ibdata.validate("suite/set") == ibdata.repair("suite/set") == []
+    assert ibdata.reproduce("suite/set", episodes=1) == (1, [])
+    assert Path("data/suite/set/README.md") in card("suite/set")
+    Path("suite").mkdir()
+    shutil.copytree(dataset.path, "suite/set")
+    assert ibdata.open("suite/set").place == "suite/set"

@@ -37,12 +37,12 @@ def sealed(folder, change):
         (b"{}", "found another format, expected ibdata-manifest"),
         (b'{"format": "ibdata-dataset", "version": 1}', "found another format, expected ibdata-manifest"),
         (b'{"format": "ibdata-manifest", "version": 2}', f"found version 2, expected 1; {AGAIN}"),
-        (b'{"format": "ibdata-manifest", "version": 1}', f"found data version None, expected 2; {AGAIN}"),
+        (b'{"format": "ibdata-manifest", "version": 1}', f"found data version None, expected 3; {AGAIN}"),
         (
             b'{"format": "ibdata-manifest", "version": 1, "data_version": 1}',
-            f"found data version 1, expected 2; {AGAIN}",
+            f"found data version 1, expected 3; {AGAIN}",
         ),
-        (b'{"format": "ibdata-manifest", "version": 1, "data_version": 2}', "does not fit its checksum"),
+        (b'{"format": "ibdata-manifest", "version": 1, "data_version": 3}', "does not fit its checksum"),
     ],
     ids=[
         *("empty", "cut", "no text", "deep", "list", "null", "bare", "other format"),

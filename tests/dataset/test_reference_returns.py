@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
+from helpers import ROOT, script
 
 from ibdata import evaluate
 from ibdata.dataset.reference_returns import Measured, Scale, reference, scale
+from measuring.documents import measured
 
 POLICIES = ["zero", "random", "safe", "mediocre", "optimized", "expert"]
 ENDS = ["random", "optimized", "expert"]
@@ -98,6 +101,21 @@ def test_the_ends_of_every_scale_are_0_and_100(settings):
     assert made.ends(SETPOINTS) == pytest.approx((means[0], means[1]))
     assert made.ends(SETPOINTS, "expert") == pytest.approx((means[0], means[2]))
     assert made.ends([70.0, 71.0]) is None
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_the_expert_is_better_than_optimized_at_every_setpoint(settings):
+    for setpoint in SETPOINTS:
+        worse, better = (row(*settings, policy, setpoint) for policy in ENDS[1:])
+        error = math.hypot(worse.standard_error, better.standard_error)
+        assert better.mean_return - worse.mean_return > 3 * error
+
+
+def test_the_page_shows_the_rewards_of_the_file():
+    made = script("reference-returns")
+    page = (ROOT / "docs/evaluation.md").read_text(encoding="utf-8")
+    scales = json.loads(made.FILE.read_text(encoding="utf-8"))["scales"]
+    assert measured(page).strip() == made.rewards(scales)
 
 
 def test_a_scale_says_where_its_episodes_start():

@@ -40,7 +40,7 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
         and (split is None or split in row["splits"])
     ]
     rows = dataset.to_pandas()
-    return rows[rows["episode"].isin(chosen)].reset_index(drop=True)
+    return rows[rows["episode"].isin(chosen)]
 
 
 @pytest.mark.parametrize("selection", SELECTIONS.values(), ids=SELECTIONS)

@@ -59,8 +59,8 @@ def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
     guessed = ibdata.estimate("random")
     assert json.loads(json.dumps(guessed)) == dict(guessed)
     assert guessed["rows"] == guessed.to_pandas().loc[0, "rows"] == 10_000
-    assert cells(guessed._repr_html_())[:3] == ["data/random", "10", "10,000"]
-    assert repr(guessed).split("\n")[0].split()[:3] == ["out", "episodes", "rows"]
+    assert cells(guessed._repr_html_())[:4] == ["random", "data/random", "10", "10,000"]
+    assert repr(guessed).split("\n")[0].split()[:4] == ["name", "out", "episodes", "rows"]
 
 
 def test_the_problems_are_a_list_and_a_table(copied):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics.consumption import consumption, expected_consumption, reward
 
-examples = settings(derandomize=True, deadline=None, max_examples=200)
+examples = tries(200)
 cost = st.floats(-25.0, 5000.0)
 normal = st.floats(-8.3, 8.3)
 k = st.sampled_from([0.02, 0.005])

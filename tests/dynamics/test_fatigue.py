@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS
@@ -24,7 +25,7 @@ from ibdata.dynamics.fatigue import (
     velocity_transform,
 )
 
-examples = settings(derandomize=True, deadline=None, max_examples=200)
+examples = tries(200)
 percent = st.floats(0.0, 100.0)
 unit = st.floats(0.0, 1.0)
 mus = st.floats(0.0, 5.0)
@@ -138,16 +139,16 @@ def test_the_mixed_noise_lies_between_the_exponential_part_and_one(eta_e, u, b, 
 
 def test_a_noise_component_is_made_of_its_three_draws():
     # tanh 0.1 = 0.0996679946; + 0.9003320054 · 0.5 · 0.8 = 0.4598007968. With 0.5249791875: 0.7149875125.
-    assert noise_component(2.0, 0.5, 0.1, 0.8, SIEMENS.parameters()) == pytest.approx(0.4598007968, abs=1e-10)
-    assert noise_component(2.0, 0.5, 0.1, 0.8, PAPER.parameters()) == pytest.approx(0.7149875125, abs=1e-10)
-    assert noise_component(2.0, 0.5, 0.9, 0.8, PAPER.parameters()) == pytest.approx(0.5249791875, abs=1e-10)
+    assert noise_component(2.0, 0.5, 0.1, 0.8, SIEMENS.parameters) == pytest.approx(0.4598007968, abs=1e-10)
+    assert noise_component(2.0, 0.5, 0.1, 0.8, PAPER.parameters) == pytest.approx(0.7149875125, abs=1e-10)
+    assert noise_component(2.0, 0.5, 0.9, 0.8, PAPER.parameters) == pytest.approx(0.5249791875, abs=1e-10)
 
 
 @variants
 @examples
 @given(e=exponentials, u=unit, u_event=unit, effective=unit)
 def test_a_noise_component_lies_in_the_unit_interval(variant, e, u, u_event, effective):
-    assert 0.0 <= noise_component(e, u, u_event, effective, variant.parameters()) <= 1.0
+    assert 0.0 <= noise_component(e, u, u_event, effective, variant.parameters) <= 1.0
 
 
 @pytest.mark.parametrize(

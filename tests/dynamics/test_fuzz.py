@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import tape
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
@@ -93,7 +94,7 @@ def noise_of(u):
 
 
 @variants
-@settings(derandomize=True, deadline=None, max_examples=150)
+@tries(150)
 @given(
     seed=st.integers(0, 2**32),
     walk=st.integers(1, 60),
@@ -116,7 +117,7 @@ def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
 
 @pytest.mark.slow
 @variants
-@settings(derandomize=True, deadline=None, max_examples=60)
+@tries(60)
 @given(
     starts=st.tuples(percents, percents, percents, percents),
     action=st.tuples(actions, actions, actions),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics.miscalibration import (
@@ -21,7 +22,7 @@ from ibdata.dynamics.miscalibration import (
     radius,
 )
 
-examples = settings(derandomize=True, deadline=None, max_examples=400)
+examples = tries(400)
 mp = mpmath.mp.clone()
 mp.dps = 60
 PHIS = range(-6, 7)

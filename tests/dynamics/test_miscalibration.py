@@ -6,7 +6,8 @@ import itertools
 
 import mpmath
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics.miscalibration import (
@@ -23,7 +24,7 @@ from ibdata.dynamics.miscalibration import (
     update_direction,
 )
 
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+examples = tries(300)
 SIGNS = (-1, 1)
 PHIS = range(-PHI_MAX, PHI_MAX + 1)
 SHIFTS = (-1.5, -1.0, -0.5, -0.13, -SAFE_ZONE, -0.1, 0.0, 0.1, SAFE_ZONE, 0.13, 0.5, 1.0, 1.5)

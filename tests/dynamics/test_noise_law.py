@@ -41,21 +41,21 @@ def test_the_law_is_that_of_many_steps_from_one_state(variant, case):
     after = step(before, np.zeros((DRAWS, 3)), drawn(DRAWS, 1), variant)
     own = (x[:1] for x in (mu_v, mu_g, after.effective_velocity, after.effective_gain))
     x = np.array([0.03, 0.1, 0.3, 0.51, 0.55, 0.7, 0.9, 0.95])
-    (cdf,) = amplification_cdf(x, *own, variant.parameters())
+    (cdf,) = amplification_cdf(x, *own, variant.parameters)
     share = (after.alpha <= x[:, None]).mean(axis=1)
     error = np.sqrt(np.maximum(cdf * (1.0 - cdf), 0.0) / DRAWS)
     assert np.all(np.abs(share - cdf) <= 4.0 * error + 1e-9)
 
 
 def test_the_five_states_are_different_cases():
-    k = PAPER.parameters()
+    k = PAPER.parameters
     found = least_noise(np.array([0.2, 4.8, 1.15, 1.3, 3.0]), np.array([0.5, 0.5, 0.5, 0.5, 0.0]), k)
     np.testing.assert_allclose(found, [3.06, -np.inf, 0.495, -np.inf, np.inf])
 
 
 def test_without_the_event_the_noise_is_the_squashed_exponential():
     """P(ηᵉ <= 0.1) = P(σ(e/10) <= 0.55) = P(e <= 10 log(11/9)) = 1 - (9/11)¹⁰ in the authors' code."""
-    k = SIEMENS.parameters()
+    k = SIEMENS.parameters
     assert squashed_exponential_cdf(np.array([0.1]), k)[0] == pytest.approx(1 - (9 / 11) ** 10)
     e = 10 * math.log(11 / 9)
     assert squashed_exponential_cdf(np.array([0.1]), k)[0] == pytest.approx(1 - math.exp(-e))
@@ -66,7 +66,7 @@ def test_without_the_event_the_noise_is_the_squashed_exponential():
 @pytest.mark.parametrize("mean", [0.05, 0.1, 1.0])
 @pytest.mark.parametrize("base", [SIEMENS, PAPER], ids=["siemens", "paper"])
 def test_the_closed_form_is_the_integral_over_the_uniform_draw(base, mean):
-    k = base.parameters()._replace(eta_mean=mean, bernoulli_low=1.0, bernoulli_high=1.0)  # always the event
+    k = base.parameters._replace(eta_mean=mean, bernoulli_low=1.0, bernoulli_high=1.0)  # always the event
     u = (np.arange(200_000) + 0.5) / 200_000
     for x in (0.05, 0.4, 0.52, 0.6, 0.9, 1.0):
         for effective in (0.02, 0.5, 1.0):

@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS
 from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
 
-examples = settings(derandomize=True, deadline=None, max_examples=200)
+examples = tries(200)
 percent = st.floats(0.0, 100.0)
 costs = st.lists(st.floats(1.0, 5000.0), min_size=10, max_size=10)
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS
@@ -16,7 +17,7 @@ from ibdata.dynamics.setpoint import (
     turned_past_bound,
 )
 
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+examples = tries(300)
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 uniforms = st.floats(SMALLEST, LARGEST)
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
@@ -120,7 +121,7 @@ def test_a_move_is_undone_by_the_opposite_rate_unless_a_bound_was_met(p, b):
 def test_the_paper_flips_the_rate_before_the_setpoint_moves(p):
     """At a bound with an outward rate, z < ½ turns the setpoint in this very step; else it stays."""
     inward = 1.0 if p == 0.0 else -1.0
-    k = PAPER.parameters()
+    k = PAPER.parameters
     assert drift(p, -0.5 * inward, 3, 0.5, 0.5, 0.5, 0.4, k) == (p + 0.5 * inward, 0.5 * inward, 2)
     assert drift(p, -0.5 * inward, 3, 0.5, 0.5, 0.5, 0.6, k) == (p, -0.5 * inward, 2)
     # An inward rate at a bound may turn outwards too: the printed rule does not look at its sign.
@@ -131,22 +132,22 @@ def test_the_paper_flips_the_rate_before_the_setpoint_moves(p):
 def test_the_authors_code_flips_the_rate_after_the_setpoint_has_moved_and_was_clipped(p):
     """At a bound with an outward rate the setpoint stays for this step; a new sign serves the next one."""
     inward = 1.0 if p == 0.0 else -1.0
-    k = SIEMENS.parameters()
+    k = SIEMENS.parameters
     assert drift(p, -0.5 * inward, 3, 0.5, 0.5, 0.5, 0.4, k) == (p, 0.5 * inward, 2)
     assert drift(p, -0.5 * inward, 3, 0.5, 0.5, 0.5, 0.6, k) == (p, -0.5 * inward, 2)
     assert drift(p, 0.5 * inward, 3, 0.5, 0.5, 0.5, 0.4, k) == (p + 0.5 * inward, 0.5 * inward, 2)
 
 
 def test_a_step_past_a_bound_turns_the_rate_of_the_authors_code_only():
-    assert drift(99.75, 0.5, 3, 0.5, 0.5, 0.5, 0.4, SIEMENS.parameters()) == (100.0, -0.5, 2)
-    assert drift(99.75, 0.5, 3, 0.5, 0.5, 0.5, 0.4, PAPER.parameters()) == (100.0, 0.5, 2)
+    assert drift(99.75, 0.5, 3, 0.5, 0.5, 0.5, 0.4, SIEMENS.parameters) == (100.0, -0.5, 2)
+    assert drift(99.75, 0.5, 3, 0.5, 0.5, 0.5, 0.4, PAPER.parameters) == (100.0, 0.5, 2)
 
 
 def test_a_segment_is_drawn_used_and_turned_in_the_same_step():
     # l = 1 + ⌊99 · 0.5⌋ = 50 and b = -1 + 2 · 0.75 = 0.5; 100.5 is out, so that b turns; 49 steps are left.
-    assert drift(100.0, -0.25, 0, 0.5, 0.75, 0.5, 0.4, SIEMENS.parameters()) == (100.0, -0.5, 49)
+    assert drift(100.0, -0.25, 0, 0.5, 0.75, 0.5, 0.4, SIEMENS.parameters) == (100.0, -0.5, 49)
     # l = 1 + ⌊100 · 0.5⌋ = 51 and b = 0.75; it turns before the setpoint moves.
-    assert drift(100.0, -0.25, 0, 0.5, 0.75, 0.5, 0.4, PAPER.parameters()) == (99.25, -0.75, 50)
+    assert drift(100.0, -0.25, 0, 0.5, 0.75, 0.5, 0.4, PAPER.parameters) == (99.25, -0.75, 50)
 
 
 @variants
@@ -154,7 +155,7 @@ def test_a_segment_of_three_steps_is_counted_down_and_followed_by_a_new_one(vari
     """A draw of 0.025 gives l = 1 + ⌊2.475⌋ = 3 (or 1 + ⌊2.5⌋); rates drawn within a segment are ignored."""
     p, b, left, seen = 50.0, 0.0, 0, []
     for u_rate in (0.75, 0.1, 0.2, 0.5625, 0.3, 0.4, 0.875):
-        p, b, left = drift(p, b, left, 0.025, u_rate, 0.5, 0.5, variant.parameters())
+        p, b, left = drift(p, b, left, 0.025, u_rate, 0.5, 0.5, variant.parameters)
         seen.append((left, b))
     low, high = variant.drift_rate
     first, second, third = (low + (high - low) * u for u in (0.75, 0.5625, 0.875))
@@ -166,7 +167,7 @@ def test_a_segment_of_three_steps_is_counted_down_and_followed_by_a_new_one(vari
 @examples
 @given(p=setpoints, b=rates, left=st.integers(0, 99), u=st.tuples(uniforms, uniforms, uniforms, uniforms))
 def test_a_step_keeps_the_setpoint_in_its_bounds_and_the_rate_within_its_segment(variant, p, b, left, u):
-    p_next, b_next, left_next = drift(p, b, left, *u, variant.parameters())
+    p_next, b_next, left_next = drift(p, b, left, *u, variant.parameters)
     assert 0.0 <= p_next <= 100.0
     assert abs(b_next) <= 1.0
     assert 0 <= left_next < variant.drift_length
@@ -177,7 +178,7 @@ def test_a_step_keeps_the_setpoint_in_its_bounds_and_the_rate_within_its_segment
 @examples
 @given(p=setpoints, b=rates, left=st.integers(1, 99), u_flip=uniforms)
 def test_both_rules_treat_the_two_bounds_alike(variant, p, b, left, u_flip):
-    k = variant.parameters()
+    k = variant.parameters
     up = drift(p, b, left, 0.5, 0.5, 0.5, u_flip, k)
     down = drift(100.0 - p, -b, left, 0.5, 0.5, 0.5, u_flip, k)
     assert down == (100.0 - up[0], -up[1], up[2])

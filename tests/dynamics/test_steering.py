@@ -6,12 +6,13 @@ import math
 
 import mpmath
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics.steering import D_G, D_H, D_V, clip, steer
 
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+examples = tries(300)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 percent = st.floats(0.0, 100.0)
 sizes = st.sampled_from([D_V, D_G, D_H])

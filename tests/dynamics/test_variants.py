@@ -7,14 +7,15 @@ import math
 import re
 
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.fatigue import effective_velocity
 from ibdata.dynamics.variants import Parameters, resolve
 
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+examples = tries(300)
 percent = st.floats(0.0, 100.0)
 
 # field: (paper, siemens), in the order of the fields
@@ -71,13 +72,13 @@ def test_the_kernel_gets_the_numbers_of_the_fields_in_order():
         0.0,
         0.5,
     )
-    assert SIEMENS.parameters() == Parameters(*expected)
+    assert SIEMENS.parameters == Parameters(*expected)
 
 
 @pytest.mark.parametrize("variant", [PAPER, SIEMENS])
 def test_the_kernel_gets_floats_only_so_that_it_is_compiled_once(variant):
     whole = dataclasses.replace(variant, alpha_threshold=5, consumption_offset=1, bernoulli_bounds=(0, 1))
-    flat = [*whole.parameters()._replace(weights=0.0), *whole.parameters().weights]
+    flat = [*whole.parameters._replace(weights=0.0), *whole.parameters.weights]
     assert {type(x) for x in flat} == {float}
 
 
@@ -170,7 +171,7 @@ def test_a_users_variant_is_a_replaced_field_of_a_shipped_one():
         f.name for f in dataclasses.fields(Variant) if getattr(mine, f.name) != getattr(PAPER, f.name)
     ]
     assert differing == ["eta_mean"]
-    assert mine.parameters() == PAPER.parameters()._replace(eta_mean=0.1)
+    assert mine.parameters == PAPER.parameters._replace(eta_mean=0.1)
     assert PAPER.eta_mean == 0.05
 
 
@@ -182,5 +183,5 @@ def test_a_variant_cannot_be_changed_in_place():
 @examples
 @given(v=percent, g=percent, p=percent)
 def test_the_effective_velocities_of_the_two_variants_sum_to_one(v, g, p):
-    ends = [variant.parameters()[3:7] for variant in (PAPER, SIEMENS)]
+    ends = [variant.parameters[3:7] for variant in (PAPER, SIEMENS)]
     assert sum(effective_velocity(v, g, p, *end) for end in ends) == pytest.approx(1.0, abs=1e-14)

@@ -66,7 +66,7 @@ def test_a_draw_moves_the_listed_outputs_only(drawn, variant, name):
 
 @variants
 def test_the_latents_of_the_fatigue_follow_their_own_past_and_their_own_draws(drawn, played, variant):
-    k = variant.parameters()
+    k = variant.parameters
     for t, (before, after) in enumerate(zip(played[variant], played[variant][1:], strict=False)):
         noise = tape.at(drawn.noise, t)
         for old, new, u in zip(lanes(before), lanes(after), zip(*noise, strict=True), strict=True):
@@ -98,7 +98,7 @@ def test_a_setpoint_moves_by_its_own_draws_and_only_where_it_moves_at_all(drawn,
         for i, (old, new, u) in enumerate(zip(lanes(before), lanes(after), draws, strict=True)):
             expected = (old.setpoint, old.drift_rate, old.drift_left)
             if i % 2 == 0:
-                expected = drift(*expected, *u, variant.parameters())
+                expected = drift(*expected, *u, variant.parameters)
             assert (new.setpoint, new.drift_rate, new.drift_left) == expected
 
 

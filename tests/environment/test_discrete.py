@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.environment.discrete import ACTIONS, discrete_action, discrete_actions
+from ibdata.environment.actions import DISCRETE, discrete_action, discrete_actions
 from ibdata.environment.settings import settings
-from ibdata.errors import ConfigError, UsageError
-
-EVERY = np.ones(3, dtype=bool)
+from ibdata.errors import UsageError
 
 
 def test_the_last_of_velocity_gain_and_shift_changes_fastest():
     digits = [tuple(float(x) - 1 for x in np.base_repr(i, 3).zfill(3)) for i in range(27)]
-    assert list(ACTIONS) == digits
+    assert list(DISCRETE) == digits
     assert [discrete_action(i) for i in range(27)] == digits
 
 
@@ -33,19 +31,9 @@ def test_what_is_no_discrete_action_is_refused_in_one_line(given):
 
 @pytest.mark.parametrize("kind", [list, np.array, lambda x: np.array(x, dtype=np.uint8)])
 def test_those_of_many_lanes_are_those_of_one(kind):
-    found = discrete_actions(kind([0, 26, 5]), EVERY)
+    found = discrete_actions(kind([0, 26, 5]), 3)
     assert (found.dtype, found.shape) == (np.float32, (3, 3))
     assert found.tolist() == [list(discrete_action(i)) for i in (0, 26, 5)]
-
-
-def test_what_lanes_would_do_that_use_no_action_is_not_read_and_what_is_given_stays():
-    given = np.array([26, 99, 0])
-    assert discrete_actions(given, np.array([True, False, True])).tolist() == [
-        [1.0] * 3,
-        [0.0] * 3,
-        [-1.0] * 3,
-    ]
-    assert given.tolist() == [26, 99, 0]
 
 
 @pytest.mark.parametrize(
@@ -54,14 +42,14 @@ def test_what_lanes_would_do_that_use_no_action_is_not_read_and_what_is_given_st
 )
 def test_what_are_no_discrete_actions_is_refused_in_one_line(given):
     with pytest.raises(UsageError) as caught:
-        discrete_actions(given, EVERY)
+        discrete_actions(given, 3)
     found = str(caught.value)
     assert found.startswith("action: found ")
-    assert found.endswith(", expected (3,) whole numbers from 0 to 26")
+    assert found.endswith(", expected 3 whole numbers from 0 to 26")
     assert "\n" not in found
 
 
 def test_the_setting_is_true_or_false():
     assert settings(discrete_actions=np.True_).discrete_actions is True
-    with pytest.raises(ConfigError, match="discrete_actions: found 1, expected true or false"):
+    with pytest.raises(UsageError, match="discrete_actions: found 1, expected True or False"):
         settings(discrete_actions=1)

@@ -81,13 +81,13 @@ def check_rows(lane, noise, rows):
 
 def test_the_actions_of_an_episode_give_its_rows_bit_for_bit(played):
     frame, lane = played.to_pandas(), Lane(settings_of(played))
-    assert len(lane.latent()) >= 14
+    assert len(lane.info()) >= 14
     for episode in range(12):
         rows = frame[frame["episode"] == episode].reset_index(drop=True)
         [noise] = begun(lane, played, episode)
         first = lane.observations().reshape(FRAMES, 6)[0]
         np.testing.assert_array_equal(first, columns(rows, "obs")[0].astype(np.float32))
-        for name, value in lane.latent().items():
+        for name, value in lane.info().items():
             assert value[0].astype(rows[name].dtype) == rows[name][0]
         check_rows(lane, noise, rows)
 
@@ -150,14 +150,17 @@ def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has
         noises, shown = begun(simulation, played, episodes), {}
         for t in range(40):
             before = simulation.observations()
-            drawn = np.array([noise.random_raw(8 + 4 * simulation.settings.drifting) for noise in noises])
+            drawn = np.array(
+                [noise.random_raw(8 + 4 * simulation.settings.world.drifting) for noise in noises]
+            )
             if isinstance(simulation, Lane):
                 seen, reward, _ = simulation.move(tuple(actions[7, t].tolist()), drawn[0])
                 after, rewards = seen[None], [reward]
             else:
-                taken = iter(np.split(drawn, [8], axis=1))
-                simulation.step(simulation.everyone, actions[:, t], lambda *_, taken=taken: next(taken))
-                after, rewards = simulation.observations(), simulation.rewards()
+                taken = iter(np.split(drawn.T[None], [8], axis=1))
+                draw = lambda *_, taken=taken: next(taken)  # noqa: E731
+                rewards = simulation.step(simulation.everyone, actions[:, t], draw)
+                after = simulation.observations()
             shown |= {(e, t): (before[i], after[i], rewards[i]) for i, e in enumerate(episodes)}
         rows = [row for row, e in enumerate(arrays["episode"]) if e in episodes]
         assert len(rows) >= 39 * len(episodes)
@@ -259,17 +262,12 @@ def test_options_that_name_no_dataset_ask_for_nothing(options):
 @pytest.mark.parametrize(
     ("options", "lanes", "message"),
     [
-        ({"dataset": "data"}, 1, "options: found dataset without episode, expected both or neither"),
-        ({"episode": 3}, 1, "options: found episode without dataset, expected both or neither"),
-        (
-            {"dataset": None, "episode": 3},
-            1,
-            "dataset: found None, expected a Dataset, or its folder or URL",
-        ),
+        ({"dataset": "data"}, 1, "options: found only one of dataset and episode, expected both or neither"),
+        ({"episode": 3}, 1, "options: found only one of dataset and episode, expected both or neither"),
+        ({"dataset": 3, "episode": 3}, 1, "dataset: found 3, expected a Dataset, or its folder or URL"),
         ({"episode": 12}, 1, "episode: found 12, expected one of 0 to 11"),
         ({"episode": [0, -1]}, 2, "episode: found -1, expected one of 0 to 11"),
         ({"episode": "last"}, 1, "episode: found 'last', expected whole numbers"),
-        ({"episode": None}, 1, "episode: found None, expected whole numbers"),
         ({"episode": [1, 2]}, 1, "episode: found 2 episodes, expected one episode"),
         (
             {"episode": [1, 2]},
@@ -281,7 +279,7 @@ def test_options_that_name_no_dataset_ask_for_nothing(options):
     ids=str,
 )
 def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, message):
-    given = options if len(options) == 2 or "without" in message else {"dataset": dataset, **options}
+    given = options if len(options) == 2 or "only one" in message else {"dataset": dataset, **options}
     with pytest.raises(UsageError) as caught:
         Replay.asked_for(given, settings(), lanes)
     assert str(caught.value) == message

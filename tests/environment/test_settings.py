@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 
 import numpy as np
 import pytest
 
+import ibdata
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
 from ibdata.environment.settings import (
     COST_MAX,
@@ -17,50 +19,51 @@ from ibdata.environment.settings import (
     frame_bounds,
     settings,
 )
-from ibdata.errors import ConfigError
+from ibdata.errors import ConfigError, UsageError
 from ibdata.numerics.exact import normal
 from ibdata.variables import VARIABLES
 
-ID = "ibdata/IndustrialBenchmark-v0"
-SETPOINT = "expected a number, drifting or {drifting: a number}"
 WRONG = {
     "setpoint": {
         101: "found 101, expected a number of at most 100",
-        "drift": f"found 'drift', {SETPOINT}; did you mean 'drifting'?",
-        (10, 20): f"found [10, 20], {SETPOINT}",
+        "drift": "found 'drift', expected a number, a list, {start, stop, step} or drifting; "
+        "did you mean 'drifting'?",
+        (10, 20): "found (10, 20), expected one, or one that moves",
     },
-    "dynamics": {
-        "simens": "found 'simens', expected one of siemens, paper; did you mean 'siemens'?",
-    },
+    "dynamics": {"simens": "found 'simens', expected one of siemens, paper; did you mean 'siemens'?"},
     "start": {"anywhere": "found 'anywhere', expected one of default, uniform"},
     "history": {
         0: "found 0, expected a whole number of at least 1",
-        1001: "found 1001, expected a whole number of at most 1000",
-    },
-    "reward_scale": {
-        0: "found 0, expected a number above 0",
-        float("inf"): "found Infinity, expected a finite number",
+        True: "found True, expected a whole number of at least 1",
     },
 }
 
 
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name in WRONG for value in WRONG[name]])
 def test_a_setting_that_cannot_be_meant_is_named_with_what_was_expected(name, value):
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(UsageError) as caught:
         settings(**{name: value})
-    assert caught.value.problems == (f"{ID}: {name}: {WRONG[name][value]}",)
+    assert str(caught.value) == f"{name}: {WRONG[name][value]}"
 
 
-def test_all_that_is_wrong_is_said_at_once():
+def test_all_that_no_experiment_has_is_said_at_once():
     with pytest.raises(ConfigError) as caught:
-        settings(
-            setpoint={"drifting": [1, 2]}, dynamics={"base": "paper", "eta_men": 1}, start={"burn_in": [9, 3]}
-        )
-    assert caught.value.problems == (
-        f'{ID}: setpoint: found {{"drifting": [1, 2]}}, {SETPOINT}',
-        f"{ID}: dynamics.eta_men: no such option; did you mean 'eta_mean'?",
-        f"{ID}: start.burn_in: found [9, 3], expected [fewest, most] steps in this order",
-    )
+        settings(setpoint=-1, dynamics={"base": "paper", "eta_men": 1}, start={"burn_in": [9, 3]})
+    assert sorted(caught.value.problems) == [
+        "dynamics.eta_men: no such option; did you mean 'eta_mean'?",
+        "setpoint: found -1, expected a number of at least 0",
+        "start.burn_in: found [9, 3], expected [fewest, most] steps in this order",
+    ]
+
+
+def test_an_unknown_setting_is_refused_as_python_does():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'setpiont'"):
+        settings(setpiont=70)
+
+
+def test_the_default_setpoint_is_that_of_an_evaluation():
+    default = inspect.signature(ibdata.evaluate).parameters["setpoint"].default
+    assert settings().setpoint == default == 70.0
 
 
 @pytest.mark.parametrize(
@@ -74,7 +77,7 @@ def test_all_that_is_wrong_is_said_at_once():
 )
 def test_setpoints_are_numbers_or_move(setpoint, first, drifting):
     given = settings(setpoint=setpoint)
-    assert (given.first_setpoint, given.drifting) == (first, drifting)
+    assert (given.setpoint, given.world.drifting) == (first, drifting)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +90,7 @@ def test_setpoints_are_numbers_or_move(setpoint, first, drifting):
     ids=["name", "mapping", "Variant"],
 )
 def test_dynamics_are_a_name_a_mapping_or_a_variant(dynamics, variant):
-    assert settings(dynamics=dynamics).variant == variant
+    assert settings(dynamics=dynamics).world.variant == variant
 
 
 def test_the_normal_draw_cannot_leave_the_range_that_the_bounds_assume():

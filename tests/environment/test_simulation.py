@@ -11,9 +11,10 @@ from helpers import by_hand
 
 from ibdata import state_at
 from ibdata.dynamics import initial_state
-from ibdata.environment.lane import Lane, checked_action
+from ibdata.environment.actions import continuous_action, continuous_actions
+from ibdata.environment.lane import Lane
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Simulation, checked_actions
+from ibdata.environment.simulation import Simulation
 from ibdata.errors import UsageError
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import OBSERVATION
@@ -29,10 +30,10 @@ class Tape:
         self.integers = np.atleast_2d(integers)
         self.at = np.zeros(len(self.integers), dtype=np.int64)
 
-    def __call__(self, which, count):
-        out = np.array([self.integers[lane, self.at[lane] : self.at[lane] + count] for lane in which])
-        self.at[which] += count
-        return out
+    def __call__(self, which, purpose, step, steps, slots):
+        out = np.array([self.integers[lane, self.at[lane] : self.at[lane] + slots] for lane in which])
+        self.at[which] += slots
+        return np.ascontiguousarray(out.T)[None]
 
 
 def random_tape(lanes, seed=0):
@@ -47,16 +48,16 @@ def actions_of(recorded):
 def test_the_simulation_fed_a_dataset_s_integers_is_its_episode_bit_for_bit(case, recorded):
     simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
     columns = recorded.columns
-    names = hidden_variables(simulation.settings.drifting)
+    names = hidden_variables(simulation.settings.world.drifting)
     simulation.reset(simulation.everyone, tape)
     for t, action in enumerate(actions_of(recorded)):
-        seen, hidden = simulation.observations()[0], simulation.latent()
+        seen, hidden = simulation.observations()[0], simulation.info()
         assert seen.tolist() == [columns[f"obs_{name}"][t] for name in OBSERVATION]
         assert set(hidden) == {f"latent_{name}" for name in names}
         for name, value in hidden.items():
             assert np.float32(value[0]) == columns[name][t]
-        simulation.step(simulation.everyone, action[None], tape)
-        assert np.float32(simulation.rewards()[0]) == columns["reward"][t]
+        [reward] = simulation.step(simulation.everyone, action[None], tape)
+        assert np.float32(reward) == columns["reward"][t]
     assert simulation.observations()[0].tolist() == [columns[f"next_obs_{name}"][t] for name in OBSERVATION]
     assert tape.at[0] == len(recorded.integers)
 
@@ -75,18 +76,18 @@ def test_a_lane_is_the_same_alone_and_among_others_that_rest_or_start_again(setp
         moving = np.array([lane for lane in range(3) if t % (lane + 2)])
         resting = np.setdiff1d(np.arange(3), moving)
         if len(moving):
-            together.step(moving, action[t, moving], tape)
+            rewards = together.step(moving, action[t, moving], tape)
         if t % 5 == 0 and len(resting):
             together.reset(resting, tape)
         for lane, (simulation, own) in enumerate(alone):
             if lane in moving:
-                simulation.step(simulation.everyone, action[t, [lane]], own)
+                [reward] = simulation.step(simulation.everyone, action[t, [lane]], own)
+                assert reward == rewards[moving == lane]
             elif t % 5 == 0:
                 simulation.reset(simulation.everyone, own)
             assert simulation.observations()[0].tolist() == together.observations()[lane].tolist()
-            assert simulation.rewards()[0] == together.rewards()[lane]
-            for name, value in simulation.latent().items():
-                assert value[0] == together.latent()[name][lane]
+            for name, value in simulation.info().items():
+                assert value[0] == together.info()[name][lane]
 
 
 @pytest.mark.parametrize("start", STARTS, ids=str)
@@ -100,12 +101,13 @@ def test_the_lane_of_the_environment_is_a_simulation_of_one_lane_bit_for_bit(set
             lane.reset(lane.everyone, tape)
             simulation.reset(simulation.everyone, other)
         action = action if t % 2 else action.astype(np.float32)
-        seen, reward, info = lane.move(checked_action(action), tape(lane.everyone, lane.draws)[0])
-        simulation.step(simulation.everyone, checked_actions([action], np.array([True])), other)
+        raw = tape(lane.everyone, None, 0, 1, lane.draws)[0, :, 0]
+        seen, reward, info = lane.move(continuous_action(action), raw)
+        [expected_reward] = simulation.step(simulation.everyone, continuous_actions([action], 1), other)
         assert seen.dtype == np.float32
         assert seen.tolist() == simulation.observations()[0].tolist()
-        assert (type(reward), reward) == (float, simulation.rewards()[0])
-        expected = {name: values[0].item() for name, values in simulation.latent().items()}
+        assert (type(reward), reward) == (float, expected_reward)
+        expected = {name: values[0].item() for name, values in simulation.info().items()}
         assert list(info.items()) == list(expected.items())
         assert [type(value) for value in info.values()] == [type(value) for value in expected.values()]
 
@@ -117,12 +119,12 @@ def test_a_copy_goes_on_by_itself(kind, copied):
     one.reset(one.everyone, tape)
     other, tapes, action = copied(one), copied(tape), np.ones((1, 3), dtype=np.float32)
     for _ in range(3):
-        other.step(other.everyone, action, tapes)
-    assert other.latent() != one.latent()
+        rewards = other.step(other.everyone, action, tapes)
+    assert other.info() != one.info()
     for _ in range(3):
-        one.step(one.everyone, action, tape)
-    assert other.latent() == one.latent()
-    assert other.rewards() == one.rewards()
+        own = one.step(one.everyone, action, tape)
+    assert other.info() == one.info()
+    assert rewards == own
     assert other.observations().tolist() == one.observations().tolist()
 
 
@@ -141,53 +143,73 @@ def test_history_is_the_last_observations_newest_first_the_first_one_repeated():
 
 
 def test_the_reward_is_scaled_and_nothing_else():
-    plain, scaled = (Simulation(settings(reward_scale=scale), 2) for scale in (1.0, 0.01))
-    for simulation, tape in ((plain, random_tape(2)), (scaled, random_tape(2))):
+    rewards, seen = [], []
+    for scale in (1.0, 0.01):
+        simulation, tape = Simulation(settings(reward_scale=scale), 2), random_tape(2)
         simulation.reset(simulation.everyone, tape)
-        simulation.step(simulation.everyone, np.zeros((2, 3), dtype=np.float32), tape)
-    stored = np.float32(plain.rewards())  # a dataset's rewards are scaled as they are stored
-    assert np.array_equal(scaled.rewards(), np.float32(0.01 * stored.astype(np.float64)))
-    assert np.array_equal(scaled.observations(), plain.observations())
+        rewards.append(simulation.step(simulation.everyone, np.zeros((2, 3), dtype=np.float32), tape))
+        seen.append(simulation.observations())
+    stored = np.float32(rewards[0])  # a dataset's rewards are scaled as they are stored
+    assert np.array_equal(rewards[1], np.float32(0.01 * stored.astype(np.float64)))
+    assert np.array_equal(*seen)
+
+
+def test_a_change_of_the_reward_never_reaches_back_before_the_episode():
+    """In a lane that begins anew among others, it is that from its first observation to its second."""
+    simulations = [Simulation(settings(reward=reward), 3) for reward in ("delta", "classic")]
+    (delta, tape), (classic, other) = ((each, random_tape(3)) for each in simulations)
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 3, 3)).astype(np.float32)
+
+    def cost():
+        return delta.seen[:, 0, 5].astype(np.float64) + 3.0 * delta.seen[:, 0, 4].astype(np.float64)
+
+    begun = {0: [0, 1, 2], 6: [1], 7: [1], 11: [0, 2]}
+    for t, action in enumerate(actions):
+        if t in begun:
+            delta.reset(np.array(begun[t]), tape)
+            classic.reset(np.array(begun[t]), other)
+        moving = np.array([0, 2]) if t % 5 == 3 else np.arange(3)
+        before = cost()
+        found = delta.step(moving, action[moving], tape)
+        np.testing.assert_array_equal(found, np.float32(before - cost())[moving])
+        rewards = classic.step(moving, action[moving], other)
+        np.testing.assert_allclose(found, rewards + before[moving], rtol=1e-4, atol=1e-3)
 
 
 def test_what_is_returned_is_never_changed_afterwards():
     simulation, tape = Simulation(settings(setpoint="drifting"), 2), random_tape(2)
     simulation.reset(simulation.everyone, tape)
-    kept = [simulation.observations(), simulation.rewards(), *simulation.latent().values()]
+    rewards = simulation.step(simulation.everyone, np.ones((2, 3), dtype=np.float32), tape)
+    kept = [simulation.observations(), rewards, *simulation.info().values()]
     before = [x.copy() for x in kept]
     for _ in range(3):
         simulation.step(simulation.everyone, np.ones((2, 3), dtype=np.float32), tape)
     assert all(np.array_equal(x, y) for x, y in zip(kept, before, strict=True))
 
 
-def test_actions_are_clipped_and_rounded_and_those_of_resting_lanes_are_not_read():
-    used = np.array([True, False])
-    assert checked_actions([[0.1, -7, 2], [np.nan, 0, 0]], used).tolist() == [
-        [np.float32(0.1), -1, 1],
-        [0] * 3,
-    ]
+def test_actions_are_clipped_and_rounded():
+    assert continuous_actions([[0.1, -7, 2], [1, 0, 0]], 2).tolist() == [[np.float32(0.1), -1, 1], [1, 0, 0]]
 
 
 @pytest.mark.parametrize(
-    "given", [[0.1, -7, 2], (0, 0, 0), np.array([1, -1, 0]), np.array([1e308] * 3), np.ones(3, "f4")[::-1]]
+    "given", [[0.1, -7, 2], (0, 0, 0), np.array([1, -1, 0]), np.array([1e300] * 3), np.ones(3, "f4")[::-1]]
 )
 def test_the_action_of_the_only_lane_is_what_those_of_many_are(given):
-    numbers = np.array([checked_action(given)])
-    assert {type(x) for x in checked_action(given)} == {float}
-    every = np.array([True])
-    assert checked_actions(numbers, every).tolist() == checked_actions([given], every).tolist()
+    numbers = np.array([continuous_action(given)])
+    assert {type(x) for x in continuous_action(given)} == {float}
+    assert continuous_actions(numbers, 1).tolist() == continuous_actions([given], 1).tolist()
 
 
 @pytest.mark.parametrize("given", [[0, 0, np.nan], np.array([0, np.inf, -np.inf]), [0, 0], "left", None])
 def test_what_is_no_action_of_the_only_lane_is_refused(given):
-    with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers"):
-        checked_action(given)
+    with pytest.raises(UsageError, match=r"^action: found .*, expected three finite numbers"):
+        continuous_action(given)
 
 
 @pytest.mark.parametrize("given", [[[0, 0, np.nan]], [[0, 0]], [0, 0, 0], "left", [[None, 0, 0]]], ids=repr)
 def test_other_actions_are_refused_naming_what_was_found(given):
     with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers") as caught:
-        checked_actions(given, np.ones(1, dtype=bool))
+        continuous_actions(given, 1)
     assert "\n" not in str(caught.value)
 
 
@@ -214,9 +236,9 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
         raw = at(Purpose.DYNAMICS, first + t + 1, 8)
         if experiment.drifting:
             raw = np.concatenate([raw, at(Purpose.DRIFT, first + t + 1, 4)])
-        for name, value in lane.latent().items():
+        for name, value in lane.info().items():
             assert value[0].astype(rows[name].dtype) == rows[name][t]
-        seen, reward, _ = lane.move(checked_action(action), raw)
+        seen, reward, _ = lane.move(continuous_action(action), raw)
         assert np.float32(reward) == np.float32(rows["reward"][t])
         assert (seen[6:] == observations[t]).all()
 
@@ -237,7 +259,7 @@ def test_each_state_that_is_gone_on_from_is_measured_with_noise_of_its_own():
         (lambda state: None, "set_state: found NoneType, expected a State as of ibdata.state_at"),
         (
             lambda state: by_hand.side_by_side(state, state),
-            "set_state: found a state of 2 lanes, expected a state of one lane",
+            "set_state: found a state of 2 lanes, expected a state of 1 lane",
         ),
         (
             lambda state: state.replace(mu_v=[9.0]),

@@ -32,8 +32,9 @@ def drawing(seed):
     """Random integers of lanes, each with a stream of its own."""
     streams = [np.random.Generator(np.random.PCG64(seed + i)) for i in range(9)]
 
-    def draw(which, count):
-        return np.stack([streams[i].integers(0, 2**64, count, dtype=np.uint64) for i in which.tolist()])
+    def draw(which, purpose, step, steps, slots):
+        drawn = [streams[i].integers(0, 2**64, slots, dtype=np.uint64) for i in which.tolist()]
+        return np.stack(drawn, axis=1)[None]
 
     return draw
 
@@ -48,11 +49,11 @@ def test_one_lane_sees_what_it_sees_among_others(view):
     one.reset(alone, own)
     actions = np.random.default_rng(1).uniform(-1, 1, (9, 3, 3)).astype(np.float32)
     for action in actions:
-        many.step(everyone, action, draws)
-        seen, reward, info = one.move(tuple(action[1].tolist()), own(alone, one.draws)[0])
+        rewards = many.step(everyone, action, draws)
+        seen, reward, info = one.move(tuple(action[1].tolist()), own(alone, None, 0, 1, one.draws)[0, :, 0])
         assert (seen == many.observations()[1]).all()
-        assert reward == pytest.approx(many.rewards()[1], rel=1e-15)
-        assert info == {name: values[1] for name, values in many.latent().items()}
+        assert reward == pytest.approx(rewards[1], rel=1e-15)
+        assert info == {name: values[1] for name, values in many.info().items()}
 
 
 @pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
@@ -73,7 +74,7 @@ def test_clean_values_stay_in_the_info():
     simulation.reset(np.arange(2), draw)
     for _ in range(4):
         simulation.step(np.arange(2), np.ones((2, 3), dtype=np.float32), draw)
-    info = simulation.latent()
+    info = simulation.info()
     assert (info["clean_obs_consumption"] == simulation.seen[:, 0, 5]).all()
     assert not (simulation.observations()[:, 5] == simulation.seen[:, 0, 5]).any()
     assert {name for name in info if name.startswith("clean_")} == {

@@ -7,14 +7,11 @@ import sys
 import pytest
 from helpers.versions import POLICY
 
-from ibdata.experiment import fresh_modules
-
 
 @pytest.fixture
 def version(tmp_path, monkeypatch):
     """`version(name, size)` writes a policy and its helper into a folder and returns the path of the YAML."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    monkeypatch.setattr(fresh_modules, "imported_by_policies", {})
 
     def written(name, size):
         folder = tmp_path / name

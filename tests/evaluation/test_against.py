@@ -104,6 +104,6 @@ def test_a_view_of_observations_is_compared_but_not_another_reward(shipped):
     found = ibdata.evaluate(still, against="optimized-40", actions=True)
     assert len(found.differences) == 2
     with pytest.raises(
-        IbdataError, match="reward: found delta, expected classic: against=… compares with it"
+        IbdataError, match="--reward: found delta, expected classic: --against compares with it"
     ):
         ibdata.evaluate(still, against="optimized-40", reward="delta")

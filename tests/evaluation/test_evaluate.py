@@ -11,12 +11,11 @@ from helpers.watching import Watching
 
 from ibdata import evaluate, generate
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
-from ibdata.errors import UsageError
-from ibdata.evaluation.play import EvaluationBlock
+from ibdata.errors import PolicyError, UsageError
+from ibdata.evaluation.play import _digests
 from ibdata.experiment import Experiment
 from ibdata.numerics.exact import exponential, normal
 from ibdata.numerics.random import Purpose, integers, stream_key, uniform
-from ibdata.policies.checked import PolicyError
 
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
 ENVIRONMENT = (
@@ -83,7 +82,7 @@ def test_a_policys_own_draws_come_from_the_address_with_its_form():
 
 def test_the_random_numbers_have_their_addresses_for_ever():
     [cell] = Experiment(name="x", setpoints=70, policies=[{"kind": "random"}]).cells
-    assert tuple(d.hex()[:8] for d in EvaluationBlock._digests(cell)) == tuple(ADDRESSES.values())
+    assert tuple(d.hex()[:8] for d in _digests(cell)) == tuple(ADDRESSES.values())
     assert {form: hashlib.sha256(form.encode()).hexdigest()[:8] for form in ADDRESSES} == ADDRESSES
 
 
@@ -128,13 +127,13 @@ def test_steps_beyond_a_chunk_go_on(monkeypatch):
 def test_a_policy_sees_its_history_newest_first_and_its_rewards_are_those_of_the_next_observation():
     watching = Watching(frames=3)
     found = returns(watching, discount=0.9)[0]
-    seen = np.array(watching.seen)
+    seen = np.array(watching.seen[-30:])  # it was asked before the run, too
     assert seen.shape == (30, 4, 3, 6)
     np.testing.assert_array_equal(seen[2:, :, 2], seen[:-2, :, 0])
     np.testing.assert_array_equal(seen[0, :, 1:], np.repeat(seen[0, :, :1], 2, axis=1))
     longer = Watching()
     returns(longer, steps=31)
-    after = np.array(longer.seen)[1:, :, 0].astype(np.float64)
+    after = np.array(longer.seen[-30:])[:, :, 0].astype(np.float64)
     rewards = -after[:, :, 5] - 3.0 * after[:, :, 4]
     assert found == pytest.approx((0.9 ** np.arange(30.0)) @ rewards, rel=1e-6)
 
@@ -142,7 +141,7 @@ def test_a_policy_sees_its_history_newest_first_and_its_rewards_are_those_of_the
 def test_predict_gets_flat_histories_and_may_return_a_state():
     model = Predicting(lambda observation: (np.zeros((len(observation), 3)), None))
     np.testing.assert_array_equal(returns(model, history=2), returns("constant"))
-    assert {x.shape for x in model.seen} == {(4, 12)}
+    assert {x.shape for x in model.seen[-30:]} == {(4, 12)}
     np.testing.assert_array_equal(model.seen[-1][:, 6:], model.seen[-2][:, :6])
     np.testing.assert_array_equal(returns(Predicting(lambda x: np.zeros((len(x), 3)))), returns("constant"))
 
@@ -151,8 +150,8 @@ def test_an_answer_that_is_no_action_names_the_policy_and_the_step():
     with pytest.raises(PolicyError) as caught:
         returns(Predicting(lambda observation: observation[:, :2]))
     assert str(caught.value) == (
-        "policy predicting: episode 0: step 0: it was given (4, 6), history=1; it returned (4, 2); "
-        "expected (4, 3)"
+        "policy predicting: episode 0: step 0: found actions of shape (32, 2), expected actions of shape "
+        "(32, 3); it was given observations (32, 1, 6) and random numbers (32, 0)"
     )
 
 

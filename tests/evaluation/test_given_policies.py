@@ -9,6 +9,7 @@ from helpers.watching import Watching
 
 from ibdata import evaluate
 from ibdata.errors import ConfigError, UsageError
+from ibdata.policies import Needs
 
 
 @pytest.mark.parametrize(
@@ -48,12 +49,12 @@ from ibdata.errors import ConfigError, UsageError
         ),
         ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
         ({"policy": {"": "safe"}}, "policy: found the label '', expected a name"),
-        ({"policy": {"mine": 3}}, "policy: found 3, expected an object with act"),
+        ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide"),
         ({"policy": []}, "policy: found no policy, expected at least one"),
         ({"policy": "optimised"}, "did you mean 'optimized'?"),
         (
             {"policy": 3},
-            "policy: found 3, expected an object with act(history, u) or predict(observations), a",
+            "policy: found 3, expected an object with decide(given), act(history, u) or predict(",
         ),
         ({"policy": "{kind: safe"}, "policy:1:1"),
         ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
@@ -95,7 +96,7 @@ class Seeing:
 
 def test_policies_may_have_labels_and_lengths_of_history_of_their_own():
     own = Seeing(4)
-    own.history_length = 4
+    own.needs = Needs(history=4)
     given = [
         {"TD3 + BC": Seeing(1), "long": Seeing(3), "own": own},
         "constant",

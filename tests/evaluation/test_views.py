@@ -19,7 +19,7 @@ class Watcher:
         self.seen = {}
 
     def decide(self, given):
-        self.seen.setdefault(int(given.step[0]), given.observations.copy())  # the first time it is asked
+        self.seen[int(given.step[0])] = given.observations.copy()  # the last time it is asked
         return np.tile([[0.5, -0.25, 0.125]], (len(given.step), 1)), given.memory
 
 

@@ -29,7 +29,7 @@ def test_the_return_of_a_neorl_like_behaviour_is_within_three_percent_of_theirs(
 def test_a_suite_needs_no_file_beside_it_and_every_set_has_its_size(suite):
     made = load_all(suite)
     assert len(made) == SUITES[suite]
-    rows = {experiment.name: experiment.rows for experiment in made}
+    rows = {each.name.removeprefix(f"{suite}-"): each.rows for each in made}
     if suite == "neorl-like":
         assert set(rows.values()) == {99_000}
     else:

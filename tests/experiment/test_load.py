@@ -8,16 +8,17 @@ from pathlib import Path
 import pytest
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment import Experiment, find, load, refuse_unreadable, shipped, suites
-from ibdata.policies import POLICIES, Wrapper
+from ibdata.experiment import Experiment, find, load, shipped, suites
+from ibdata.policies import POLICIES, Deterministic, Wrapper
 from ibdata.policies.choice import Choice
 
 KINDS = ", ".join(POLICIES)
 BASES = ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper | Choice))
-FIXED = ", ".join(kind for kind, policy in POLICIES.items() if hasattr(policy, "mean_action"))
+FIXED = ", ".join(
+    kind for kind, policy in POLICIES.items() if issubclass(policy, Deterministic) or kind == "custom"
+)
 KEYS = "version, name, dynamics, setpoints, policies, episodes, steps, start, seed, output, splits, licence"
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
-RESERVED = "a reserved name on some systems; choose another"
 
 WORDS = {"KINDS": KINDS, "KEYS": KEYS, "BASES": BASES, "FIXED": FIXED}
 
@@ -31,7 +32,6 @@ HOSTILE = [
     "", ".", "..", "../x", "a/b", "/etc", "a\\b", "C:", "-rf", "_a", "a.b", "train.", "A", "a b", " a", "a\n",
     "\n", "a\0", "é", "e\u0301", "\uff41", "\u0430", "😀", "a\u202eb", "a" * 65, "a,b", "$a", "~", "*", "a:b",
 ]  # fmt: skip
-ON_WINDOWS = ["con", "prn", "aux", "nul", "com1", "com9", "lpt1", "lpt9"]
 
 
 @pytest.mark.parametrize(("line", "problem"), REFUSED.items(), ids=REFUSED)
@@ -109,12 +109,7 @@ def test_a_name_that_could_be_a_path_or_another_is_refused(problems, with_lines,
     assert problem.isprintable()
 
 
-@pytest.mark.parametrize("name", ON_WINDOWS)
-def test_a_name_that_windows_reserves_is_refused(problems, with_lines, name):
-    assert problems(with_lines(f"name: {name}")) == [f"x.yaml:1:7: name: found '{name}', {RESERVED}"]
-
-
-@pytest.mark.parametrize("name", ["a", "0", "1e3", "null", "on", "con-1", "a_", "a" * 64])
+@pytest.mark.parametrize("name", ["a", "0", "1e3", "null", "on", "con", "a_", "a" * 64])
 def test_other_names_are_kept(loaded, with_lines, name):
     assert loaded(with_lines(f"name: '{name}'")).name == name
 
@@ -231,13 +226,3 @@ def test_a_path_that_cannot_be_read_is_a_usage_error(config, tmp_path, monkeypat
     with pytest.raises(UsageError) as caught:
         load(config)
     assert not isinstance(caught.value, ConfigError)
-
-
-def test_an_experiment_whose_record_could_not_be_read_is_refused():
-    block = "safe"
-    for _ in range(18):
-        block = {"kind": "sticky", "base": block, "kappa": 0.5}
-    experiment = load({"name": "deep", "setpoints": 70, "policies": [block]})
-    with pytest.raises(ConfigError, match=r"^deep: with all defaults written out, found more than 20 levels"):
-        refuse_unreadable(experiment)
-    refuse_unreadable(load("random"))

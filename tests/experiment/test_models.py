@@ -54,7 +54,7 @@ GOLDEN = {
         "e98625a22f9bc0c1419149b209a3c67e23a6fd961a3c53ebbb80dd06cee43e0d",
     ),
     "exploration around a baseline": (
-        ("siemens", 70, {**GREEDY, "per_dimension": False}, "default"),
+        ("siemens", 70, GREEDY, "default"),
         '{"dynamics": "siemens", "policy": {"base": {"kind": "optimized"}, "epsilon": 0.2, '
         '"kind": "epsilon_greedy"}, "setpoint": "0x1.1800000000000p+6", "start": "default"}',
         "933898fbcaaec0436b563ebd7ea753403e948936689f17605c03281e9bc84d12",
@@ -143,7 +143,6 @@ def test_whatever_changes_the_cell_changes_its_digest():
         {"policies": [GREEDY]},
         {"policies": [{**GREEDY, "epsilon": 0.4}]},
         {"policies": [{**GREEDY, "base": {"kind": "bad"}}]},
-        {"policies": [{**GREEDY, "base": {"kind": "bad"}, "per_dimension": True}]},
         {"policies": [{"kind": "optimized"}]},
         {"start": "uniform"},
         {"start": {"burn_in": [0, 0]}},

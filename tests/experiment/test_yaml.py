@@ -87,11 +87,6 @@ def test_what_is_not_utf_8_is_refused_in_its_line(data, line):
     assert (error.line, error.message) == (line, "found bytes that are not UTF-8, expected UTF-8 text")
 
 
-@pytest.mark.parametrize("text", ['a: "\\ud800"', '"\\udfff": 1'], ids=["value", "key"])
-def test_half_a_character_is_refused_since_it_can_be_neither_printed_nor_stored(text):
-    assert error_of(text).line == 1
-
-
 def test_a_byte_order_mark_is_accepted():
     assert Document(b"\xef\xbb\xbfa: 1\n").data == {"a": 1}
 
@@ -105,21 +100,6 @@ def test_any_line_ending_is_accepted_and_counted(end):
 
 def test_20_levels_are_accepted():
     assert Document("[" * 20 + "]" * 20).values[(0,) * 19] == (1, 20)
-
-
-def test_at_most_a_mebibyte_is_read():
-    assert Document("#" + "x" * (2**20 - 1)).data is None
-    for text in ("#" + "x" * 2**20, b"#" + b"x" * 2**20):
-        assert str(error_of(text)) == "1:1: found more than 1048576 bytes, expected at most so many"
-
-
-@pytest.mark.slow
-def test_at_most_100_000_values_are_read():
-    # The list itself is one of them; item i stands in column 2 i.
-    assert str(error_of("[" + "1," * 100_000 + "]")) == (
-        "1:200000: found more than 100000 values, expected at most 100000"
-    )
-    assert len(Document("[" + "1," * 20_000 + "]").data) == 20_000
 
 
 def doubling(first, again):
@@ -145,7 +125,7 @@ def doubling(first, again):
 )
 def test_a_bomb_is_refused_at_once(bomb):
     start = time.process_time()
-    assert error_of(bomb).message in (ANCHOR, LEVELS)
+    assert error_of(bomb).message in (ANCHOR, LEVELS, KEY)
     assert time.process_time() - start < 2.0
 
 
@@ -224,12 +204,6 @@ def test_keys_are_text_as_they_are_written():
         "<<",
         "1e3",
     ]
-
-
-def test_a_number_of_absurd_length_is_text():
-    assert scalar("9" * 400) == 10**400 - 1
-    for text in ("9" * 401, "0." + "1" * 400):
-        assert scalar(text) == text
 
 
 @pytest.mark.parametrize("text", ["%YAML 1.1\n---\na: on", "%YAML 1.2\n---\na: on", "---\na: on\n...\n"])

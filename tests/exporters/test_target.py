@@ -61,7 +61,7 @@ def command(dataset, to, out) -> list[str]:
 def test_an_existing_target_is_refused_and_left_as_it_is(dataset, tmp_path, to):
     made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to)).path
     before = files(tmp_path)
-    with pytest.raises(UsageError, match=r"exists already; .* or overwrite=True to replace an export"):
+    with pytest.raises(UsageError, match=r"exists already; .* or --overwrite to replace an export"):
         ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
     assert files(made)
     assert files(tmp_path) == before

@@ -1,7 +1,6 @@
 """Fixtures for fault tests: experiments with many shards, runs, and checks after them."""
 
 import contextlib
-import hashlib
 import os
 import random
 import signal
@@ -109,20 +108,13 @@ class Tools:
         """How many shards of an unfinished run are finished."""
         return len(list(part_of(folder).glob("receipts/*")))
 
-    def hashes(self, folder: Path) -> dict[str, str]:
-        """SHA-256 of the visible shards, by name without its token."""
-        shards: dict[str, str] = {}
-        for path in sorted((folder / "data").glob("part-*.parquet")):
-            shards[path.name.rpartition("-")[0]] = hashlib.sha256(path.read_bytes()).hexdigest()
-        return shards
-
     def one_line(self, text: str) -> bool:
         """Whether a message is one line for people."""
         lines = text.splitlines()
         return len(lines) == 1 and "Traceback" not in text and "a bug of ibdata" not in text
 
     def wait_for(
-        self, condition: Callable[[], Any], process: subprocess.Popen[str], seconds: float = 20
+        self, condition: Callable[[], Any], process: subprocess.Popen[str], seconds: float = 60
     ) -> Any:
         """What the condition gives once it holds, while the process is at work."""
         import time
@@ -144,15 +136,6 @@ class Tools:
                     found += [int(entry.name)] if mark.encode() in text else []
         return [number for number in found if number != os.getpid()]
 
-    def workers(self, parent: int) -> list[int]:
-        """The worker processes of a run."""
-        found = []
-        for task in Path(f"/proc/{parent}/task").glob("*"):
-            with contextlib.suppress(OSError):
-                children = (task / "children").read_text().split()
-                found += [int(c) for c in children if b"worker" in Path(f"/proc/{c}/cmdline").read_bytes()]
-        return sorted(found)
-
 
 @pytest.fixture
 def tools(command: str, tmp_path: Path, request: pytest.FixtureRequest) -> Tools:
@@ -161,12 +144,12 @@ def tools(command: str, tmp_path: Path, request: pytest.FixtureRequest) -> Tools
 
 
 @pytest.fixture(scope="session")
-def whole(command: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, str]]:
-    """Content root and hashes of the shards of `many`, of a run that nothing disturbed."""
+def whole(command: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The content root of `many`, of a run that nothing disturbed."""
     tools = Tools(command, tmp_path_factory.mktemp("whole"), [])
     made = tools.generate(tools.many, tools.where / "out")
     assert made.returncode == 0, made.stderr
-    return tools.root(tools.where / "out"), tools.hashes(tools.where / "out")
+    return tools.root(tools.where / "out")
 
 
 @pytest.fixture

@@ -11,9 +11,6 @@ import pytest
 
 pytestmark = pytest.mark.faults
 NOBODY = 65534
-OPTIONS = pytest.mark.parametrize(
-    "more", [[], ["--resume"], ["--overwrite"]], ids=lambda more: "".join(more) or "new"
-)
 
 
 def listing(folder: Path) -> dict[str, bytes | None]:
@@ -22,16 +19,6 @@ def listing(folder: Path) -> dict[str, bytes | None]:
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in folder.rglob("*")
     }
-
-
-@pytest.fixture
-def outside(tools: Any, forks: Any) -> Path:
-    """Somebody else's folder: another dataset, with files of theirs beside."""
-    folder = tools.where / "outside"
-    assert forks.run(*tools.args(tools.tiny, folder, "--seed", 9)).code == 0
-    for part in (folder, folder / "data", folder / "meta"):
-        (part / "precious").write_text("precious")
-    return folder
 
 
 @pytest.fixture
@@ -71,51 +58,6 @@ def test_read_only_folders(forks: Any, tools: Any, open_folder: Path) -> None:
     for folder in (open_folder, old, old / "data", old / "meta"):
         folder.chmod(0o755)
     tools.figure("F9: 10 runs as another user in read-only folders: one line, nothing changed")
-
-
-@OPTIONS
-def test_what_is_no_folder_gives_one_line(forks: Any, tools: Any, more: list[str]) -> None:
-    """A file, a link to one, a link to itself, and paths below them are refused and stay."""
-    file = tools.file("file", "precious")
-    loop, to_file = tools.where / "loop", tools.where / "to-file"
-    loop.symlink_to(loop)
-    to_file.symlink_to(file)
-    before = listing(tools.where)
-    for out in (file, loop, to_file, file / "below", loop / "below"):
-        answer = forks.run(*tools.args(tools.tiny, out, *more))
-        assert answer.code in (1, 2), (out, answer)
-        assert tools.one_line(answer.output), answer.output
-    assert listing(tools.where).keys() - before.keys() <= {"tiny.yaml"}
-
-
-@OPTIONS
-def test_a_link_to_a_place_is_followed(forks: Any, tools: Any, more: list[str]) -> None:
-    """A link to nothing or to an empty folder, such as on a scratch disk, stays a link to the dataset."""
-    scratch = tools.where / "scratch"
-    (scratch / "empty").mkdir(parents=True)
-    for name in ("empty", "new"):
-        link = tools.where / f"to-{name}"
-        link.symlink_to(scratch / name)
-        answer = forks.run(*tools.args(tools.tiny, link, *more))
-        assert answer.code == 0, answer
-        assert link.is_symlink()
-        assert tools.root(scratch / name)
-        assert tools.leftovers(scratch / name) == tools.leftovers(link) == []
-    assert sorted(path.name for path in scratch.iterdir()) == ["empty", "new"]
-
-
-@OPTIONS
-def test_foreign_files_stay_as_they_are(forks: Any, tools: Any, outside: Path, more: list[str]) -> None:
-    """A folder that holds files of others is refused, also through a link, and nothing is left beside it."""
-    link = tools.where / "link"
-    link.symlink_to(outside)
-    before = listing(outside)
-    for out in (outside, link):
-        answer = forks.run(*tools.args(tools.tiny, out, *more))
-        assert answer.code == 2, answer
-        assert tools.one_line(answer.output), answer.output
-    assert listing(outside) == before
-    assert {path.name for path in tools.where.iterdir()} == {"link", "outside", "tiny.yaml"}
 
 
 @pytest.mark.parametrize("name", ["meta/manifest.json", "meta/splits.json", "README.md"])

@@ -1,52 +1,11 @@
-"""What stands in the place of a part or in it: leftovers of other runs, damaged receipts, files of a user."""
+"""What stands in the place of a part or in it, such as files and links of a user."""
 
 import shutil
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytestmark = pytest.mark.faults
-
-
-@pytest.fixture
-def unfinished(forks: Any, tools: Any) -> Path:
-    """The place of a run of which all shards are finished."""
-    out = tools.where / "out"
-    assert forks.run(*tools.args(tools.tiny, out, "--shards", "1/1")).code == 0
-    return out
-
-
-@pytest.fixture
-def root(forks: Any, tools: Any) -> str:
-    """The content root of the same run, undisturbed."""
-    fresh = tools.where / "fresh"
-    assert forks.run(*tools.args(tools.tiny, fresh)).code == 0
-    return tools.root(fresh)  # type: ignore[no-any-return]
-
-
-@pytest.mark.parametrize("pattern", ["receipts/*1.*", "dataset/data/part-00001*"])
-def test_damage_in_a_part_costs_its_shard(
-    forks: Any, tools: Any, unfinished: Path, root: str, pattern: str
-) -> None:
-    """A shard is missing, and made again, if its receipt or its file is not whole."""
-    part, kept = tools.where / ".out.part", tools.where / "kept"
-    part.rename(kept)
-    (name,) = (path.relative_to(kept) for path in kept.glob(pattern))
-    whole = (kept / name).read_bytes()
-    for content in (b"", whole[:31], whole[:-1], b"\0" * 100, None):
-        shutil.copytree(kept, part)
-        (part / name).unlink()
-        if content is not None:
-            (part / name).write_bytes(content)
-        early = forks.run("finalize", unfinished)
-        assert early.code == 1, early
-        assert "1 of 2 shards" in early.output
-        answer = forks.run(*tools.args(tools.tiny, unfinished, "--resume"))
-        assert answer.code == 0, (content, answer)
-        assert tools.root(unfinished) == root
-        assert tools.leftovers(unfinished) == []
-        shutil.rmtree(unfinished)
 
 
 @pytest.mark.parametrize("name", ["", "lock", "run.json", "receipts", "dataset"])

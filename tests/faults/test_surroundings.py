@@ -1,4 +1,4 @@
-"""F11: the dataset does not depend on the time zone, the locale, the hash seed and the umask.
+"""F11: the dataset does not depend on the time zone, the locale, the hash seed, the umask and memory.
 
 The clock cannot be changed without rights over the machine. But no file holds a time, because runs at
 different times give equal files here.
@@ -86,3 +86,18 @@ def test_an_ascii_terminal_reads_about_any_folder(tools: Any, name: bytes) -> No
         assert "Traceback" not in said
         assert "a bug" not in said
         assert len(said.splitlines()) == (i == 1), said
+
+
+def test_too_little_memory_gives_one_line(forks: Any, tools: Any) -> None:
+    """A shard that does not fit ends the run with one line, and leaves nothing."""
+    large = tools.file(
+        "large.yaml",
+        "name: large\nsetpoints: 50\npolicies: [{kind: random}]\nepisodes: 64\nsteps: 1000000\n"
+        "output: {shard_rows: 64000000}\n",
+    )
+    out = tools.where / "out"
+    answer = forks.run(*tools.args(large, out), megabytes=3000)
+    assert answer.code == 1, answer
+    assert tools.one_line(answer.output), answer.output
+    assert not out.exists()
+    assert tools.leftovers(out) == []

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import textwrap
 
 import pytest
-from helpers.own_code import FILES, forget
+from helpers.own_code import FILES
 
 
 @pytest.fixture
@@ -30,12 +29,8 @@ def start(command):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """The current folder, with the policy's files; its modules are forgotten before and afterwards."""
+    """The current folder, with the policy's files."""
     for path, text in FILES.items():
         (tmp_path / path).write_text(textwrap.dedent(text))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    forget()
-    yield tmp_path
-    forget()
+    return tmp_path

@@ -11,7 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
 from ibdata.evaluation.states import state_at
 
-FOUND = "found data version 1, expected 2; make the dataset again with this ibdata"
+FOUND = "found data version 1, expected 3; make the dataset again with this ibdata"
 USES = {
     "open": ibdata.open,
     "reproduce": ibdata.reproduce,
@@ -34,7 +34,7 @@ def other(copied):
 
 def test_every_dataset_has_the_one_data_version(either):
     """There is one data version, whatever an experiment uses."""
-    assert either.manifest["data_version"] == manifest.DATA_VERSION == 2
+    assert either.manifest["data_version"] == manifest.DATA_VERSION == 3
 
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)

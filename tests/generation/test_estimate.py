@@ -67,7 +67,17 @@ def test_a_sample_speaks_for_all_policies():
 def test_an_estimate_has_place_and_counts():
     """An estimate has the place, the counts and the number of worker processes."""
     guessed = estimate(described(output={"shard_rows": 20_000}), Path("data/guessed"), workers=2)
-    assert list(guessed) == ["out", "episodes", "rows", "shards", "bytes", "seconds", "workers"]
+    assert list(guessed) == [
+        "name",
+        "out",
+        "episodes",
+        "rows",
+        "shards",
+        "bytes",
+        "seconds",
+        "workers",
+        "folder",
+    ]
     assert (guessed["out"], guessed["workers"], guessed["shards"]) == ("data/guessed", 2, 3)
     assert estimate(described(), Path("data/guessed"), workers=2)["workers"] == 1
     assert 0.0 < guessed["seconds"] < 60.0
@@ -80,6 +90,11 @@ def test_a_huge_run_is_estimated_at_once():
     assert time.perf_counter() - start < 20.0
     assert guessed["rows"] == 2 * 10**12
     assert guessed["bytes"] > 10**13
+
+
+def test_a_url_is_named_as_it_was_given():
+    guessed = estimate(described(episodes=1, steps=2), "s3://nowhere/x", workers=1)
+    assert (guessed["out"], guessed["folder"]) == ("s3://nowhere/x", None)
 
 
 def test_nothing_is_written():
@@ -97,10 +112,9 @@ def test_nothing_is_written():
     ("options", "line"),
     [
         ({"workers": 0}, "workers: found 0, expected"),
-        ({"folder": "file"}, "file: is a file, not a folder"),
-        ({"folder": "made"}, "made: holds the dataset of another experiment"),
-        ({"folder": "foreign"}, "foreign: not a dataset of ibdata"),
-        ({"folder": "foreign", "overwrite": True}, "foreign: not a dataset of ibdata"),
+        ({"out": "file"}, "file: is a file, not a folder"),
+        ({"out": "foreign"}, "foreign: not a dataset of ibdata"),
+        ({"out": "foreign", "overwrite": True}, "foreign: not a dataset of ibdata"),
     ],
 )
 def test_what_generate_refuses_is_refused(options, line):
@@ -110,5 +124,5 @@ def test_what_generate_refuses_is_refused(options, line):
     Path("foreign/mine").write_text("mine")
     ibdata.generate(described(episodes=1, steps=3), "made", workers=1)
     with pytest.raises(UsageError) as error:
-        estimate(described(episodes=1, steps=2), **{"folder": "new", "workers": 1, **options})
+        estimate(described(episodes=1, steps=2), **{"out": "new", "workers": 1, **options})
     assert str(error.value).startswith(line)

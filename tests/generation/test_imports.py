@@ -1,18 +1,18 @@
-"""The code that a policy really imports is that which is noted, however it is found."""
+"""What custom policies import: it is recorded however it is found, and the session imports none of it."""
 
 from __future__ import annotations
 
-import os
+import py_compile
 import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+from helpers.python import python
 
 import ibdata
 from ibdata import Experiment
 from ibdata.errors import UsageError
-from ibdata.experiment import fresh_modules
 
 pytestmark = pytest.mark.slow
 OWN = Experiment.model_validate(
@@ -29,12 +29,11 @@ POLICY = """
 BESIDE = "import sys, pathlib\nLIB = str(pathlib.Path(__file__).with_name('lib'))\nsys.path.insert(0, LIB)\n"
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    for folder in ("lib", "installed/site-packages"):
+    for folder in ("lib", "pkg", "extra", "part", "installed/site-packages/part"):
         Path(folder).mkdir(parents=True)
 
 
@@ -47,132 +46,93 @@ def for_the_import_only():
     return "lib/helper_a.py"
 
 
-def loose():
+def extended_package():
+    Path("pkg/__init__.py").write_text("__path__.append(__path__[0] + '/../extra')\n")
+    policy("from pkg.helper_b import SIZE\n")
+    return "extra/helper_b.py"
+
+
+def partly_installed():
+    Path("installed/site-packages/part/base.py").write_text("")
     sys.path.append(str(Path("installed/site-packages").absolute()))
-    policy("from helper_d import SIZE\n")
-    return "installed/site-packages/helper_d.py"
+    policy("from part.helper_c import SIZE\n")
+    return "part/helper_c.py"
+
+
+def without_source():
+    Path("mid.py").write_text("from helper_e import SIZE\n")
+    py_compile.compile("mid.py", cfile="mid_e.pyc")
+    policy("from mid_e import SIZE\n")
+    return "helper_e.py"
 
 
 def by_its_name():
-    policy("import importlib\nSIZE = importlib.import_module('helper_f').SIZE\n")
+    policy("import importlib\nSIZE = importlib.import_module('helper_' + 'f').SIZE\n")
     return "helper_f.py"
 
 
-WAYS = (for_the_import_only, loose, by_its_name)
+def at_the_first_step():
+    text = textwrap.dedent(POLICY).replace("return", "from helper_g import SIZE\n        return")
+    Path("pol_imports.py").write_text(text)
+    return "helper_g.py"
 
 
-def generate(out, size, helper, **options):
-    Path(helper).write_text(f"SIZE = {size}\n")
-    return ibdata.generate(OWN, out, workers=1, allow_code=True, **options)
+WAYS = (
+    for_the_import_only, extended_package, partly_installed, without_source, by_its_name, at_the_first_step
+)  # fmt: skip
 
 
-def half(text="1/2"):
-    return ibdata.generate_shards(OWN, text, "half", workers=1, allow_code=True)
+def generate(out, **options):
+    return ibdata.generate(OWN, out, **{"workers": 1, "allow_code": True, **options})
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_an_imported_module_is_part_of_the_code(here, way):
-    """However Python finds a module, it is recorded, and an edit of it neither passes nor mixes."""
-    helper = way()
-    Path(helper).write_text("SIZE = 0.25\n")
-    half()
-    Path(helper).write_text("SIZE = 0.75\n")
-    with pytest.raises(UsageError, match=f"with other code, in {'.*/'}?{Path(helper).name};"):
-        half("2/2")
-    for size in (0.75, 0.25):
-        made = generate(f"all-{size}", size, helper)
-        assert set(made.to_pandas()["act_velocity"]) == {size}
-        assert Path(helper).name in " ".join(made.manifest["code"][0]["files"])
-        assert generate(f"all-{size}", size, helper, resume=True).manifest == made.manifest
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_policy_may_extend_the_path_of_python(here, workers):
-    """A folder that a policy adds to `sys.path` is found in every process, and does not stay there."""
-    policy(BESIDE + "from helper_g import SIZE\n")
-    Path("lib/helper_g.py").write_text("SIZE = 0.25\n")
-    before = list(sys.path)
-    for _ in range(2):
-        made = ibdata.generate(OWN, "out", workers=workers, allow_code=True, overwrite=True)
-        assert sys.path == before
-    assert made.manifest["code"][0]["files"].keys() == {"helper_g.py"}
-
-
-def test_modules_of_the_session_come_back(here, monkeypatch):
-    """A module that the session had imported is imported anew for a run, and is the session's afterwards."""
-    helper = for_the_import_only()
-    monkeypatch.syspath_prepend("lib")
-    Path(helper).write_text("SIZE = 0.25\n")
-    import helper_a
-
-    made = generate("out", 0.75, helper)
-    assert set(made.to_pandas()["act_velocity"]) == {0.75}
-    assert sys.modules.pop("helper_a") is helper_a
-    assert helper_a.SIZE == 0.25
-
-
-LATE = """
-    import importlib
-    import numpy as np
-
-    class P:
-        def predict(self, observations):
-            if (observations[:, 1] <= 51.5).all():
-                return np.full((len(observations), 3), 0.5)
-            return np.full((len(observations), 3), importlib.import_module("helper" + "_late").SIZE)
-    """
-
-
-def test_a_late_import_is_refused_even_if_known(here, monkeypatch):
-    """A module that the session knows, and a policy imports at its fifth step, is not recorded: refused."""
-    Path("helper_late.py").write_text("SIZE = 0.25\n")
-    Path("pol_imports.py").write_text(textwrap.dedent(LATE))
-    monkeypatch.syspath_prepend(Path().absolute())
-    import helper_late
-
-    longer = Experiment.model_validate({**OWN.plain(), "steps": 12})
-    with pytest.raises(UsageError, match=r"imported while it ran, .*: helper_late\.py; import it when"):
-        ibdata.generate(longer, "late", workers=1, allow_code=True)
-    assert sys.modules.pop("helper_late") is helper_late
-
-
-def test_stale_bytecode_is_found(here, monkeypatch):
-    """Bytecode of other code, which Python takes for right by time and size, is refused once and removed."""
-    monkeypatch.setattr(sys, "dont_write_bytecode", False)
-    helper = Path(for_the_import_only())
-    for size in (0.25, 0.75):
+def test_a_module_that_is_imported_is_recorded_and_an_edit_counts_and_does_not_mix(way):
+    helper = Path(way())
+    helper.write_text("SIZE = 0.25\n")
+    before = set(sys.modules)
+    ibdata.generate(OWN, "half", shards="1/2", workers=1, allow_code=True)
+    helper.write_text("SIZE = 0.75\n")
+    with pytest.raises(UsageError, match=f"with other code, in (.*/)?{helper.name};"):
+        ibdata.generate(OWN, "half", shards="2/2", workers=1, allow_code=True)
+    for size, workers in ((0.75, 1), (0.25, 2)):
         helper.write_text(f"SIZE = {size}\n")
-        os.utime(helper, (10**9, 10**9))
-        if size == 0.25:
-            ibdata.generate(OWN, "one", workers=1, allow_code=True)
-    fresh_modules.imported_by_policies.clear()  # as in another process
-    found = r"lib/helper_a\.py: its bytecode was that of other code, .* run again"
-    with pytest.raises(UsageError, match=found):
-        ibdata.generate(OWN, "two", workers=1, allow_code=True)
-    assert not Path("two").exists()
-    made = ibdata.generate(OWN, "two", workers=1, allow_code=True)
-    assert set(made.to_pandas()["act_velocity"]) == {0.75}
+        made = generate(f"all-{size}", workers=workers)
+        assert set(made.to_pandas()["act_velocity"]) == {size}
+        assert helper.name in " ".join(made.manifest["code"][0]["files"])
+    assert not [name for name in set(sys.modules) - before if "helper" in name or "pol_imports" in name]
 
 
-def test_bytecode_with_nan_is_that_of_its_file(here, monkeypatch):
-    """To Python, no two code objects with NaN are equal; such bytecode is not taken for stale."""
-    monkeypatch.setattr(sys, "dont_write_bytecode", False)
-    policy("SIZE, NAN = 0.25, 1e999 - 1e999\nOTHERS = SIZE in {0.25, 0.5}\n")
-    for out in ("one", "two"):
-        made = ibdata.generate(OWN, out, workers=1, allow_code=True)
-        assert set(made.to_pandas()["act_velocity"]) == {0.25}
-
-
-@pytest.mark.parametrize("other", [0.75, 0.25])  # a module of equal code may read another file beside it
-def test_two_modules_of_one_name_are_refused(here, other):
-    """Python imports only one module of a name, so two policies that mean two of them are refused."""
+@pytest.mark.parametrize("named", ["from helper_two import SIZE", "import helper_two as h; SIZE = h.SIZE"])
+def test_helpers_of_one_name_in_two_folders_are_refused(named):
     policies = []
-    for folder, size in (("a_own", 0.25), ("b_own", other)):
+    for folder, size in (("a_own", 0.25), ("b_own", 0.75)):
         Path(folder).mkdir()
-        policy("from helper_two import SIZE\n")
-        Path("pol_imports.py").rename(Path(folder, f"pol_{folder}.py"))
+        policy(f"{named}\n")
+        Path("pol_imports.py").rename(Path(folder, "policy.py"))
         Path(folder, "helper_two.py").write_text(f"SIZE = {size}\n")
-        policies.append({"kind": "custom", "target": f"{folder}/pol_{folder}.py:P", "name": folder})
-    experiment = Experiment.model_validate({**OWN.plain(), "policies": policies})
-    with pytest.raises(UsageError, match=r"helper_two\.py: found another module with the name helper_two in"):
-        ibdata.generate(experiment, "two", workers=1, allow_code=True)
+        policies.append({"kind": "custom", "target": f"{folder}/policy.py:P", "name": folder})
+    line = r"b_own/helper_two\.py: found another module with the name helper_two in use, .*/a_own/"
+    with pytest.raises(UsageError, match=line):
+        ibdata.generate({**OWN.plain(), "policies": policies}, "two", allow_code=True)
+
+
+def test_what_the_session_changed_in_a_module_does_not_count(monkeypatch):
+    policy("from helper_i import SIZE\n")
+    Path("helper_i.py").write_text("SIZE = 0.25\n")
+    monkeypatch.syspath_prepend(Path().absolute())
+    import helper_i
+
+    helper_i.SIZE = 0.75
+    assert set(generate("out").to_pandas()["act_velocity"]) == {0.25}
+    assert sys.modules.pop("helper_i") is helper_i
+
+
+def test_code_runs_from_a_script_without_a_guard_and_from_the_command_line_of_python():
+    policy("SIZE = 0.25\n")
+    call = "import ibdata; print(len(ibdata.generate('own.yaml', '{}', workers=2, allow_code=True)))"
+    Path("own.yaml").write_text(str(OWN.plain()).replace("True", "true").replace("False", "false"))
+    Path("script.py").write_text(call.format("a"))
+    for arguments in (["script.py"], ["-c", call.format("b")]):
+        done = python(*arguments, cwd=Path())
+        assert done.stdout == "4\n", done.stderr

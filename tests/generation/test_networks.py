@@ -94,14 +94,14 @@ def test_lost_weights_are_named_and_can_be_copied_back(made, elsewhere):
 def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
     """The part of a run holds the weights, so that `finalize` works where the user's file is gone."""
     for i in (1, 2):
-        ibdata.generate_shards(learned, f"{i}/2", "parts", workers=1)
+        ibdata.generate(learned, "parts", shards=f"{i}/2", workers=1)
     elsewhere()
     assert ibdata.validate(ibdata.finalize("parts").path) == []
 
 
 def test_a_run_goes_on_with_its_own_weights_only(learned):
     """Other weights are another experiment; the path of the file does not count."""
-    ibdata.generate_shards(learned, "1/2", "made", workers=1)
+    ibdata.generate(learned, "made", shards="1/2", workers=1)
     file = learned.parent / "actor.safetensors"
     file.rename(learned.parent / "moved.safetensors")
     file.write_bytes(networks.weights(seed=1))

@@ -12,14 +12,14 @@ from helpers.tiny import FOUR_SHARDS as TINY
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.generation import make_shard
-from ibdata.generation.estimate import preview
+from ibdata.generation.estimate import estimate
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
 
 def begun(experiment=TINY):
     """An unfinished run with one finished shard of four."""
-    ibdata.generate_shards(experiment, "1/4", "out", workers=1)
+    ibdata.generate(experiment, "out", shards="1/4", workers=1)
 
 
 def without_a_shard():
@@ -86,8 +86,20 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
+def states(tmp_path_factory):
+    """A folder for each state."""
+    home = tmp_path_factory.mktemp("states")
+    with pytest.MonkeyPatch.context() as patch:
+        for name, prepare in STATES.items():
+            (home / name).mkdir()
+            patch.chdir(home / name)
+            prepare()
+    return home
+
+
+@pytest.fixture(scope="module")
+def plain(states):
+    return ibdata.open(states / "the dataset/out")
 
 
 @pytest.fixture
@@ -104,15 +116,24 @@ def made(monkeypatch):
 
 
 @pytest.mark.parametrize(("state", "options", "outcome"), CASES)
-def test_each_state_has_one_outcome(plain, made, files, capsys, state, options, outcome):
-    """A run makes, replaces, resumes or refuses, as the table says, and leaves nothing beside its dataset."""
-    STATES[state]()
-    made.clear()
+def test_each_state_has_one_outcome(states, plain, made, files, capsys, state, options, outcome):
+    """A run makes, replaces, resumes or refuses, as the table and a preview say, and leaves nothing else."""
+    shutil.copytree(states / state, ".", dirs_exist_ok=True)
     before = contents()
-    if outcome not in SHARDS:
+    refused = outcome not in SHARDS
+    if refused and outcome == ANOTHER and options:  # no other option of the command would help
+        with pytest.raises(UsageError, match="unfinished run of another experiment"):
+            estimate(TINY, "out", workers=1, **options)
+    else:
+        said = estimate(TINY, "out", workers=1, **options)["folder"]
+        assert (
+            said.startswith(f"generate would stop with: {outcome}") if refused else said == PREVIEWS[outcome]
+        )
+    assert contents() == before
+    if refused:
         with pytest.raises(UsageError) as error:
             ibdata.generate(TINY, "out", workers=1, **options)
-        assert error.value.with_options.startswith(outcome)
+        assert str(error.value).startswith(outcome)
         assert (error.value.exit_code, made, contents()) == (2, [], before)
         return
     ibdata.generate(TINY, "out", workers=1, **options)
@@ -122,33 +143,17 @@ def test_each_state_has_one_outcome(plain, made, files, capsys, state, options, 
     assert (contents() == before) == (outcome == "there")
 
 
-@pytest.mark.parametrize(("state", "options", "outcome"), CASES)
-def test_a_preview_says_the_outcome(state, options, outcome):
-    """A preview writes nothing, and names what `generate` would do, or refuses as it does."""
-    STATES[state]()
-    before = contents()
-    if outcome in SHARDS:
-        assert preview(TINY, "out", workers=1, **options)["folder"] == PREVIEWS[outcome]
-    elif outcome == ANOTHER and options:  # no other option of the command would help
-        with pytest.raises(UsageError, match="unfinished run of another experiment"):
-            preview(TINY, "out", workers=1, **options)
-    else:
-        said = preview(TINY, "out", workers=1, **options)["folder"]
-        assert said.startswith(f"generate would stop with: {outcome}")
-    assert contents() == before
-
-
-@pytest.mark.parametrize("call", [ibdata.generate, preview, ibdata.estimate])
+@pytest.mark.parametrize("call", [ibdata.generate, ibdata.estimate])
 def test_resume_and_overwrite_exclude_each_other(call):
     """Both options together are refused, whatever is there."""
-    with pytest.raises(UsageError, match=r"^resume=True and overwrite=True exclude each other"):
+    with pytest.raises(UsageError, match=r"^--resume and --overwrite exclude each other"):
         call(TINY, "out", resume=True, overwrite=True)
 
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_finished_dataset_needs_no_writing(plain, monkeypatch, resume):
     """A finished dataset on a read-only disk is opened: no lock is taken and no folder is made."""
-    monkeypatch.setattr("ibdata.generation.generate.locked_part", None)
+    monkeypatch.setattr("ibdata.generation.run.locked_part", None)
     shutil.copytree(plain.path, "out")
     assert ibdata.generate(TINY, "out", workers=1, resume=resume).content_root == plain.content_root
 
@@ -190,7 +195,7 @@ def test_a_run_without_its_note_is_begun_again_only(plain, files, note):
     path = part_of("out") / "run.json"
     path.unlink() if note is None else path.write_bytes(note)
     for options in ({}, {"resume": True}):
-        with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another experiment; overw"):
+        with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another experiment; --overw"):
             ibdata.generate(TINY, "out", workers=1, **options)
     with pytest.raises(UsageError, match=r"^out: holds no run to finish"):
         ibdata.finalize("out")

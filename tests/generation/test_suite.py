@@ -11,7 +11,6 @@ from helpers.folders import receipts
 import ibdata
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import suites
-from ibdata.generation.suite import preview_all
 
 PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
 
@@ -34,7 +33,7 @@ def two():
 @pytest.mark.parametrize("suite", suites())
 def test_a_shipped_suite_makes_valid_datasets(suite):
     """Every experiment of a shipped suite makes a valid dataset of all its cells."""
-    made = ibdata.generate_all(suite, workers=1, overrides=["episodes=1", "steps=20"])
+    made = ibdata.generate(suite, workers=1, overrides=["episodes=1", "steps=20"])
     assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
     for name, dataset in made.items():
         experiment = ibdata.load(f"{suite}/{name}")
@@ -68,42 +67,42 @@ def test_the_siemens_sets_have_a_validation_set():
 
 def test_each_experiment_is_made_as_alone(two):
     """The dataset of an experiment in a folder is the one that it makes alone."""
-    made = ibdata.generate_all(two, "out", workers=1, seed=3)
+    made = ibdata.generate(two, "out", workers=1, seed=3)
     alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)
-    assert made["set-b"].path == Path("out/set-b")
-    assert made["set-b"].content_root == alone.content_root
+    assert made["b"].path == Path("out/b")
+    assert made["b"].content_root == alone.content_root
 
 
 def test_a_single_experiment_is_made_where_generate_makes_it(two):
-    """`generate_all` of a single experiment makes it in data/<name>, or in a folder of that name."""
-    assert ibdata.generate_all(two / "a.yaml", workers=1)["set-a"].path == Path("data/set-a")
-    assert ibdata.generate_all(two / "a.yaml", "out", workers=1)["set-a"].path == Path("out/set-a")
+    """A single experiment of a folder goes to data/<name>, or to the place itself."""
+    assert ibdata.generate(two / "a.yaml", workers=1).path == Path("data/set-a")
+    assert ibdata.generate(two / "a.yaml", "out", workers=1).path == Path("out")
 
 
 def test_all_are_checked_before_the_first_is_made(two):
     """Where one experiment, place or option is wrong, no dataset is made."""
-    ibdata.generate(two / "b.yaml", "data/two/set-b", workers=1, seed=1)
+    ibdata.generate(two / "b.yaml", "data/two/b", workers=1, seed=1)
     Path("file").touch()
     for options, line in (
         ({"overrides": ["steps=0"]}, "steps: found 0"),
-        ({}, "data/two/set-b: holds the dataset of another experiment"),
+        ({}, "data/two/b: holds the dataset of another experiment"),
         ({"out": "out", "workers": 0}, "workers: found 0"),
         ({"out": "file"}, "file: is a file, not a folder"),
         ({"out": "s3://bucket/x"}, "found a URL for a folder of experiments"),
     ):
         with pytest.raises((ConfigError, UsageError), match=line):
-            ibdata.generate_all(two, **{"workers": 1, **options})
-    assert [path.name for path in Path("data/two").iterdir()] == ["set-b"]
+            ibdata.generate(two, **{"workers": 1, **options})
+    assert [path.name for path in Path("data/two").iterdir()] == ["b"]
     assert not Path("out").exists()
 
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_finished_datasets_are_passed_over(two, resume):
     """Datasets that are there are not made again, and the others are made."""
-    done = ibdata.generate(two / "a.yaml", "data/two/set-a", workers=1)
-    made = ibdata.generate_all(two, workers=1, resume=resume)
-    assert list(made) == ["set-a", "set-b"]
-    assert made["set-a"].manifest == done.manifest
+    done = ibdata.generate(two / "a.yaml", "data/two/a", workers=1)
+    made = ibdata.generate(two, workers=1, resume=resume)
+    assert list(made) == ["a", "b"]
+    assert made["a"].manifest == done.manifest
 
 
 def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
@@ -114,20 +113,22 @@ def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
 
     many = ["output.shard_rows=5", "episodes=3"]
     with monkeypatch.context() as patched:
-        patched.setattr("ibdata.generation.generate.finish", stop)
+        patched.setattr("ibdata.generation.run.finish", stop)
         with pytest.raises(KeyboardInterrupt):
-            ibdata.generate_all(two, workers=1, overrides=many)
-    assert len(receipts("data/two/set-a")) == 3
-    assert receipts("data/two/set-b") == []
-    made = ibdata.generate_all(two, workers=1, overrides=many, resume=True)
+            ibdata.generate(two, workers=1, overrides=many)
+    assert len(receipts("data/two/a")) == 3
+    assert receipts("data/two/b") == []
+    made = ibdata.generate(two, workers=1, overrides=many, resume=True)
     assert [ibdata.validate(dataset.path) for dataset in made.values()] == [[], []]
 
 
 def test_the_estimates_are_those_of_the_single_runs(two):
-    """A preview of a folder has a result for each experiment, and writes nothing."""
-    guessed = preview_all(two, workers=1)
-    assert [(g["name"], g["out"], g["rows"]) for g in guessed] == [
-        ("set-a", "data/two/set-a", 5),
-        ("set-b", "data/two/set-b", 5),
+    """An estimate of a folder has a result for each experiment, and the sums; nothing is written."""
+    guessed = ibdata.estimate(two, workers=1)
+    assert [(g["name"], g["out"], g["rows"]) for g in guessed["experiments"]] == [
+        ("set-a", "data/two/a", 5),
+        ("set-b", "data/two/b", 5),
     ]
+    assert (guessed["out"], guessed["rows"]) == ("data/two", 10)
+    assert len(guessed.to_pandas()) == 2
     assert not Path("data").exists()

@@ -19,7 +19,7 @@ OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
     "generate": lambda out: ibdata.generate(TINY, out, workers=1),
     "overwrite": lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True),
-    "shards": lambda out: ibdata.generate_shards(TINY, "1/1", out, workers=1),
+    "shards": lambda out: ibdata.generate(TINY, out, shards="1/1", workers=1),
     "estimate": lambda out: ibdata.estimate(TINY, out),
     "merge": lambda out: ibdata.merge(["../a", "../b"], out),
     "materialize": lambda out: ibdata.split("../a", scheme="leave-one-out", materialize=out),
@@ -61,6 +61,7 @@ def others():
     Path("file").write_text("mine")
     Path("link").symlink_to("file")
     Path("linked").symlink_to("../a/meta")
+    Path("loop").symlink_to("loop")
     for folder in ("folder", "forged/meta"):
         Path(folder).mkdir(parents=True)
         Path(folder, "mine").write_text("mine")
@@ -79,7 +80,9 @@ def test_a_place_that_cannot_be_a_dataset_is_refused(here, others, write, out, l
 
 
 @pytest.mark.parametrize("write", [WRITERS["generate"], WRITERS["merge"], ibdata.finalize])
-@pytest.mark.parametrize("out", ["file/out", "file/a/b", "x" * 300, "a/" + "x" * 300, "/proc/none/x"])
+@pytest.mark.parametrize(
+    "out", ["file/out", "file/a/b", "loop/below", "x" * 300, "a/" + "x" * 300, "/proc/none/x"]
+)
 def test_a_refusal_of_the_system_is_one_line(others, out, write):
     """A place that the system refuses is an error of one line that begins with it."""
     before = contents()
@@ -161,7 +164,7 @@ def test_overwriting_a_folder_without_write_access_is_refused(here, monkeypatch,
     denied, access = Path(folder).resolve(), os.access
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != denied and access(path, mode))
     before = contents(here)
-    with pytest.raises(UsageError, match="cannot be written, expected a folder that overwrite=True may rep"):
+    with pytest.raises(UsageError, match="cannot be written, expected a folder that --overwrite may rep"):
         WRITERS["overwrite"]("../a")
     assert contents(here) == before
 
@@ -185,8 +188,8 @@ def test_a_folder_that_cannot_be_moved_is_refused(here, monkeypatch, place, numb
 
 
 MEANWHILE = {
-    "generate": ("ibdata.generation.generate.finish", WRITERS["generate"], "out"),
-    "overwrite": ("ibdata.generation.generate.finish", WRITERS["overwrite"], "../a"),
+    "generate": ("ibdata.generation.run.finish", WRITERS["generate"], "out"),
+    "overwrite": ("ibdata.generation.run.finish", WRITERS["overwrite"], "../a"),
     "merge": ("ibdata.maintenance.rewrite.finish", WRITERS["merge"], "out"),
 }
 

@@ -18,7 +18,7 @@ CODE = textwrap.dedent("""
         def act(self, history, u):
             return self.gain * (2.0 * u - 1.0) + 0.001 * history[:, 0, 1:4]
 
-        def log_prob(self, history, action):
+        def log_density(self, given, action):
             return np.full(len(action), -0.5)
 
     class Learned:
@@ -27,6 +27,9 @@ CODE = textwrap.dedent("""
 
     def made(value):
         return type("Still", (), {"predict": lambda self, x: np.full((len(x), 3), value)})()
+
+    def still(observations, value=0.125):
+        return np.full((len(observations), 3), value)
 
     actor = Actor(0.25)
     nothing = object()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +20,7 @@ from ibdata.writing.arrow import STATISTICS
 
 # Options of `pyarrow.parquet.write_table` with which a footer is as in a file of ibdata's.
 AS_WRITTEN: dict[str, Any] = {"write_statistics": list(STATISTICS), "use_dictionary": ["policy"]}
+Made = Callable[[Any, Path], Dataset]
 Digests = Callable[[pa.Table], dict[int, bytes]]
 Root = Callable[[Dataset, pa.Table], str]
 
@@ -37,6 +40,22 @@ def describe() -> Callable[..., Experiment]:
         return Experiment.model_validate({**plain, **changes})
 
     return make
+
+
+@pytest.fixture(scope="session")
+def made_at(tmp_path_factory) -> Made:
+    """A function for the dataset of an experiment at a place; it is generated once, then copied."""
+    known: dict[str, Path] = {}
+
+    def at(experiment: Any, out: Path) -> Dataset:
+        whole = Experiment.model_validate(experiment)
+        key = json.dumps(whole.plain(), sort_keys=True)
+        if key not in known:
+            known[key] = tmp_path_factory.mktemp("once") / "made"
+            ibdata.generate(whole, known[key], workers=1)
+        return ibdata.open(shutil.copytree(known[key], out))
+
+    return at
 
 
 @pytest.fixture(scope="session")
@@ -81,13 +100,7 @@ def either(request) -> Dataset:
 @pytest.fixture
 def copied(dataset, tmp_path) -> Path:
     """A copy of the folder of `dataset` that a test may damage."""
-    folder = tmp_path / "copied"
-    for path in dataset.path.rglob("*"):
-        if path.is_file():
-            target = folder / path.relative_to(dataset.path)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(path.read_bytes())
-    return folder
+    return Path(shutil.copytree(dataset.path, tmp_path / "copied"))
 
 
 @pytest.fixture(scope="session")

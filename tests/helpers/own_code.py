@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -32,7 +31,7 @@ FILES = {
 
             def act(self, history, u):
                 from lazy import SIGN
-                if history[0, 0, 0] > 50:
+                if history[0, 0, 0] == 70:
                     for path in pathlib.Path().glob("at-70-*.py"):
                         exec(path.read_text())
                 return SIGN * helper.SIZE * self.size * (2.0 * u - 1.0)
@@ -43,17 +42,9 @@ FILES = {
     "own.yaml": json.dumps(PLAIN),
     "at-70-stop.py": "raise RuntimeError('stopped')",
 }
-MODULES = ("mine", "helper", "lazy")
-
-
-def forget():
-    for name in MODULES:
-        sys.modules.pop(name, None)
 
 
 def generate(out="out", **options):
-    """Generate as a new process would, with one worker."""
-    forget()
     return ibdata.generate("own.yaml", out, allow_code=True, **{"workers": 1, **options})
 
 

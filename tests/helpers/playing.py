@@ -7,21 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.policies import Policy
-from ibdata.policies.given import Given
+from ibdata.policies import Observed, Policy
 
 Actions = npt.NDArray[np.float32]
 
 
-def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple[Given, Actions]]:
+def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple[Observed, Actions]]:
     """Yield what a policy is given at each step of n episodes, and its actions as they are applied."""
-    random, frames = np.random.default_rng(seed), policy.history_length
+    random, frames = np.random.default_rng(seed), policy.needs.history
     seen = random.uniform(0.0, 100.0, (n, frames, 6)).astype(np.float32)
-    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.memory_size))
-    drawn = random.random((n, policy.uniforms_per_episode))
+    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.needs.memory))
+    drawn = random.random((n, policy.needs.episode_draws))
     for t in range(steps):
-        u = random.random((n, policy.uniforms_per_step))
-        given = Given(seen, done, np.full(n, t), u, drawn, memory)
+        u = random.random((n, policy.needs.step_draws))
+        given = Observed(seen, done, np.full(n, t), u, drawn, memory)
         answer = policy.decide(given)
         actions, memory = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32), answer.memory
         yield given, actions

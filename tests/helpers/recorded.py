@@ -8,9 +8,9 @@ import numpy as np
 
 from ibdata.experiment import Experiment
 from ibdata.experiment.fields import BurnIn
-from ibdata.experiment.start import burn_in_steps
+from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key, uniforms
-from ibdata.simulation.rollout import rollout
+from ibdata.simulation.start import burn_in_steps
 
 
 class Recorded(NamedTuple):
@@ -47,7 +47,7 @@ def recorded_episode(setpoint, dynamics="siemens", start="default", steps=300, s
     if isinstance(experiment.start, BurnIn):
         u = np.empty((1, 1, 3))
         uniforms(raw(Purpose.START, 0, 4).reshape(1, 4, 1), u)
-        for t in range(burn_in_steps(experiment.start, u[0])[0]):
+        for t in range(burn_in_steps(*experiment.start.steps, u[0])[0]):
             drawn += one_step(Purpose.BURN_IN_DYNAMICS, Purpose.BURN_IN_DRIFT, t)
             drawn.append(raw(Purpose.BURN_IN_POLICY, t, 4))
     for t in range(steps):

@@ -7,23 +7,23 @@ from typing import Literal
 
 import numpy as np
 
-from ibdata.policies import Policy
+from ibdata.policies import Decision, Needs, Policy
 
 
 class Watching(Policy):
-    """Does nothing, and keeps what it sees. Policies of ibdata are asked once at every step."""
+    """Does nothing, and keeps what it sees. It is also asked before a run, with other numbers of episodes."""
 
     kind: Literal["watching"] = "watching"
     frames: int = 1
 
     @property
-    def history_length(self):
-        return self.frames
+    def needs(self):
+        return Needs(history=self.frames)
 
     @cached_property
     def seen(self):
         return []
 
-    def act(self, history, u):
-        self.seen.append(history.copy())
-        return np.zeros((len(history), 3))
+    def decide(self, given):
+        self.seen.append(given.observations.copy())
+        return Decision(np.zeros((len(given.step), 3)), given.memory)

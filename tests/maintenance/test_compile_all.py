@@ -21,7 +21,7 @@ print(compile_all().folder)
 new = []
 CodeCache.load_overload = lambda self, *_: new.append(self._function) or None
 policies = [{"kind": kind} for kind in ("random", "safe", "constant", "bad", "mediocre", "optimized")]
-policies += [{"kind": "epsilon_greedy", "base": {"kind": "bad"}, "epsilon": 0.2, "per_dimension": True}]
+policies += [{"kind": "epsilon_greedy", "base": {"kind": "bad"}, "epsilon": 0.2}]
 policies += [{"kind": "gaussian", "base": {"kind": "optimized"}, "scale": 0.1}]
 policies += ["ornstein_uhlenbeck", "coloured_noise", "prbs", "multisine"]
 policies += [{"kind": "sticky", "base": "random", "kappa": 0.5}]

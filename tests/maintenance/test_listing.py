@@ -18,17 +18,17 @@ EXPERIMENT = Experiment.model_validate(
 )
 
 
-def test_finished_unfinished_and_damaged_datasets_are_found_and_nothing_else(tmp_path, monkeypatch):
+def test_finished_unfinished_and_damaged_datasets_are_found_and_nothing_else(made_at, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    made = ibdata.generate(EXPERIMENT, "data/set/b", workers=1)
-    ibdata.generate(EXPERIMENT, "data/damaged", workers=1)
+    made = made_at(EXPERIMENT, "data/set/b")
+    made_at(EXPERIMENT, "data/damaged")
     Path("data/damaged/meta/manifest.json").write_text("{}")
-    ibdata.generate_shards(FOUR_SHARDS, "1/4", "data/begun", workers=1)
-    ibdata.generate_shards(FOUR_SHARDS, "3/4", "data/lost", workers=1)
+    ibdata.generate(FOUR_SHARDS, "data/begun", shards="1/4", workers=1)
+    ibdata.generate(FOUR_SHARDS, "data/lost", shards="3/4", workers=1)
     Path("data/.lost.part/experiment.yaml").unlink()
     Path("other/.x.part").mkdir(parents=True)
     os.symlink("data", "link")
-    ibdata.generate(EXPERIMENT, ".hidden/a", workers=1)
+    made_at(EXPERIMENT, ".hidden/a")
     found = {str(each.path): each for each in datasets_in(".")}
     assert {path: each.state for path, each in found.items()} == {
         "data/begun": "unfinished, 1 of 4 shards",

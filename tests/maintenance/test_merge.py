@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import pytest
 from helpers.forging import seal
 from helpers.tiny import FOUR_SHARDS
 
 import ibdata
-from ibdata import Experiment
 from ibdata.dataset.difference import difference
 from ibdata.errors import DatasetError, UsageError
 from ibdata.maintenance.repair import repair
@@ -23,31 +23,36 @@ PLAIN = {
     "output": {"shard_rows": 8},
     "splits": {"low": {"setpoint": 20}},
 }
+OTHER = {
+    **PLAIN,
+    "name": "b",
+    "seed": 1,
+    "steps": 5,
+    "policies": [{"kind": "safe"}, {"kind": "random"}],
+    "splits": {"high": {"setpoint": 70}},
+}
 
 
 @pytest.fixture
-def make(tmp_path):
-    def make(name, **changes):
-        experiment = Experiment.model_validate({**PLAIN, "name": name, **changes})
-        return ibdata.generate(experiment, tmp_path / name, workers=1)
-
-    return make
+def make(made_at, tmp_path):
+    return lambda name, **changes: made_at({**PLAIN, "name": name, **changes}, tmp_path / name)
 
 
 @pytest.fixture
 def pair(make):
     """Two datasets that differ in seed, policy, length of episodes, shards and splits."""
-    return make("a"), make(
-        "b",
-        seed=1,
-        steps=5,
-        policies=[{"kind": "safe"}, {"kind": "random"}],
-        splits={"high": {"setpoint": 70}},
-    )
+    return make("a"), make(**OTHER)
 
 
-def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, tmp_path):
-    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+@pytest.fixture(scope="module")
+def merged(made_at, tmp_path_factory):
+    """The two datasets of `pair` in one, which no test changes."""
+    folder = tmp_path_factory.mktemp("merged")
+    made = [made_at(plain, folder / plain["name"]) for plain in (PLAIN, OTHER)]
+    return ibdata.merge([each.path for each in made], folder / "both")
+
+
+def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, merged):
     assert merged.digests == [digest for d in pair for digest in d.digests]
     assert merged.episodes["episode"].tolist() == list(range(6 + 12))
     assert merged.episodes["length"].tolist() == [4] * 6 + [5] * 12
@@ -63,8 +68,7 @@ def test_a_merged_dataset_holds_the_episodes_of_all_and_is_valid(pair, tmp_path)
     assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
 
 
-def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
-    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged):
     assert ibdata.reproduce(merged.path) == (18, [])
     assert ibdata.reproduce(merged.path, "4-9") == (6, [])
     assert ibdata.reproduce(merged.path, 7) == (7, [])
@@ -74,14 +78,14 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(pair, tmp_path):
 @pytest.mark.parametrize(
     "damage", ["shard 0", "shard 11", "meta/experiment-00001.yaml", "meta/statistics.json"]
 )
-def test_a_merged_dataset_is_repaired(pair, shard_file, tmp_path, damage):
-    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
-    file = shard_file(merged.path, int(damage.split()[1])) if damage.startswith("shard") else damage
-    whole = (merged.path / file).read_bytes()
-    (merged.path / file).unlink()
-    assert repair(merged.path, workers=1) == [file]
-    assert (merged.path / file).read_bytes() == whole
-    assert ibdata.validate(merged.path) == []
+def test_a_merged_dataset_is_repaired(merged, shard_file, tmp_path, damage):
+    folder = Path(shutil.copytree(merged.path, tmp_path / "both"))
+    file = shard_file(folder, int(damage.split()[1])) if damage.startswith("shard") else damage
+    whole = (folder / file).read_bytes()
+    (folder / file).unlink()
+    assert repair(folder, workers=1) == [file]
+    assert (folder / file).read_bytes() == whole
+    assert ibdata.validate(folder) == []
 
 
 def test_merging_in_another_order_or_in_two_steps_gives_the_same_root(make, tmp_path):
@@ -104,11 +108,10 @@ def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     assert ibdata.validate(merged.path) == []
 
 
-def test_a_merged_dataset_can_be_split_by_setpoint(pair, tmp_path):
-    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
-    split = ibdata.split(merged.path, source=[20], target=[70], shots=1)
+def test_a_merged_dataset_can_be_split_by_setpoint(merged, tmp_path):
+    split = ibdata.split(shutil.copytree(merged.path, tmp_path / "both"), source=[20], target=[70], shots=1)
     assert split.splits["target"]["episodes"] == 3
-    assert ibdata.validate(merged.path) == []
+    assert ibdata.validate(split.path) == []
 
 
 @pytest.mark.parametrize(
@@ -145,7 +148,7 @@ def test_episodes_of_the_third_that_the_first_has_are_found_and_setpoints_named_
     with pytest.raises(UsageError) as error:
         ibdata.merge([first.path, make("b", seed=1).path, third.path], tmp_path / "all")
     assert str(error.value).startswith(f"{third.path}: setpoint 20.0000002, policy random: the same")
-    assert f"also in {first.path}; make one of the datasets with another seed=…" in str(error.value)
+    assert f"also in {first.path}; make one of the datasets with another --seed" in str(error.value)
 
 
 @pytest.mark.slow
@@ -186,7 +189,7 @@ def test_a_source_that_is_damaged_is_an_error_and_leaves_nothing(pair, shard_fil
 def test_one_dataset_or_a_folder_that_holds_something_is_refused(pair, tmp_path):
     with pytest.raises(UsageError, match="found 1 dataset, expected at least 2"):
         ibdata.merge([pair[0].path], tmp_path / "both")
-    with pytest.raises(UsageError, match="exists already; choose another out=…"):
+    with pytest.raises(UsageError, match="exists already; choose another --out"):
         ibdata.merge([d.path for d in pair], pair[0].path)
 
 
@@ -200,14 +203,13 @@ def test_what_a_killed_merge_left_is_discarded_by_the_next(pair, tmp_path):
 
 
 def test_an_unfinished_run_in_the_place_stays(pair, tmp_path):
-    ibdata.generate_shards(FOUR_SHARDS, "1/2", tmp_path / "both", workers=1)
-    with pytest.raises(UsageError, match="holds an unfinished run of generate; choose another out=…"):
+    ibdata.generate(FOUR_SHARDS, tmp_path / "both", shards="1/2", workers=1)
+    with pytest.raises(UsageError, match="holds an unfinished run of generate; choose another --out"):
         ibdata.merge([d.path for d in pair], tmp_path / "both")
     assert ibdata.generate(FOUR_SHARDS, tmp_path / "both", workers=1, resume=True).digests
 
 
-def test_the_difference_of_a_merged_dataset_counts_what_only_one_has(pair, tmp_path):
-    merged = ibdata.merge([d.path for d in pair], tmp_path / "both")
+def test_the_difference_of_a_merged_dataset_counts_what_only_one_has(pair, merged):
     lines = difference(merged, pair[0])
     assert lines == difference(merged.path, pair[0].path)
     assert "experiments: 2 and 1" in lines

@@ -26,6 +26,7 @@ from ibdata.validation.validate import validate
 
 FILES = ["shard 0", "shard 3", "meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json"]
 FILES += [manifest.EXPERIMENT]
+HOWS = ["missing", "cut", "flipped"] * 2  # one for each file
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -46,8 +47,7 @@ def rewritten(path: Path, change: Callable[[pa.Table], pa.Table] = lambda table:
     pq.write_table(change(pq.read_table(path)), path, compression="none", use_dictionary=["policy"])
 
 
-@pytest.mark.parametrize("what", FILES)
-@pytest.mark.parametrize("how", ["missing", "cut", "flipped"])
+@pytest.mark.parametrize(("what", "how"), list(zip(FILES, HOWS, strict=True)), ids=FILES)
 def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
     before, path = contents(copied), file(what)
     damage(copied / path, how)

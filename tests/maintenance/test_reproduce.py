@@ -31,7 +31,7 @@ def test_an_episode_that_is_not_reproduced_is_named(copied, file):
 
 @pytest.mark.parametrize("episodes", ["x", "-3", "3-", "7-3", "0-12", "٣"])
 def test_episodes_that_are_none_are_refused(made, episodes):
-    with pytest.raises(UsageError, match=r"^episodes: found "):
+    with pytest.raises(UsageError, match=r"^--episodes: found "):
         reproduce(made.path, episodes)
 
 

@@ -7,7 +7,8 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow, tanh
@@ -17,7 +18,7 @@ mp.dps = 50
 EPSILON = 2.0**-52
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+examples = tries(300)
 
 
 def exact(x: float) -> mpmath.mpf:

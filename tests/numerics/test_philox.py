@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from helpers.examples import tries
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from ibdata.numerics.philox import Word, mulhi, philox, philox_blocks
 
-examples = settings(derandomize=True, deadline=None, max_examples=200)
+examples = tries(200)
 words = st.integers(0, 2**64 - 1)
 MOST = 2**64 - 1
 # Key, counter, block; the last from the digits of pi.

@@ -17,7 +17,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import Noise
@@ -32,7 +33,7 @@ from ibdata.simulation.noise import (
     standard_noise,
 )
 
-examples = settings(derandomize=True, deadline=None, max_examples=200)
+examples = tries(200)
 
 CELL = hashlib.sha256(b"golden").digest()
 OTHER_CELL = hashlib.sha256(b"other").digest()

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from ibdata.dynamics import VARIANTS
 from ibdata.experiment import load
+from ibdata.experiment.rollout import rollout
 from ibdata.plots.paper import dynamics, landscape, policies, setpoints
-from ibdata.simulation.rollout import rollout
 
 pytestmark = pytest.mark.slow
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -55,6 +56,13 @@ def test_each_dataset_has_its_own_folder_by_default(ibdata, merged, make, tmp_pa
     assert "splits.png" not in os.listdir(tmp_path / "figures" / "other")
 
 
+def test_a_notebook_shows_the_pictures(many, tmp_path):
+    for form, kind in (("png", "png"), ("svg", "svg+xml")):
+        shown = plot(many, tmp_path / form, form=form)._repr_html_()
+        assert re.findall('alt="(.*?)"', shown) == NAMES
+        assert shown.count(f"data:image/{kind};base64,") == len(NAMES)
+
+
 def test_the_help_describes_each_picture(ibdata):
     printed = ibdata("plot", "--help").stdout
     assert all(f"\n  {name} " in printed for name in NAMES)
@@ -68,7 +76,7 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     for text in texts.values():
         assert ": many -->" in text
         assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
-    assert "<!-- fatigue f, at t + 1 (cost) -->" in texts["tradeoff"]
+    assert "<!-- fatigue f, at t + 1 (cost units) -->" in texts["tradeoff"]
     assert "<!-- velocity v, at t -->" in texts["coverage"]
     assert "<!-- setpoint p -->" in texts["rewards"]
     plot(many, tmp_path / "again", form="svg")

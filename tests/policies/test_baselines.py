@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.asking import action_of, proposed
 
-from ibdata.errors import UsageError
 from ibdata.policies import POLICIES
 from ibdata.policies.optimized import MEAN, STD
 
@@ -28,31 +28,31 @@ def past(**values):
 
 
 def optimized(**values):
-    return np.asarray(Optimized().act(past(**values), NO_DRAWS))[0]
+    return np.asarray(proposed(Optimized(), past(**values), NO_DRAWS))[0]
 
 
 def test_bad_is_the_way_to_100_in_raw_units():
     # 100 - 50 = 50, 100 - 99.5 = 0.5, 100 - 100 = 0; what is above 1 is clipped when it is applied.
-    assert np.asarray(Bad().act(now(50.0, 99.5, 100.0), NO_DRAWS)).tolist() == [[50.0, 0.5, 0.0]]
-    assert Bad().mean_action(now(50.0, 99.5, 100.0)).tolist() == [[1.0, 0.5, 0.0]]
+    assert np.asarray(proposed(Bad(), now(50.0, 99.5, 100.0), NO_DRAWS)).tolist() == [[50.0, 0.5, 0.0]]
+    assert action_of(Bad(), now(50.0, 99.5, 100.0)).tolist() == [[1.0, 0.5, 0.0]]
 
 
 def test_mediocre_is_the_way_to_25_in_raw_units():
     # 25 - 25 = 0, 25 - 24.75 = 0.25, 25 - 27 = -2
-    assert np.asarray(Mediocre().act(now(25.0, 24.75, 27.0), NO_DRAWS)).tolist() == [[0.0, 0.25, -2.0]]
-    assert Mediocre().mean_action(now(25.0, 24.75, 27.0)).tolist() == [[0.0, 0.25, -1.0]]
+    assert np.asarray(proposed(Mediocre(), now(25.0, 24.75, 27.0), NO_DRAWS)).tolist() == [[0.0, 0.25, -2.0]]
+    assert action_of(Mediocre(), now(25.0, 24.75, 27.0)).tolist() == [[0.0, 0.25, -1.0]]
 
 
 def test_the_distance_is_taken_in_doubles():
     # 25 and the float32 just above 24.9: their difference has more digits than a float32 near 25.
     x = np.float32(24.9)
-    assert np.asarray(Mediocre().act(now(x, x, x), NO_DRAWS))[0, 0] == 25.0 - float(x)
+    assert np.asarray(proposed(Mediocre(), now(x, x, x), NO_DRAWS))[0, 0] == 25.0 - float(x)
 
 
 def test_optimized_at_the_mean_of_everything_is_its_constants():
     # All z are 0; 1.43 is clipped when it is applied. The means are rounded to float32 in a history.
     assert optimized() == pytest.approx([-0.91, 1.43, 0.81], abs=1e-6)
-    assert Optimized().mean_action(past()).tolist()[0][1] == 1.0
+    assert action_of(Optimized(), past()).tolist()[0][1] == 1.0
 
 
 def test_the_velocity_follows_the_velocity_five_steps_ago():
@@ -90,9 +90,3 @@ def test_the_statistics_are_those_of_the_source():
     assert (MEAN[P], STD[P]) == (setpoints.mean(), round(setpoints.std(), 2))
     assert MEAN == (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
     assert STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
-
-
-@pytest.mark.parametrize("shape", [(2, 1, 6), (2, 6), (2, 6, 5)])
-def test_optimized_does_not_read_beyond_a_history_that_is_too_short(shape):
-    with pytest.raises(UsageError, match=r"^history: found \(2, .*, expected \(n, 6, 6\)"):
-        Optimized().act(np.zeros(shape), np.empty((2, 0)))

@@ -45,7 +45,7 @@ def test_where_the_base_takes_the_last_action_too_the_probabilities_add():
     _, (given, _) = playing(policy, 4, 2)
     assert log_density(policy, given, [0.5] * 3) == pytest.approx([0.0] * 4)
     greedy = Sticky(base={"kind": "epsilon_greedy", "base": UP, "epsilon": 0.2}, kappa=0.75)
-    given = given._replace(uniforms=np.zeros((4, greedy.uniforms_per_step)))
+    given = given._replace(uniforms=np.zeros((4, greedy.needs.step_draws)))
     assert log_density(greedy, given, [0.5] * 3) == pytest.approx([np.log(0.75 + 0.25 * 0.8)] * 4)
     always = Sticky(base={"kind": "epsilon_greedy", "base": UP, "epsilon": 1.0}, kappa=0.75)
     assert log_density(always, given, [0.5] * 3) == pytest.approx([np.log(0.75)] * 4)
@@ -55,22 +55,6 @@ def test_a_custom_base_leaves_no_density():
     policy = Sticky(base={"kind": "custom", "target": "ibdata.policies.bad:Bad"}, kappa=0.5)
     (given, action), *_ = playing(policy, 4, 1)
     assert np.isnan(policy.log_density(given, action)).all()
-
-
-@pytest.mark.parametrize("kind", ["sticky", "epsilon_greedy"])
-def test_the_short_forms_of_what_depends_on_earlier_steps_are_refused(kind):
-    """They could only answer as at the first step."""
-    base, options = {"kind": "prbs"}, {"sticky": {"kappa": 0.5}, "epsilon_greedy": {"epsilon": 0.5}}
-    policy = POLICIES[kind](base=base, **options[kind])
-    history = np.zeros((2, policy.history_length, 6), dtype=np.float32)
-    for short in (
-        lambda: policy.act(history, np.zeros((2, policy.uniforms_per_step))),
-        lambda: policy.log_prob(history, np.zeros((2, 3), dtype=np.float32)),
-    ):
-        with pytest.raises(
-            TypeError, match=f"^{kind}: found a call of act or log_prob, expected a call of decide"
-        ):
-            short()
 
 
 @pytest.mark.parametrize(("weights", "share"), [(None, 0.5), ([1.0, 3.0], 0.25)])
@@ -88,12 +72,12 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
     assert set(which.tolist()) == {0, 1, 2}
     for number, block in enumerate(bases):
         alone, first = POLICIES[block["kind"]](), [1, 2, 2][number]
-        memory = np.zeros((60, alone.memory_size))
+        memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
             own = given._replace(
-                observations=given.observations[:, : alone.history_length],
-                uniforms=given.uniforms[:, : alone.uniforms_per_step],
-                episode_uniforms=given.episode_uniforms[:, first : first + alone.uniforms_per_episode],
+                observations=given.observations[:, : alone.needs.history],
+                uniforms=given.uniforms[:, : alone.needs.step_draws],
+                episode_uniforms=given.episode_uniforms[:, first : first + alone.needs.episode_draws],
                 memory=memory,
             )
             answer = alone.decide(own)
@@ -188,6 +172,5 @@ def test_custom_policies_within_others_are_found_at_any_depth():
     }
     policy = Schedule(stages=[{"base": mixture, "steps": 3}, {"base": {"kind": "bad"}}])
     assert [each.kind for each in policy.everywhere() if each.code_target] == ["custom"]
-    assert policy.history_length == 7
     made = Experiment(name="x", setpoints=70, policies=[policy])
     assert Experiment.model_validate(made.plain()) == made

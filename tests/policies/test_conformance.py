@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.asking import log_density_of
 from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Deterministic, Policy, Wrapper
+from ibdata.policies import POLICIES, Decision, Deterministic, Observed, Policy, Wrapper
 from ibdata.policies.choice import Choice
-from ibdata.policies.given import Given
 from ibdata.testing import check_policy
 
 
@@ -40,14 +40,13 @@ PLAIN = [k for k in ALONE if not issubclass(POLICIES[k], Wrapper | Choice) and k
 FIXED = [kind for kind in PLAIN if issubclass(POLICIES[kind], Deterministic)]
 EXAMPLES["epsilon_greedy"] = [
     *({"base": {"kind": kind}, "epsilon": 0.2} for kind in PLAIN),
-    *({"base": {"kind": kind}, "epsilon": 0.6, "per_dimension": True} for kind in FIXED),
     *(
         {"base": {"kind": kind}, "epsilon": epsilon}
         for kind in ("safe", "mediocre")
         for epsilon in (0.0, 1.0)
     ),
     {"base": {"kind": "constant", "action": [1.0, -0.25, 0.1]}, "epsilon": 0.4},
-    {"base": {"kind": "custom", **SURE}, "epsilon": 0.4, "per_dimension": True},
+    {"base": {"kind": "custom", **SURE}, "epsilon": 0.4},
 ]
 EXAMPLES["gaussian"] = [
     *({"base": {"kind": kind}, "scale": 0.4} for kind in FIXED),
@@ -92,8 +91,8 @@ SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 def histories(policy, values=EDGES):
     """One lane (n, frames, 6) for every pair of velocity and gain, the older frames those of other lanes."""
     pairs = np.array(list(product(values, values)), dtype=np.float32)
-    history = np.full((len(pairs), policy.history_length, 6), 50.0, dtype=np.float32)
-    for k in range(policy.history_length):
+    history = np.full((len(pairs), policy.needs.history, 6), 50.0, dtype=np.float32)
+    for k in range(policy.needs.history):
         history[:, k, 1:3] = np.roll(pairs, k, axis=0)
         history[:, k, 3:5] = np.roll(pairs[::-1], 2 * k, axis=0)
     return history
@@ -115,14 +114,14 @@ def asked(policy, history, step=3):
     """What a policy is given at a step of episodes with these histories, after it has played the others."""
     n, frames = history.shape[:2]
     random = np.random.default_rng(1)
-    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.memory_size))
-    drawn = random.random((n, policy.uniforms_per_episode))
+    done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.needs.memory))
+    drawn = random.random((n, policy.needs.episode_draws))
     for t in range(step):
-        u = random.random((n, policy.uniforms_per_step))
-        given = Given(history, done, np.full(n, t), u, drawn, memory)
+        u = random.random((n, policy.needs.step_draws))
+        given = Observed(history, done, np.full(n, t), u, drawn, memory)
         memory = np.asarray(policy.decide(given).memory)
         done = np.concatenate([applied(policy, given)[:, None], done], axis=1)[:, :frames]
-    return Given(history, done, np.full(n, step), draws(n, policy.uniforms_per_step), drawn, memory)
+    return Observed(history, done, np.full(n, step), draws(n, policy.needs.step_draws), drawn, memory)
 
 
 def repeated(given, times):
@@ -155,7 +154,7 @@ def test_a_policy_passes_the_checks_that_are_published_for_everybody(policy):
 @policies
 def test_its_own_actions_have_a_finite_log_density(policy):
     given = repeated(asked(policy, histories(policy)), 20)
-    given = given._replace(uniforms=draws(len(given.step), policy.uniforms_per_step))
+    given = given._replace(uniforms=draws(len(given.step), policy.needs.step_draws))
     density = policy.log_density(given, applied(policy, given))
     assert np.isfinite(density[~unknown(policy, given)]).all()
     assert np.isnan(density[unknown(policy, given)]).all()
@@ -177,49 +176,6 @@ def unknown(policy, given):
         kinds = np.array([base.kind for base in policy.bases])
         return kinds[policy.chosen(given)] == "coloured_noise"
     return np.full(len(given.step), policy.kind == "coloured_noise")
-
-
-def repeats(actions):
-    """The values or rows that occur more than once in a hundred times."""
-    values, counts = np.unique(actions, axis=0, return_counts=True)
-    return values[counts > len(actions) // 100]
-
-
-def atoms_of(policy, many):
-    """For each dimension, ±1 and the numbers that a state repeats: the points of the measure."""
-    actions = applied(policy, many)
-    return [sorted({-1.0, 1.0} | set(repeats(actions[:, j]).tolist())) for j in range(3)]
-
-
-def whole_atoms(policy, many):
-    """The actions (k, 3) that have a mass as a whole, where single numbers have none of their own."""
-    plain = policy.kind == "epsilon_greedy" and not policy.per_dimension
-    if not (plain or policy.kind in ("sticky", "mixture", "schedule")):
-        return np.empty((0, 3), dtype=np.float32)
-    found = repeats(applied(policy, many))
-    return found[(np.abs(found) < 1.0).any(axis=1)]  # others are on the grid already
-
-
-@policies
-def test_the_density_integrates_to_1_in_every_state(policy):
-    """Gauss-Legendre on (-1, 1) and unit masses at the atoms, over the product of the dimensions."""
-    nodes, node_weights = np.polynomial.legendre.leggauss(24)
-    everywhere = asked(policy, histories(policy, (20.0, 40.0, 50.0, 60.0, 80.0)))
-    random = np.random.default_rng(1).random((400, policy.uniforms_per_step))
-    for i in np.flatnonzero(~unknown(policy, everywhere)):
-        one = everywhere.apply(lambda x, i=i: x[i : i + 1])
-        many = repeated(one, 400)._replace(uniforms=random)
-        whole = whole_atoms(policy, many)
-        axes, weights = [], []
-        for found in atoms_of(policy, many):
-            atoms = [-1.0, 1.0] if len(whole) else found
-            axes.append(np.concatenate([nodes, atoms]))
-            weights.append(np.concatenate([node_weights, np.ones(len(atoms))]))
-        action = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.float32)
-        weight = np.einsum("i,j,k->ijk", *weights).ravel()
-        action, weight = np.concatenate([action, whole]), np.append(weight, np.ones(len(whole)))
-        density = np.exp(policy.log_density(repeated(one, len(action)), action))
-        assert (density * weight).sum() == pytest.approx(1.0, abs=1e-6), one
 
 
 @policies
@@ -268,10 +224,10 @@ def test_a_policy_that_gives_no_density_has_nan():
     class Silent(Policy):
         kind: str = "silent"
 
-        def act(self, history, u):
-            return np.zeros((len(history), 3))
+        def decide(self, given):
+            return Decision(np.zeros((len(given.step), 3)), given.memory)
 
-    density = Silent().log_prob(np.zeros((4, 1, 6), np.float32), np.zeros((4, 3), np.float32))
+    density = log_density_of(Silent(), np.zeros((4, 1, 6), np.float32), np.zeros((4, 3), np.float32))
     assert np.isnan(density).all()
     assert density.shape == (4,)
 
@@ -283,25 +239,25 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ibdata.policies.base import Policy
+from ibdata.policies.base import Decision, Needs, Policy
 
 
 class Ramp(Policy):
     """A slope, and a little noise."""
 
-    uniforms_per_step: ClassVar[int] = 1
+    needs: ClassVar[Needs] = Needs(step_draws=1)
     kind: Literal["ramp"] = "ramp"
     slope: float = 0.25
 
-    def act(self, history, u):
-        return np.full((len(history), 3), self.slope) + 0.0 * u
+    def decide(self, given):
+        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.uniforms, given.memory)
 '''
 CONFIG = "name: x\nsetpoints: 70\nsteps: 3\npolicies: [{kind: %s, slope: 0.5}]\n"
 CHILD = """
 import json
 from ibdata.errors import ConfigError
 from ibdata.experiment import load
-from ibdata.simulation.rollout import rollout
+from ibdata.experiment.rollout import rollout
 columns = rollout(load("ramp.yaml"), 0, 1)
 actions = [columns.table[columns.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")]
 try:

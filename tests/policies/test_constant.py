@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.asking import log_density_of, proposed
 from pydantic import ValidationError
 
 from ibdata.policies import POLICIES
@@ -14,16 +15,12 @@ ANYWHERE = np.arange(18, dtype=np.float32).reshape(3, 1, 6)
 
 
 def test_the_default_does_nothing():
-    np.testing.assert_array_equal(Constant().act(ANYWHERE, NO_DRAWS), np.zeros((3, 3)))
+    np.testing.assert_array_equal(proposed(Constant(), ANYWHERE, NO_DRAWS), np.zeros((3, 3)))
 
 
 def test_every_lane_gets_the_action_in_the_order_velocity_gain_shift():
-    action = Constant(action=(0.5, -1.0, 0.125)).act(ANYWHERE, NO_DRAWS)
+    action = proposed(Constant(action=(0.5, -1.0, 0.125)), ANYWHERE, NO_DRAWS)
     np.testing.assert_array_equal(action, [[0.5, -1.0, 0.125]] * 3)
-
-
-def test_no_random_number_is_used():
-    assert Constant.uniforms_per_step == 0
 
 
 def test_the_whole_mass_lies_at_its_own_action_rounded_to_float32():
@@ -32,13 +29,13 @@ def test_the_whole_mass_lies_at_its_own_action_rounded_to_float32():
     own = np.array([0.1, -1.0, 0.0], dtype=np.float32)
     others = np.tile(own, (3, 1))
     others[range(3), range(3)] = np.nextafter(own, np.float32(2.0))
-    assert policy.log_prob(ANYWHERE[:1], own[None]).tolist() == [0.0]
-    assert policy.log_prob(ANYWHERE, others).tolist() == [-np.inf] * 3
+    assert log_density_of(policy, ANYWHERE[:1], own[None]).tolist() == [0.0]
+    assert log_density_of(policy, ANYWHERE, others).tolist() == [-np.inf] * 3
 
 
 def test_a_stored_zero_has_the_mass_of_a_minus_zero_in_the_config():
     policy = Constant(action=(-0.0, 0.0, 0.0))
-    assert policy.log_prob(ANYWHERE, np.zeros((3, 3), dtype=np.float32)).tolist() == [0.0] * 3
+    assert log_density_of(policy, ANYWHERE, np.zeros((3, 3), dtype=np.float32)).tolist() == [0.0] * 3
 
 
 @pytest.mark.parametrize(

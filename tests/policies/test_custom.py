@@ -8,14 +8,16 @@ import subprocess
 import sys
 import textwrap
 
+import numba
 import numpy as np
 import pytest
+from helpers.asking import log_density_of, proposed
 from helpers.custom_policies import described
 
 import ibdata
 from ibdata import Experiment
-from ibdata.errors import UsageError
-from ibdata.policies.custom import Custom, CustomError
+from ibdata.errors import PolicyError, UsageError
+from ibdata.policies.custom import Custom
 
 
 @pytest.mark.parametrize(
@@ -27,20 +29,22 @@ from ibdata.policies.custom import Custom, CustomError
         ({"target": "mine:actor", "uniforms": 3}, lambda h, u: 0.25 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
         ({"target": "mine:Learned", "history": 2}, lambda h, u: np.tanh(h[:, 1, 1:4] / 100.0)),
         ({"target": "mine:made", "params": {"value": 0.125}}, lambda h, u: np.full((len(h), 3), 0.125)),
+        ({"target": "mine:still"}, lambda h, u: np.full((len(h), 3), 0.125)),
+        ({"target": "mine:still", "params": {"value": 0.5}}, lambda h, u: np.full((len(h), 3), 0.5)),
     ],
 )  # fmt: skip
 def test_act_and_predict_are_asked_for_actions(mine, options, actions):
     policy = Custom(**options)
     rng = np.random.default_rng(0)
-    history = rng.uniform(0, 100, (7, policy.history_length, 6)).astype(np.float32)
-    u = rng.random((7, policy.uniforms_per_step))
-    np.testing.assert_array_equal(policy.act(history, u), actions(history, u))
+    history = rng.uniform(0, 100, (7, policy.needs.history, 6)).astype(np.float32)
+    u = rng.random((7, policy.needs.step_draws))
+    np.testing.assert_array_equal(proposed(policy, history, u), actions(history, u))
 
 
 def test_its_density_is_used_where_it_has_one(mine):
     history, action = np.zeros((2, 1, 6), np.float32), np.zeros((2, 3), np.float32)
-    assert Custom(target="mine:actor").log_prob(history, action).tolist() == [-0.5, -0.5]
-    assert np.isnan(Custom(target="mine:Learned").log_prob(history, action)).all()
+    assert log_density_of(Custom(target="mine:actor"), history, action).tolist() == [-0.5, -0.5]
+    assert np.isnan(log_density_of(Custom(target="mine:Learned"), history, action)).all()
 
 
 @pytest.mark.parametrize(
@@ -48,15 +52,15 @@ def test_its_density_is_used_where_it_has_one(mine):
     [
         ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
-        ("mine:failing", "mine:failing: cannot be loaded: mine.py:27: RuntimeError: no weights"),
+        ("mine:failing", "mine:failing: cannot be loaded: mine.py:30: RuntimeError: no weights"),
         (
             "mine:nothing",
-            "mine:nothing: found object, expected an object with act(history, u) or predict(observ",
+            "mine:nothing: found object, expected an object with decide(given), act(history, u) or pr",
         ),
     ],
 )
 def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line):
-    with pytest.raises(CustomError) as error:
+    with pytest.raises(PolicyError) as error:
         ibdata.generate(described(target=target), "out", workers=1, allow_code=True)
     assert str(error.value).startswith(line)
     assert not (mine / "out").exists()
@@ -85,10 +89,30 @@ def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
             "version": None,
             "sha256": sha256,
             "files": {},
-            "distributions": {"numpy": np.__version__},
+            "distributions": {"numba": numba.__version__, "numpy": np.__version__},
         }
     ]
     assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
+
+
+def test_a_parameter_that_names_a_file_is_said_unless_the_file_is_declared(mine, capsys):
+    (mine / "weights.pt").write_text("1")
+    params = {"at": ["weights.pt", "no.pt"]}
+    for files, lines in ((None, 1), (["weights.pt"], 0)):
+        policy = described(target="mine:Actor", params=params, files=files)
+        with pytest.raises(PolicyError, match="unexpected keyword argument 'at'"):
+            ibdata.generate(policy, "out", workers=1, allow_code=True)
+        said = "ibdata: mine:Actor: params: weights.pt is a file; list it under files, so that"
+        assert capsys.readouterr().err.count(said) == lines
+
+
+def test_reproduce_names_first_the_file_that_differs(mine, capsys):
+    ibdata.generate(described(target="mine:still"), "out", workers=1, allow_code=True)
+    (mine / "mine.py").write_text((mine / "mine.py").read_text().replace("0.125", "0.25"))
+    count, problems = ibdata.reproduce("out", allow_code=True)
+    assert "ibdata: out: was made with other code than is here, in mine:still" in capsys.readouterr().err
+    assert [count, *(problem.path[:5] for problem in problems)] == [2, "mine:", "data/", "data/"]
+    assert "found other code" in str(problems[0])
 
 
 def test_repair_and_reproduce_need_leave_too(mine, shard_file):
@@ -97,7 +121,7 @@ def test_repair_and_reproduce_need_leave_too(mine, shard_file):
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
-        with pytest.raises(UsageError, match="which is code that would run; allow_code=True"):
+        with pytest.raises(UsageError, match="which is code that would run; --allow-code"):
             call("out")
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
@@ -142,7 +166,7 @@ def test_reading_checking_splitting_and_merging_never_import_it(mine):
 @pytest.mark.parametrize(
     "target",
     ["mine", "mine.Actor", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", "", "/mine.py:Actor",
-     "mine.py", "a//mine.py:Actor", "a\\mine.py:Actor", "mine.py:Actor()"],
+     "mine.py", "a\\mine.py:Actor", "mine.py:Actor()"],
 )  # fmt: skip
 def test_a_target_that_is_no_name_is_refused(target, tmp_path):
     (tmp_path / "x.yaml").write_text(
@@ -168,6 +192,6 @@ def test_a_suite_with_code_is_refused_before_anything_is_made(mine):
     code = "[{kind: custom, target: 'mine:Learned', history: 2}]"
     (mine / "suite/b.yaml").write_text(f"name: b\nsetpoints: 70\npolicies: {code}\nsteps: 3\n")
     with pytest.raises(UsageError, match="b: found a custom policy"):
-        ibdata.generate_all("suite", "out", workers=1)
+        ibdata.generate("suite", "out", workers=1)
     assert not (mine / "out").exists()
-    assert list(ibdata.generate_all("suite", "out", workers=1, allow_code=True)) == ["a", "b"]
+    assert list(ibdata.generate("suite", "out", workers=1, allow_code=True)) == ["a", "b"]

@@ -9,19 +9,16 @@ import pytest
 from helpers.custom_policies import PLAIN
 
 import ibdata
+from ibdata.errors import PolicyError
 from ibdata.experiment import validated
-from ibdata.policies.custom import CustomError
 
 REMEMBERING = """
 import numpy as np
-from ibdata.policies import Policy
-from ibdata.policies.given import Decision
+from ibdata.policies import Decision, Needs, Policy
 
 class Deciding(Policy):
     kind: str = "deciding"
-    memory_size = 3
-    uniforms_per_step = 3
-    uniforms_per_episode = 1
+    needs = Needs(step_draws=3, episode_draws=1, memory=3)
     theta: float = 0.15
 
     def decide(self, given):
@@ -104,13 +101,13 @@ def test_what_is_remembered_has_one_root_over_workers(remembering):
 def test_what_leaks_from_one_episode_into_the_next_is_refused(remembering):
     with pytest.raises(
         ibdata.IbdataError,
-        match="policy custom: episode 0: step 0: found other actions when the same was asked again, .*; "
+        match="policy custom: found other actions when the same was asked again, .*; "
         r"memory must be returned by decide, be the state of predict, or begin anew in reset\(n\)",
     ):
         remembering("Leaking", uniforms=3)
 
 
 def test_an_object_with_decide_says_which_option_is_too_small(remembering):
-    line = "remembering:Deciding: found uniforms: 0, expected at least .* of Deciding; write uniforms: 3"
-    with pytest.raises(CustomError, match=line):
+    line = "found uniforms: 0, expected at least the needs of Deciding; write uniforms: 3"
+    with pytest.raises(PolicyError, match=line):
         remembering("Deciding")

@@ -1,19 +1,39 @@
-"""The expert: it computes the direction that it cannot see, and nothing simple is better."""
+"""The expert: it computes what it cannot see, keeps μᵛ from running away, and is better than `optimized`."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import ROOT, script
 
 import ibdata
-from ibdata.policies.expert import TABLES, UNKNOWN, Expert, best_shift, interpolated
-from ibdata.policies.given import Given
+from ibdata.dynamics import VARIANTS
+from ibdata.dynamics.fatigue import basic_fatigue, effective_gain, effective_velocity, fatigue
+from ibdata.dynamics.miscalibration import RHO_S
+from ibdata.policies import Observed
+from ibdata.policies.expert import (
+    AIM,
+    ALARM,
+    GAINS,
+    LEAVING,
+    TURNING,
+    UNKNOWN,
+    Expert,
+    best_gain,
+    best_shift,
+    interpolated,
+    numbers,
+    resetting_velocity,
+    velocity_and_gain,
+)
 
-SIEMENS = np.array(TABLES["siemens"])
+TABLE, RULE = numbers("siemens")
+K = VARIANTS["siemens"].parameters
+STARTS = ["default", "uniform", {"burn_in": [15, 64]}]
 
 
 def made(tmp_path, **options):
-    block = {"name": "expert", "setpoints": [0, 52, 75, 100], "policies": [{"kind": "expert"}], "steps": 60}
+    block = {"name": "expert", "setpoints": [0, 53, 75, 100], "policies": [{"kind": "expert"}], "steps": 60}
     return ibdata.generate(
         ibdata.Experiment(**{**block, **options}), tmp_path / "made", workers=1
     ).to_pandas()
@@ -29,16 +49,23 @@ def test_it_turns_the_direction_from_0_to_6_and_back_again_and_again(tmp_path, s
         assert np.array_equal(far[12:], far[:-12])  # it takes 12 steps
 
 
+def test_the_first_turn_goes_on_from_the_step_with_action_zero(tmp_path):
+    rows = made(tmp_path, setpoints=[0, 30, 70, 100])
+    for _, episode in rows.groupby("obs_setpoint"):
+        far = np.abs(episode["latent_direction"].to_numpy()[:12])
+        assert far.tolist() == [1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0]
+
+
 def test_what_it_remembers_is_the_hidden_state(tmp_path):
     rows = made(tmp_path, setpoints="drifting")
-    policy, memory = Expert(), np.zeros((1, 4))
+    policy, memory = Expert(), np.zeros((1, 6))
     columns = [f"obs_{name}" for name in ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")]
     seen = rows[columns].to_numpy(np.float32)
     hidden = rows[["latent_domain", "latent_response", "latent_direction"]].to_numpy()
     nothing = np.zeros((1, 0))
     for t in range(len(seen)):
         last = seen[[t, max(t - 1, 0)]][None]
-        given = Given(last, np.zeros((1, 2, 3), np.float32), np.array([t]), nothing, nothing, memory)
+        given = Observed(last, np.zeros((1, 2, 3), np.float32), np.array([t]), nothing, nothing, memory)
         memory = np.asarray(policy.decide(given).memory)
         assert memory[0, :3].tolist() == hidden[t].tolist()
 
@@ -52,37 +79,120 @@ def test_after_a_burn_in_it_stays_in_the_safe_zone_until_the_direction_is_known(
         assert np.array_equal(far[12:], far[:-12])
 
 
-@pytest.mark.parametrize(
-    ("p", "expected"),
-    [(0.0, 40.0), (2.5, 40.0), (22.5, 39.5), (51.999999, 30.5), (52.0, 41.0), (100.0, 32.0)],
-)
-def test_velocities_are_interpolated_between_the_rows_of_the_table(p, expected):
-    assert interpolated(SIEMENS, p, 1) == pytest.approx(expected, abs=1e-5)
+def test_a_direction_on_the_other_side_of_the_domain_is_followed_at_once():
+    assert best_shift(1.0, 1, -1, -6) == -RHO_S[5]
+    assert best_shift(-1.0, -1, 1, 1) == TURNING
 
 
-@pytest.mark.parametrize("dynamics", TABLES)
+def test_the_estimate_of_mu_follows_the_hidden_one_where_the_gain_is_high(tmp_path):
+    rows = made(tmp_path, setpoints=[30, 40], steps=500, output={"latent": "full"})
+    errors = []
+    for p, episode in rows.groupby("obs_setpoint"):
+        mu, alarm = 0.0, 0
+        for t, row in enumerate(episode.itertuples()):
+            seen = (row.obs_velocity, row.obs_gain, row.obs_fatigue)
+            *_, mu, alarm = velocity_and_gain(float(p), *seen, mu, alarm, TABLE, RULE, K)
+            errors += [mu - row.latent_mu_v] if t > 50 and alarm == 0 and row.obs_gain > 90.0 else []
+    assert len(errors) > 500
+    assert abs(np.mean(errors)) < 0.1
+    assert np.std(errors) < 0.1
+
+
+def asked(v, g, alpha, mu=0.0, alarm=0, p=40.0, rule=RULE):
+    f = fatigue(basic_fatigue(v, g), alpha)
+    return velocity_and_gain(p, v, g, f, mu, alarm, TABLE, rule, K)
+
+
+def test_where_mu_is_high_the_velocity_rises_and_the_gain_falls():
+    calm, tense = (asked(31.0, 100.0, 0.1, mu) for mu in (0.2, 1.3))
+    assert calm[:2] == (interpolated(TABLE, 40.0, AIM), best_gain(TABLE, 40.0, 31.0))
+    assert tense[0] == pytest.approx(calm[0] + RULE.rise * (tense[2] - RULE.rise_from))
+    assert tense[1] == pytest.approx(100.0 - RULE.fall * (tense[2] - RULE.fall_from))
+
+
+def test_two_high_alphas_raise_the_gain_until_that_of_the_gain_is_reset():
+    *_, gain, _, alarm = asked(38.0, 45.0, 0.9, p=70.0)
+    assert (gain < 60.0, alarm) == (True, 1)
+    *_, gain, _, alarm = asked(38.0, 45.0, 0.9, alarm=alarm, p=70.0)
+    assert (gain, alarm) == (100.0, ALARM)
+    *_, gain, _, alarm = asked(38.0, 95.0, 0.3, alarm=alarm, p=70.0)
+    assert (gain < 60.0, alarm) == (True, 0)
+
+
+def test_a_runaway_of_the_velocity_is_left_where_gain_0_resets_it():
+    assert effective_gain(95.0, 40.0) < 0.05
+    aim, gain, _, alarm = asked(31.0, 95.0, 0.9, alarm=ALARM)
+    assert (aim > 50.0, gain == 0.0, alarm) == (True, False, LEAVING)
+    reset = resetting_velocity(40.0, K)
+    assert effective_velocity(reset, 0.0, 40.0, K.v0, K.g0, K.v1, K.g1) == pytest.approx(0.05)
+    assert asked(reset - 3.0, 40.0, 0.9, alarm=LEAVING)[1] == 0.0
+    assert asked(reset + 0.5, 0.0, 0.3, alarm=LEAVING)[3] == 0
+
+
+def test_where_the_table_leaves_no_fatigue_it_does_without_feedback():
+    assert asked(38.0, 90.0, 0.9, mu=1.2, alarm=ALARM, p=10.0) == (40.0, 100.0, 0.0, 0)
+
+
+@pytest.mark.parametrize("start", [{"burn_in": [15, 64]}, "uniform"])
+def test_no_episode_ends_in_a_runaway(tmp_path, start):
+    rows = made(
+        tmp_path, setpoints=[40, 70, 100], start=start, episodes=30, steps=150, output={"latent": "full"}
+    )
+    last = rows[rows["step"] >= 140].groupby(["obs_setpoint", "episode"])["latent_alpha"].min()
+    assert (last < RULE.runaway).mean() > 0.97
+
+
+@pytest.mark.parametrize("dynamics", VARIANTS)
 def test_the_tables_have_every_setpoint_in_order(dynamics):
-    p, v, g = np.array(TABLES[dynamics]).T
-    assert (p[0], p[-1]) == (0.0, 100.0)
-    assert (np.diff(p) >= 0.0).all()
-    assert ((v >= 0.0) & (v <= 100.0) & (g >= 0.0) & (g <= 100.0)).all()
+    table, _ = numbers(dynamics)
+    assert (table[0, 0], table[-1, 0]) == (0.0, 100.0)
+    assert (np.diff(table[:, 0]) >= 0.0).all()
+    assert (np.unique(table[:, 0], return_counts=True)[1] <= 2).all()
+    assert set(np.arange(0.0, 101.0, 5.0)) <= set(table[:, 0])
+    assert ((table >= 0.0) & (table <= 100.0)).all()
+    assert table.shape[1] == GAINS + 21
 
 
-def test_a_direction_on_the_wrong_side_is_turned_back_in_the_safe_zone():
-    assert best_shift(1.0, -1, 1, 3) == 0.125
-    assert best_shift(-1.0, -1, 1, -3) < -0.8
+def test_values_are_interpolated_between_rows_and_jump_at_a_double_row():
+    table = np.array([[0.0, 40.0], [50.0, 30.0], [50.0, 42.0], [100.0, 32.0]])
+    found = [interpolated(table, p, 1) for p in (0.0, 25.0, 49.999999, 50.0, 75.0, 100.0)]
+    assert found == pytest.approx([40.0, 35.0, 30.0, 42.0, 37.0, 32.0], abs=1e-5)
 
 
-@pytest.mark.parametrize("dynamics", TABLES)
-def test_it_is_better_than_optimized_at_every_setpoint(dynamics):
+@pytest.mark.parametrize("dynamics", VARIANTS)
+def test_the_gains_are_those_that_the_script_finds(dynamics):
+    table, _ = numbers(dynamics)
+    for row in table[[0, 7, -1]]:
+        assert script("expert").best_gains(dynamics, row[0]) == row[GAINS:].tolist()
+
+
+@pytest.mark.parametrize("start", STARTS, ids=str)
+@pytest.mark.parametrize("dynamics", VARIANTS)
+def test_it_is_better_than_optimized_at_every_setpoint_and_start(dynamics, start):
     policies = [{"kind": "expert", "dynamics": dynamics}, "optimized"]
-    points = [0.0, 70.0, 100.0]
-    made = ibdata.evaluate(policies, points, dynamics=dynamics, steps=1000, discount=1.0, episodes=8)
-    for difference in made.differences:
+    options = {"dynamics": dynamics, "start": start, "steps": 1000, "discount": 1.0, "episodes": 16}
+    for difference in ibdata.evaluate(policies, np.arange(0.0, 101.0, 10.0), **options).differences:
         assert -difference.mean_difference > 5 * difference.standard_error
 
 
-def test_its_reward_at_70_is_that_of_its_constants_and_the_best_penalty():
-    """Of the constants, -163.1 (scripts/expert); of the penalty, 25 · (1 - 0.718) = 7.05, found by search."""
-    (result,) = ibdata.evaluate("expert", 70, steps=1000, discount=1.0, episodes=20).results
-    assert result.mean_reward == pytest.approx(-170.5, abs=0.5)
+@pytest.mark.parametrize(
+    ("start", "setpoints", "least"),
+    [
+        ("default", 70.0, -170.5),
+        ({"burn_in": [15, 64]}, 70.0, -171.0),
+        ("default", np.arange(10.0, 101.0, 10.0), -148.0),
+    ],
+    ids=str,
+)
+def test_its_reward_is_as_high_as_measured(start, setpoints, least):
+    found = ibdata.evaluate("expert", setpoints, start=start, steps=1000, discount=1.0, episodes=40)
+    assert np.mean([row.mean_reward for row in found.results if row.setpoint is not None]) > least
+
+
+def test_it_is_better_than_every_shipped_network():
+    files = [path.stem for path in (ROOT / "ibdata/policies/weights").glob("*.safetensors")]
+    networks = [{"kind": "network", "file": name, "name": name} for name in files]
+    found = ibdata.evaluate(["expert", *networks], 70, steps=1000, discount=1.0, episodes=2).results
+    rewards = {row.policy: row.mean_reward for row in found}
+    assert len(rewards) == 23
+    assert max(rewards[name] for name in files) < -210.0 < rewards["expert"]

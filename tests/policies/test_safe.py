@@ -7,9 +7,11 @@ from statistics import NormalDist
 import mpmath
 import numpy as np
 import pytest
+from helpers.asking import log_density_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies import safe as module
+from ibdata.policies.base import at_start
 
 Safe = POLICIES["safe"]
 BELOW, INSIDE, ABOVE = 20.0, 50.0, 80.0
@@ -24,11 +26,11 @@ def history(v, g):
 
 
 def act(v, g, u):
-    return np.asarray(Safe().act(history(v, g), np.array([u])))[0]
+    return np.asarray(proposed(Safe(), history(v, g), np.array([u])))[0]
 
 
 def log_prob(v, g, action):
-    return float(Safe().log_prob(history(v, g), np.array([action], dtype=np.float32))[0])
+    return float(log_density_of(Safe(), history(v, g), np.array([action], dtype=np.float32))[0])
 
 
 def exactly(expression):
@@ -47,7 +49,7 @@ CONSTANTS = {
     "LOG_SD_SQRT_2PI": lambda: mpmath.log(mpmath.sqrt(2 * mpmath.pi) / mpmath.sqrt(3)),
     "LOG_MASS_TOWARDS": lambda: mpmath.log(1 - normal_mass(1)),
     "LOG_MASS_AWAY": lambda: mpmath.log(normal_mass(-1)),
-    "LOG_UNIFORM": lambda: mpmath.log(mpmath.mpf(1) / 2),
+    "LOG_HALF": lambda: mpmath.log(mpmath.mpf(1) / 2),
 }
 
 
@@ -102,9 +104,9 @@ def test_each_component_uses_its_own_draws():
 
 
 def test_the_uniform_actions_have_log_density_log_one_half_each():
-    assert log_prob(INSIDE, INSIDE, [0.5, -0.5, 0.0]) == 3 * module.LOG_UNIFORM
+    assert log_prob(INSIDE, INSIDE, [0.5, -0.5, 0.0]) == 3 * module.LOG_HALF
     # The same for every action inside.
-    assert log_prob(40.0, 60.0, [-0.9, 0.1, 0.7]) == 3 * module.LOG_UNIFORM
+    assert log_prob(40.0, 60.0, [-0.9, 0.1, 0.7]) == 3 * module.LOG_HALF
 
 
 def test_the_density_outside_the_range_is_the_normals():
@@ -118,13 +120,13 @@ def test_the_density_outside_the_range_is_the_normals():
 
 
 def test_a_clipped_action_has_the_mass_of_its_tail():
-    towards = module.LOG_MASS_TOWARDS + 2 * module.LOG_UNIFORM
-    away = module.LOG_MASS_AWAY + 2 * module.LOG_UNIFORM
+    towards = module.LOG_MASS_TOWARDS + 2 * module.LOG_HALF
+    away = module.LOG_MASS_AWAY + 2 * module.LOG_HALF
     assert log_prob(BELOW, INSIDE, [1.0, 0.0, 0.0]) == pytest.approx(towards, abs=1e-15)
     assert log_prob(BELOW, INSIDE, [-1.0, 0.0, 0.0]) == pytest.approx(away, abs=1e-15)
     assert log_prob(ABOVE, INSIDE, [-1.0, 0.0, 0.0]) == pytest.approx(towards, abs=1e-15)
     assert log_prob(ABOVE, INSIDE, [1.0, 0.0, 0.0]) == pytest.approx(away, abs=1e-15)
-    both = module.LOG_MASS_TOWARDS + module.LOG_MASS_AWAY + module.LOG_UNIFORM
+    both = module.LOG_MASS_TOWARDS + module.LOG_MASS_AWAY + module.LOG_HALF
     assert log_prob(BELOW, ABOVE, [1.0, 1.0, 0.0]) == pytest.approx(both, abs=1e-15)
 
 
@@ -134,7 +136,7 @@ def test_actions_are_clipped_as_often_as_the_masses_say(v):
     n = 100_000
     u = np.full((n, 5), 0.5)
     u[:, 0] = (np.arange(n) + 0.5) / n
-    action = np.asarray(Safe().act(np.repeat(history(v, INSIDE), n, axis=0), u))[:, 0]
+    action = np.asarray(proposed(Safe(), np.repeat(history(v, INSIDE), n, axis=0), u))[:, 0]
     side = 1.0 if v == BELOW else -1.0
     assert (side * action >= 1.0).sum() == pytest.approx(n * np.exp(module.LOG_MASS_TOWARDS), abs=1)
     assert (side * action <= -1.0).sum() == pytest.approx(n * np.exp(module.LOG_MASS_AWAY), abs=1)
@@ -151,3 +153,17 @@ def test_the_clipped_normal_integrates_to_1_with_its_two_masses(v):
 def test_the_draws_that_make_z_minus_1_and_1_bound_the_tails():
     assert pytest.approx(np.log(Z_MINUS_1), abs=1e-13) == module.LOG_MASS_AWAY
     assert pytest.approx(np.log(1.0 - Z_1), abs=1e-13) == module.LOG_MASS_TOWARDS
+
+
+def test_there_are_point_masses_at_the_edges_only_where_velocity_and_gain_are_steered():
+    """Elsewhere float32 rounds a density to ±1, which `importance` must not take for a mass."""
+    corner = np.array([[1.0, -1.0, 1.0]], dtype=np.float32)
+    for v, g, expected in (
+        (BELOW, ABOVE, [True, True]),
+        (INSIDE, ABOVE, [False, True]),
+        (INSIDE, INSIDE, [False] * 2),
+    ):
+        given = at_start(history(v, g), Safe().needs)
+        assert Safe().atoms(given, corner).tolist() == [[*expected, False]]
+        assert not Safe().atoms(given, 0.5 * corner).any()
+        assert not POLICIES["random"]().atoms(given, corner).any()

@@ -8,14 +8,17 @@ import mpmath
 import numpy as np
 import pytest
 from helpers import networks
+from helpers.asking import action_of
 from pydantic import ValidationError
 
 from ibdata.policies.actions import applied
+from ibdata.policies.base import Needs, at_start
 from ibdata.policies.gaussian import Gaussian
-from ibdata.policies.given import at_start
-from ibdata.policies.network import EDGE, Network
-from ibdata.policies.safetensors import written
-from ibdata.policies.sampled import ATANH_EDGE, Sampled, log_component, rounded_to
+from ibdata.policies.network import TANH_EDGE as EDGE
+from ibdata.policies.network import Network
+from ibdata.policies.sampled import ATANH_OF_EDGE as ATANH_EDGE
+from ibdata.policies.sampled import Sampled, log_component, rounded_to
+from ibdata.policies.tensors import written
 from ibdata.testing import check_policy
 
 NORMAL = {"mean": [0.3, -1.2, 2.0], "log_std": [-1.0, 0.2, -0.5]}
@@ -45,7 +48,7 @@ def drawn(policy, n, seed=0):
     """What a policy is given in n states, and its actions."""
     rng = np.random.default_rng(seed)
     seen = rng.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32)
-    given = at_start(seen, rng.random((n, 4)))
+    given = at_start(seen, policy.needs, rng.random((n, 4)))
     return given, applied(policy.decide(given).actions)
 
 
@@ -63,7 +66,7 @@ def test_the_published_checks_pass(sampled, share, squash):
 def test_a_share_of_the_steps_plays_a_whole_draw_and_the_others_the_mean(sampled):
     policy = sampled(**NORMAL, share=0.25)
     given, action = drawn(policy, 4000)
-    mean = policy.base.mean_action(given.observations)
+    mean = action_of(policy.base, given.observations)
     same = action == mean
     assert (same.all(axis=1) == (given.uniforms[:, 0] >= 0.25)).all()
     assert not (same.any(axis=1) & ~same.all(axis=1)).any()
@@ -85,7 +88,7 @@ def test_draws_have_the_distribution_of_the_network(sampled):
 def test_log_deviations_are_bounded_as_the_file_says(sampled, way, given, expected):
     texts = {"log_std": way, "log_std_low": "-5", "log_std_high": "2", "squash": "clip"}
     policy = sampled([0.0, 0.0, 0.0], given, share=1.0, texts=texts)
-    seen = at_start(np.zeros((1, 1, 6), dtype=np.float32), np.array([[0.5, 0.8, 0.8, 0.8]]))
+    seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.array([[0.5, 0.8, 0.8, 0.8]]))
     z = 0.8416212335729143  # Φ⁻¹(0.8)
     np.testing.assert_allclose(policy.decide(seen).actions[0], z * np.exp(expected), rtol=1e-4)
 
@@ -154,7 +157,7 @@ def test_a_clipped_draw_has_the_density_of_gaussian_noise(tmp_path):
 def test_the_mean_action_has_a_mass_of_its_own(sampled):
     policy = sampled(**NORMAL, share=0.3)
     given, _ = drawn(policy, 1)
-    mean = policy.base.mean_action(given.observations)
+    mean = action_of(policy.base, given.observations)
     assert policy.log_density(given, mean)[0] == pytest.approx(math.log(0.7), rel=1e-9)
     other = mean + np.float32([0.0, 0.0, 0.01])
     alone = Sampled(base=policy.base, share=1.0)

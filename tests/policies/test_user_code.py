@@ -5,10 +5,13 @@ from __future__ import annotations
 import importlib.util
 import sys
 
+import numpy as np
 import pytest
+from helpers.asking import proposed
 
-from ibdata.policies.user_code import told
-from ibdata.policies.ways import AnswerError, _called
+from ibdata.evaluation.policies import policy_of
+from ibdata.policies.answers import AnswerError
+from ibdata.policies.code import error_line
 
 CODE = """
 import json
@@ -54,7 +57,7 @@ def mine(tmp_path, monkeypatch):
 def caught(call):
     with pytest.raises(BaseException) as error:  # noqa: PT011
         call()
-    return told(error.value)
+    return error_line(error.value)
 
 
 @pytest.mark.parametrize(
@@ -88,16 +91,20 @@ def test_code_that_is_no_python_is_named_by_its_line(tmp_path, monkeypatch):
 
 
 def test_an_error_of_ibdata_itself_has_no_place():
-    assert told(ValueError("boom")) == "ValueError: boom"
+    assert error_line(ValueError("boom")) == "ValueError: boom"
 
 
-@pytest.mark.parametrize("error", [BaseException("x"), GeneratorExit()])
-def test_what_is_no_exception_of_python_is_told_too_but_a_key_that_stops_passes(error):
-    def fails(seen):
-        raise error
+@pytest.mark.parametrize(
+    ("raised", "caught"),
+    [
+        (BaseException, AnswerError("BaseException: x; it was given")),
+        (GeneratorExit, AnswerError("GeneratorExit: x; it was given")),
+        (KeyboardInterrupt, KeyboardInterrupt("x")),
+    ],
+)
+def test_whatever_code_raises_is_its_error_but_a_key_that_stops_passes(raised, caught):
+    def fails(observations):
+        raise raised("x")
 
-    with pytest.raises(AnswerError, match=f"{type(error).__name__}.*; it was given"):
-        _called("nothing", fails, None)
-    error = KeyboardInterrupt()
-    with pytest.raises(KeyboardInterrupt):
-        _called("nothing", fails, None)
+    with pytest.raises(type(caught), match=str(caught)):
+        proposed(policy_of(fails), np.zeros((2, 1, 6), dtype=np.float32))

@@ -5,10 +5,12 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+from helpers.asking import log_density_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
-from ibdata.policies.random import LOG_DENSITY, LOG_EDGE
+from ibdata.policies.random import LOG_EDGE_TO_INSIDE as LOG_EDGE
+from ibdata.policies.random import LOG_EIGHTH as LOG_DENSITY
 
 EpsilonGreedy, Gaussian, Safe = (POLICIES[kind] for kind in ("epsilon_greedy", "gaussian", "safe"))
 BASE = {"kind": "constant", "action": [0.5, -1.0, 0.1]}
@@ -21,7 +23,7 @@ SIGMAS = 5.0
 
 def lanes(n, policy=None):
     """Histories in which velocity and gain are in all regions of the safe policy."""
-    frames = policy.history_length if policy else 1
+    frames = policy.needs.history if policy else 1
     history = np.random.default_rng(3).uniform(0.0, 100.0, (1, frames, 6)).astype(np.float32)
     history[:, :, 1:3] = 20.0, 50.0
     return np.repeat(history, n, axis=0)
@@ -29,8 +31,8 @@ def lanes(n, policy=None):
 
 def played(policy, n=N):
     history = lanes(n, policy)
-    u = np.random.default_rng(4).random((n, policy.uniforms_per_step))
-    action = np.clip(np.asarray(policy.act(history, u)), -1.0, 1.0).astype(np.float32)
+    u = np.random.default_rng(4).random((n, policy.needs.step_draws))
+    action = np.clip(np.asarray(proposed(policy, history, u)), -1.0, 1.0).astype(np.float32)
     return history, action
 
 
@@ -41,43 +43,36 @@ def share(events):
 
 
 def log_prob(policy, action):
-    return float(policy.log_prob(lanes(1, policy), np.array([action], dtype=np.float32))[0])
+    return float(log_density_of(policy, lanes(1, policy), np.array([action], dtype=np.float32))[0])
 
 
 def test_the_first_draw_decides_and_the_others_are_the_action():
     # 0.2 is not below 0.2. 2 · 0.75 - 1 = ½, 2 · 0.25 - 1 = -½, 2 · 1 - 1 = 1.
     policy = EpsilonGreedy(base=BASE, epsilon=0.2)
     u = np.array([[0.2, 0.75, 0.25, 0.875], [0.1999, 0.75, 0.25, 0.875]])
-    assert policy.uniforms_per_step == 4
-    np.testing.assert_array_equal(policy.act(lanes(2), u), [OWN.astype(np.float64), [0.5, -0.5, 0.75]])
-
-
-def test_per_dimension_three_draws_decide():
-    policy = EpsilonGreedy(base=BASE, epsilon=0.2, per_dimension=True)
-    u = np.array([[0.1, 0.9, 0.1, 0.75, 0.25, 0.875]])
-    assert policy.uniforms_per_step == 6
-    np.testing.assert_array_equal(policy.act(lanes(1), u), [[0.5, -1.0, 0.75]])
+    assert policy.needs.step_draws == 4
+    np.testing.assert_array_equal(proposed(policy, lanes(2), u), [OWN.astype(np.float64), [0.5, -0.5, 0.75]])
 
 
 def test_the_base_has_the_first_draws_and_the_history():
     policy = EpsilonGreedy(base={"kind": "safe"}, epsilon=0.5)
-    u = np.random.default_rng(5).random((50, policy.uniforms_per_step))
+    u = np.random.default_rng(5).random((50, policy.needs.step_draws))
     u[:, 5] = 0.5
-    expected = np.clip(np.asarray(Safe().act(lanes(50), u[:, :5].copy())), -1, 1).astype(np.float32)
-    np.testing.assert_array_equal(policy.act(lanes(50), u), expected)
-    assert EpsilonGreedy(base={"kind": "optimized"}, epsilon=0.5).history_length == 6
-    assert Gaussian(base={"kind": "optimized"}, scale=0.5).history_length == 6
+    expected = np.clip(np.asarray(proposed(Safe(), lanes(50), u[:, :5].copy())), -1, 1).astype(np.float32)
+    np.testing.assert_array_equal(proposed(policy, lanes(50), u), expected)
+    assert EpsilonGreedy(base={"kind": "optimized"}, epsilon=0.5).needs.history == 6
+    assert Gaussian(base={"kind": "optimized"}, scale=0.5).needs.history == 6
 
 
 def test_the_base_acts_as_it_would_alone_clipped_and_rounded():
     policy = EpsilonGreedy(base={"kind": "bad"}, epsilon=0.0)
-    np.testing.assert_array_equal(policy.act(lanes(3), np.full((3, 4), 0.5))[0, :2], [1.0, 1.0])
+    np.testing.assert_array_equal(proposed(policy, lanes(3), np.full((3, 4), 0.5))[0, :2], [1.0, 1.0])
 
 
 def test_the_noise_is_the_scale_times_a_normal():
     # Φ⁻¹(½) = 0; Φ⁻¹(0.975) = 1.959964: 0.5 + 0.1 · 1.959964
     policy = Gaussian(base=BASE, scale=0.1)
-    action = np.asarray(policy.act(lanes(1), np.array([[0.975, 0.5, 0.5]])))[0]
+    action = np.asarray(proposed(policy, lanes(1), np.array([[0.975, 0.5, 0.5]])))[0]
     assert action == pytest.approx([0.6959964, -1.0, np.float64(OWN[2])], abs=1e-7)
 
 
@@ -90,19 +85,6 @@ def test_the_whole_action_is_the_bases_as_often_as_the_density_says(epsilon):
     assert p == pytest.approx(np.exp(log_prob(policy, OWN)), abs=error)
     # All or nothing: two numbers alone are the base's with a chance below 1e-7 each.
     assert (same.any(axis=1) == same.all(axis=1)).all()
-
-
-def test_per_dimension_every_number_is_the_bases_on_its_own():
-    policy = EpsilonGreedy(base=BASE, epsilon=0.3, per_dimension=True)
-    _, action = played(policy)
-    same = action == OWN
-    for j in range(3):
-        p, error = share(same[:, j])
-        assert p == pytest.approx(0.7, abs=error)
-    p, error = share(same.all(axis=1))
-    assert p == pytest.approx(np.exp(log_prob(policy, OWN)), abs=error)
-    p, error = share(same[:, 0] & same[:, 1] & (action[:, 2] > 0.2))  # 0.7² · 0.3 · ½ · 0.8
-    assert p == pytest.approx(np.exp(log_prob(policy, [0.5, -1.0, 0.9])) * 0.8, abs=error)
 
 
 @pytest.mark.parametrize("j", range(3))
@@ -127,7 +109,7 @@ def test_a_random_base_makes_a_mixture():
     """log(½ e^a + ½ e^b), a the safe policy's density and b the uniform's."""
     policy = EpsilonGreedy(base={"kind": "safe"}, epsilon=0.25)
     for action in ([0.5, 0.0, 0.0], [1.0, 0.3, 0.3], [-1.0, 0.1, 0.9]):
-        safe = float(Safe().log_prob(lanes(1), np.array([action], dtype=np.float32))[0])
+        safe = float(log_density_of(Safe(), lanes(1), np.array([action], dtype=np.float32))[0])
         uniform = LOG_DENSITY + LOG_EDGE * (abs(action[0]) == 1.0)
         expected = np.log(0.75 * np.exp(safe) + 0.25 * np.exp(uniform))
         assert log_prob(policy, action) == pytest.approx(expected, abs=1e-14)
@@ -141,8 +123,6 @@ def test_the_density_elsewhere_is_that_of_the_random_action():
     assert log_prob(policy, OWN) == pytest.approx(np.log(0.8), abs=1e-15)
     assert log_prob(policy, [0.5, -1.0, 0.2]) == pytest.approx(np.log(0.2 / 8) + LOG_EDGE, abs=1e-14)
     assert log_prob(policy, [0.4, 0.3, 0.2]) == pytest.approx(np.log(0.2 / 8), abs=1e-14)
-    each = EpsilonGreedy(base=BASE, epsilon=0.2, per_dimension=True)
-    assert log_prob(each, [0.5, 0.3, 0.2]) == pytest.approx(np.log(0.8 * 0.1 * 0.1), abs=1e-14)
 
 
 def test_nothing_is_certain_never_and_always():
@@ -168,15 +148,13 @@ def test_the_constants_are_their_formulas_rounded_to_a_double():
 def test_a_narrow_noise_has_finite_densities_too():
     policy = Gaussian(base=BASE, scale=1e-9)
     history, action = played(policy, 1000)
-    assert np.isfinite(policy.log_prob(history, action)).all()
+    assert np.isfinite(log_density_of(policy, history, action)).all()
 
 
 @pytest.mark.parametrize("base", [{"kind": "random"}, {"kind": "safe"}])
-def test_a_base_that_is_random_itself_has_no_noise_and_no_single_numbers_replaced(base):
+def test_a_base_that_is_random_itself_has_no_noise(base):
     with pytest.raises(ValueError, match="expected tags"):
         Gaussian(base=base, scale=0.1)
-    with pytest.raises(ValueError, match="which is random itself; expected false"):
-        EpsilonGreedy(base=base, epsilon=0.1, per_dimension=True)
 
 
 def test_a_base_has_no_name_of_its_own():
@@ -185,5 +163,5 @@ def test_a_base_has_no_name_of_its_own():
 
 
 def test_a_base_without_a_density_leaves_none(monkeypatch):
-    monkeypatch.setattr(Safe, "log_prob", lambda self, history, action: np.full(len(action), np.nan))
+    monkeypatch.setattr(Safe, "log_density", lambda self, given, action: np.full(len(action), np.nan))
     assert np.isnan(log_prob(EpsilonGreedy(base={"kind": "safe"}, epsilon=0.5), [0.0, 0.0, 0.0]))

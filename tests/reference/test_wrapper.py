@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import ROOT, published
 
-from ibdata.environment.discrete import ACTIONS
+from ibdata.environment.actions import DISCRETE
 
 PAGE = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
 TABLE = PAGE[PAGE.index("| `IBGym` | ibdata |") : PAGE.index("What is different:")]
@@ -31,7 +31,7 @@ def wrapper():
 
 
 def test_the_discrete_actions_are_those_of_the_published_environment(wrapper):
-    assert [tuple(action) for action in wrapper.env_action] == list(ACTIONS)
+    assert [tuple(action) for action in wrapper.env_action] == list(DISCRETE)
 
 
 def test_the_table_has_every_option_of_the_published_environment(wrapper):

@@ -30,9 +30,8 @@ from numpy._core import _multiarray_umath as umath
 from ruamel.yaml import YAML
 
 import ibdata
-from ibdata.experiment import Experiment
+from ibdata.experiment import Experiment, rollout, self_check
 from ibdata.generation import receipt, worker, workers
-from ibdata.simulation import rollout, self_check
 from ibdata.system.part import Part
 
 HERE = Path(__file__).resolve().parent
@@ -185,11 +184,11 @@ def main(spec: dict[str, object]) -> None:
     wrong = unmet(spec.get("expect", {}), found)
     assert not wrong, wrong
     if "known_answer" in spec:
-        self_check.SHA256 = spec["known_answer"]
+        self_check.ANSWER = spec["known_answer"]
     with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
         os.environ |= {"SAME_BITS_NOTES": notes, "SAME_BITS_SPEC": json.dumps(spec)}
         results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}
-        others = [json.loads(path.read_bytes()) for path in Path(notes).iterdir()]
+        others = [json.loads(path.read_bytes()) for path in Path(notes).glob("*.json")]
     assert bool(others) == (spec.get("workers", 1) > 1)
     wrong = [x for other in others for x in unmet(spec.get("expect", {}), other)]
     assert not wrong, wrong
@@ -197,7 +196,6 @@ def main(spec: dict[str, object]) -> None:
         {
             "results": results,
             "facts": found,
-            "known answer": self_check.digest(),
             "workers": len(others),
             "versions": {"python": platform.python_version(), "numpy": np.__version__}
             | {"numba": numba.__version__, "pyarrow": pa.__version__},
@@ -216,7 +214,9 @@ def prepare(spec: dict[str, object]) -> None:
 def start() -> None:
     """What a worker does before all else."""
     prepare(json.loads(os.environ["SAME_BITS_SPEC"]))
-    Path(os.environ["SAME_BITS_NOTES"], str(os.getpid())).write_text(json.dumps(facts()))
+    note = Path(os.environ["SAME_BITS_NOTES"], str(os.getpid()))
+    note.write_text(json.dumps(facts()))
+    note.rename(note.with_suffix(".json"))  # which the parent reads only when it is whole
 
 
 if __name__ == "__main__":

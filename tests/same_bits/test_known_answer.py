@@ -11,7 +11,7 @@ import sys
 import pytest
 from helpers.matrix import PACKAGE, Row
 
-from ibdata.simulation import self_check
+from ibdata.experiment import self_check
 
 pytestmark = pytest.mark.same_bits
 
@@ -22,24 +22,28 @@ WORD, BITS = SWITCHES.get(platform.machine(), (0, {}))
 FLUSHING = """
 import ctypes, ctypes.util, sys, tempfile
 import ibdata
-from ibdata.simulation import self_check
-assert self_check.matches()
+from ibdata.experiment import self_check
+assert self_check.is_right(self_check.answer())
+before = self_check.digest(self_check.MOVING)
 libm = ctypes.CDLL(ctypes.util.find_library("m"))
 environment = (ctypes.c_uint32 * 8)()
 libm.fegetenv(environment)
 environment[int(sys.argv[1])] |= int(sys.argv[2])
 libm.fesetenv(environment)
-print(self_check.matches(), self_check.keeps_denormals(), self_check.digest() == self_check.SHA256)
+right = self_check.is_right(self_check.answer())
+print(right, self_check.keeps_denormals(), self_check.digest(self_check.MOVING) == before)
 with tempfile.TemporaryDirectory() as folder:
     print(ibdata.generate("random", folder, overrides=["steps=2"], workers=1).manifest["reproducible"])
 """
 
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
-COMPILE = 'numba.njit(nogil=True, error_model="numpy", forceinline=inline)'
+COMPILE = 'numba.njit(nogil=True, error_model="numpy", **options)'
+FUSED = "numba.njit(fastmath={'contract'}, **options)"
+FAST = "numba.njit(fastmath=True, **options)"
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
-    "fused multiply-add": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath={'contract'})"),
-    "fastmath": ("numerics/compiled.py", COMPILE, "numba.njit(fastmath=True)"),
+    "fused multiply-add": ("numerics/compiled.py", COMPILE, FUSED),
+    "fastmath": ("numerics/compiled.py", COMPILE, FAST),
     "exp of the C library": (
         "numerics/exact.py",
         "    k = np.rint(x",
@@ -108,15 +112,14 @@ def test_denormal_numbers_that_are_switched_off_show(bits):
 
 
 def test_both_known_runs_count(monkeypatch):
-    assert self_check.matches()
-    for name in ("SHA256", "OTHERS_SHA256"):
+    assert self_check.is_right(self_check.answer())
+    for name in ("MOVING", "PRINTED"):
         with monkeypatch.context() as changed:
-            changed.setattr(self_check, name, "0" * 64)
-            assert not self_check.matches()
+            changed.setattr(self_check, name, {**getattr(self_check, name), "seed": 1})
+            assert not self_check.is_right(self_check.answer())
 
 
-def test_the_known_runs_have_every_variant_and_policies_with_noise():
-    runs = (self_check.EXPERIMENT, self_check.OTHERS)
-    kinds = {policy["kind"] for run in runs for policy in run["policies"]}
+def test_the_known_runs_have_every_variant_and_moving_setpoints():
+    runs = (self_check.MOVING, self_check.PRINTED)
     assert {run["dynamics"] for run in runs} == {"siemens", "paper"}
-    assert kinds >= {"random", "gaussian", "epsilon_greedy"}
+    assert any("drifting" in run["setpoints"] for run in runs)

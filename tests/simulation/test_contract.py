@@ -7,13 +7,12 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
+from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
+from ibdata.experiment.replay import log_densities
+from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.policies import Policy
-from ibdata.policies.checked import PolicyError
-from ibdata.policies.given import Decision
-from ibdata.simulation.replay import log_densities
-from ibdata.simulation.rollout import rollout
+from ibdata.policies import Decision, Needs, Policy
 
 STEPS = 13
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
@@ -22,10 +21,7 @@ OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption"
 class Recalling(Policy):
     """Records what it is given; counts its steps and sums its actions in its memory."""
 
-    history_length: ClassVar[int] = 3
-    memory_size: ClassVar[int] = 2
-    uniforms_per_step: ClassVar[int] = 3
-    uniforms_per_episode: ClassVar[int] = 5
+    needs: ClassVar[Needs] = Needs(history=3, step_draws=3, episode_draws=5, memory=2)
     given: ClassVar[list] = []
 
     kind: Literal["recalling"] = "recalling"
@@ -90,8 +86,8 @@ def played(experiment, first=0, stop=8):
 @pytest.fixture
 def questions(monkeypatch):
     """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
-    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 3)
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 3)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
     monkeypatch.setattr(Recalling, "given", [])
     experiment = described(Recalling())
     made = played(experiment)
@@ -160,8 +156,8 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
 
 @pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}], ids=str)
 def test_densities_are_replayed_from_the_rows_as_they_were_played(monkeypatch, start):
-    monkeypatch.setattr("ibdata.simulation.replay.CHUNK", 4)
-    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 4)
+    monkeypatch.setattr("ibdata.experiment.replay.CHUNK", 4)
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 4)
     experiment = described(Recalling(), start=start)
     made = played(experiment, 1, 7)
     observations, actions = (
@@ -178,8 +174,8 @@ def test_densities_are_replayed_from_the_rows_as_they_were_played(monkeypatch, s
         (Leaking, "ValueError: assignment destination is read-only"),
         (Drawing, "ValueError: assignment destination is read-only"),
         (Short, "found ndarray, expected a Decision of actions and memory"),
-        (Narrow, r"found memory of shape \(8, 1\), expected \(8, 2\)"),
-        (Neither, "found neither act nor decide, expected one of them"),
+        (Narrow, r"found memory of shape \(8, 1\), expected memory of shape \(8, 2\)"),
+        (Neither, r"found no decide\(given\), expected one that returns"),
     ],
 )
 def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):
@@ -187,15 +183,6 @@ def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):
         rollout(described(policy()), 0, 8)
 
 
-def test_the_short_form_of_a_policy_that_remembers_is_refused():
-    with pytest.raises(
-        TypeError, match="recalling: found a call of act or log_prob, expected a call of decide"
-    ):
-        Recalling().act(np.zeros((1, 3, 6), np.float32), np.zeros((1, 3)))
-
-
-@pytest.mark.parametrize(("short", "full"), [("act", "decide"), ("log_prob", "log_density")])
-def test_a_short_form_that_nobody_would_call_is_refused(short, full):
-    """Its base class answers in the full form."""
-    with pytest.raises(TypeError, match=rf"Other: found {short}, .* expected {full}\(given"):
-        type("Other", (Recalling,), {short: lambda self, history, u: u, "__module__": __name__})
+def test_a_density_of_another_form_is_refused():
+    with pytest.raises(TypeError, match="Other: found log_prob without log_density, expected log_density"):
+        type("Other", (Neither,), {"log_prob": lambda self, history, u: u, "__module__": __name__})

@@ -6,12 +6,13 @@ import hashlib
 
 import numpy as np
 import pytest
+from helpers.asking import action_of, log_density_of
 
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import columns
+from ibdata.experiment.rollout import rollout
 from ibdata.numerics.exact import exponential, normal
-from ibdata.simulation.rollout import rollout
-from ibdata.simulation.variables import columns
 
 DYNAMICS, DRIFT, POLICY, START, BURN_IN_DYNAMICS, BURN_IN_DRIFT, BURN_IN_POLICY = range(7)
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
@@ -100,11 +101,10 @@ def resimulated(experiment, cell, index):
     states, actions = started(experiment, cell, index)
     skipped, log_prob = len(actions), []
     for t in range(experiment.steps):
-        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.uniforms_per_step // 4) * 4)
-        seen = history(states, cell.policy.history_length)
-        proposed = cell.policy.act(seen, u[None, : cell.policy.uniforms_per_step])
-        action = np.clip(proposed, -1.0, 1.0).astype(np.float32)
-        log_prob.append(cell.policy.log_prob(seen, action)[0])
+        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.needs.step_draws // 4) * 4)
+        seen = history(states, cell.policy.needs.history)
+        action = action_of(cell.policy, seen, u[None, : cell.policy.needs.step_draws])
+        log_prob.append(log_density_of(cell.policy, seen, action)[0])
         actions.append(action[0])
         states.append(step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.variant))
     return states[skipped:], np.array(actions[skipped:]), np.array(log_prob)
@@ -216,8 +216,8 @@ def usual():
 
 @pytest.mark.parametrize(("lanes", "chunk"), [(1, 7), (3, 1), (16, 1000), (256, 128), (5, 29), (256, 30)])
 def test_blocks_and_chunks_change_nothing(monkeypatch, usual, lanes, chunk):
-    monkeypatch.setattr("ibdata.simulation.rollout.LANES", lanes)
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", chunk)
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", lanes)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", chunk)
     assert_same(played(WIDE), usual)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
-from ibdata.policies import Policy
-from ibdata.policies.checked import PolicyError
+from ibdata.experiment.rollout import rollout
+from ibdata.policies import Decision, Needs, Policy
 from ibdata.policies.optimized import MEAN, STD
-from ibdata.simulation.rollout import rollout
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
 MOVING = {"drifting": [0.5, 50.0, 99.5]}
@@ -46,16 +46,20 @@ def played(experiment):
 class Watching(Policy):
     """Records what it sees; acts by the velocity that it saw two steps ago."""
 
-    history_length: ClassVar[int] = 3
+    needs: ClassVar[Needs] = Needs(history=3)
     seen: ClassVar[list[np.ndarray]] = []
     writeable: ClassVar[list[bool]] = []
 
     kind: Literal["watching"] = "watching"
 
-    def act(self, history, u):
+    def decide(self, given):
+        history, u = given.observations, given.uniforms
         self.seen.append(history.copy())
         self.writeable.append(history.flags.writeable)
-        return np.stack([history[:, 2, 1] / 50.0 - 1.0, np.ones(len(history)), u.sum(axis=1)], axis=1)
+        return Decision(
+            np.stack([history[:, 2, 1] / 50.0 - 1.0, np.ones(len(history)), u.sum(axis=1)], axis=1),
+            given.memory,
+        )
 
 
 class Scripted(Policy):
@@ -67,9 +71,10 @@ class Scripted(Policy):
 
     kind: Literal["scripted"] = "scripted"
 
-    def act(self, history, u):
+    def decide(self, given):
+        history = given.observations
         good = np.zeros((len(history), 3))
-        return self.bad(good) if next(self.calls) == self.at else good
+        return Decision(self.bad(good) if next(self.calls) == self.at else good, given.memory)
 
 
 class Returning(Policy):
@@ -80,10 +85,11 @@ class Returning(Policy):
 
     kind: Literal["returning"] = "returning"
 
-    def act(self, history, u):
-        return self.answer(len(history))
+    def decide(self, given):
+        history = given.observations
+        return Decision(self.answer(len(history)), given.memory)
 
-    def log_prob(self, history, action):
+    def log_density(self, given, action):
         return self.density(len(action))
 
 
@@ -92,16 +98,16 @@ class Meddling(Policy):
 
     kind: Literal["meddling"] = "meddling"
 
-    def act(self, history, u):
-        return np.zeros((len(history), 3))
+    def decide(self, given):
+        return Decision(np.zeros((len(given.step), 3)), given.memory)
 
-    def log_prob(self, history, action):
+    def log_density(self, given, action):
         action[:] = 5.0
         return np.zeros(len(action))
 
 
 def test_a_policy_sees_the_stored_observations_newest_first(monkeypatch):
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
     monkeypatch.setattr(Watching, "seen", [])
     monkeypatch.setattr(Watching, "writeable", [])
     made = played(with_policies(Watching(), setpoints=MOVING, output={"dtype": "float32"}))
@@ -117,7 +123,7 @@ def test_a_policy_sees_the_stored_observations_newest_first(monkeypatch):
 
 def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
     """What optimized does of the stored observations, k steps ago or the first; by the printed formula."""
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
     greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.5}
     made = played(described(policies=[greedy, {"kind": "optimized"}], output={"dtype": "float32"}))
     z = {
@@ -154,8 +160,14 @@ def test_densities_that_a_policy_does_not_know_are_nan():
     [
         (lambda good: np.where(np.arange(6)[:, None] == 5, np.nan, good), "episode 11: step 3: found action"),
         (lambda good: np.where(np.arange(6)[:, None] == 2, np.inf, good), "episode 8: step 3: found action"),
-        (lambda good: good[:, :2], "episode 6: step 3: found actions of shape (6, 2), expected (6, 3)"),
-        (lambda good: good[:1], "episode 6: step 3: found actions of shape (1, 3), expected (6, 3)"),
+        (
+            lambda good: good[:, :2],
+            "episode 6: step 3: found actions of shape (6, 2), expected actions of shape (6, 3)",
+        ),
+        (
+            lambda good: good[:1],
+            "episode 6: step 3: found actions of shape (1, 3), expected actions of shape (6, 3)",
+        ),
         (lambda good: None, "episode 6: step 3: found"),
         (lambda good: [[0.0, 0.0, 0.0], [0.0]], "episode 6: step 3: found"),
         (lambda good: [["left"] * 3] * 6, "episode 6: step 3: found"),
@@ -163,7 +175,7 @@ def test_densities_that_a_policy_does_not_know_are_nan():
     ids=["nan", "infinite", "columns", "lanes", "none", "ragged", "texts"],
 )
 def test_an_action_that_is_none_is_an_error_that_names_its_place(monkeypatch, bad, named):
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 2)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 2)
     monkeypatch.setattr(Scripted, "calls", itertools.count())
     monkeypatch.setattr(Scripted, "bad", staticmethod(bad))
     monkeypatch.setattr(Scripted, "at", 3)
@@ -231,10 +243,10 @@ def test_there_is_no_negative_zero(dynamics, dtype):
 
 
 def test_an_error_in_a_policy_is_an_error_that_names_its_place(monkeypatch):
-    def act(self, history, u):
+    def decide(self, given):
         raise KeyError("velocity")
 
-    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    monkeypatch.setattr("ibdata.policies.random.Random.decide", decide)
     with pytest.raises(PolicyError) as error:
         rollout(ibdata.load("random", ["steps=3"]), 0, 2)
     assert str(error.value).startswith("policy random: episode 0: step 0: ")
@@ -245,12 +257,13 @@ def test_an_action_of_a_policy_that_sees_nothing_is_an_error_that_names_episode_
     """It acts for all lanes of several steps in one call: here episode 1 at step 2 + 3."""
     calls = itertools.count()
 
-    def act(self, history, u):
-        assert history.shape == (8, 0, 6)
-        return np.where(np.arange(8)[:, None] == 1 * 2 + 1, np.nan, u) if next(calls) == 1 else u
+    def decide(self, given):
+        assert given.observations.shape == (8, 0, 6)
+        wrong = (np.arange(8)[:, None] == 1 * 2 + 1) & (next(calls) == 1)
+        return Decision(np.where(wrong, np.nan, given.uniforms), given.memory)
 
-    monkeypatch.setattr("ibdata.simulation.rollout.CHUNK", 4)
-    monkeypatch.setattr("ibdata.policies.random.Random.act", act)
+    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.policies.random.Random.decide", decide)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
         rollout(ibdata.load("random", ["steps=8"]), 0, 2)
 
@@ -259,7 +272,8 @@ def test_an_action_of_a_policy_that_sees_nothing_is_an_error_that_names_episode_
 def test_a_policy_that_sees_nothing_acts_as_one_that_is_asked_at_every_step(monkeypatch, kind):
     experiment = ibdata.load("random", [f"policies=[{{kind: {kind}}}]", "steps=70"])
     before = rollout(experiment, 0, 3)
-    monkeypatch.setattr(type(experiment.cells[0].policy), "history_length", 1)
+    acting = type(experiment.cells[0].policy)
+    monkeypatch.setattr(acting, "needs", acting.needs._replace(history=1))
     after = rollout(experiment, 0, 3)
     np.testing.assert_array_equal(after.table, before.table)
     assert after.clipped == before.clipped

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import columns
+from ibdata.experiment.rollout import rollout
 from ibdata.policies import OBSERVATION as OBSERVED
-from ibdata.simulation.rollout import rollout
-from ibdata.simulation.variables import columns
 from ibdata.variables import VARIABLES, of_role
 
 OBSERVATION = ["setpoint", "velocity", "gain", "shift", "fatigue", "consumption"]

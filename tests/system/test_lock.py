@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import shutil
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -27,7 +28,7 @@ OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
     "generate": lambda: ibdata.generate(TINY, "new", workers=1),
     "overwrite": lambda: ibdata.generate(OTHER, "new", workers=1, overwrite=True),
-    "shards": lambda: ibdata.generate_shards(TINY, "1/2", "new", workers=1),
+    "shards": lambda: ibdata.generate(TINY, "new", shards="1/2", workers=1),
     "merge": lambda: ibdata.merge(["a", "b"], "new"),
     "materialize": lambda: ibdata.split("a", scheme="leave-one-out", materialize="new"),
     "split": lambda: ibdata.split("a", scheme="leave-one-out"),
@@ -35,6 +36,8 @@ WRITERS = {
     "repair": lambda: ibdata.repair("c", workers=1),
     "replace": lambda: ibdata.generate(OTHER, "a", workers=1, overwrite=True),
 }
+
+NO_LOCKS = [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK] * 3  # one for each writer
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +53,7 @@ def _beside_two_datasets(made, tmp_path, monkeypatch):
         shutil.copytree(path, name)
     next(Path("c/data").iterdir()).write_bytes(b"")  # for `repair`
     monkeypatch.setattr(parts, "PATIENCE", 0.05)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # pictures of a card take seconds
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
@@ -65,8 +69,7 @@ def test_a_second_writer_is_refused(write):
     write()
 
 
-@pytest.mark.parametrize("number", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK], ids=errno.errorcode.get)
-@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+@pytest.mark.parametrize(("write", "number"), list(zip(WRITERS.values(), NO_LOCKS, strict=True)), ids=WRITERS)
 def test_without_locks_nothing_is_written(monkeypatch, write, number):
     """A file system without locks is named in one line, and nothing is written there."""
 
@@ -136,7 +139,7 @@ def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
     """While the first host of an array job loads and compiles, another one can begin."""
     from ibdata.generation import origin
 
-    waiting, real = [lambda: ibdata.generate_shards(TINY, "2/2", "new", workers=1)], origin.warm_up
+    waiting, real = [lambda: ibdata.generate(TINY, "new", shards="2/2", workers=1)], origin.warm_up
 
     def slow(experiment):
         if waiting:
@@ -144,7 +147,7 @@ def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
         real(experiment)
 
     monkeypatch.setattr(origin, "warm_up", slow)
-    assert ibdata.generate_shards(TINY, "1/2", "new", workers=1).missing == 0
+    assert ibdata.generate(TINY, "new", shards="1/2", workers=1).missing == 0
 
 
 @pytest.mark.parametrize("shards", [0, 1])

@@ -9,7 +9,7 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import cli
-from ibdata.generation.generate import _Counted
+from ibdata.generation.run import _Counted
 from ibdata.plots import plot
 
 slow = pytest.mark.slow
@@ -61,7 +61,7 @@ def moves_by_parts(bars, steps):
 def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, processors):
     """The bar moves by less than a file, with one thread and with two."""
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: processors)
-    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 10 * 256)
+    monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", 10 * 256)
     ibdata.generate(parts(10), tmp_path / "made", workers=1, progress=True)
     assert moves_by_parts(bars, 10)
 
@@ -76,8 +76,8 @@ def test_the_bar_of_generate_moves_by_what_workers_tell(bars, tmp_path):
 def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
     """A run that goes on begins its bar with the shards that are finished."""
     tiny = parts(5).model_copy(update={"episodes": 4, "output": {"shard_rows": 5}})
-    ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1)
-    ibdata.generate_shards(tiny, "1/2", out=tmp_path, workers=1, progress=True)
+    ibdata.generate(tiny, tmp_path, shards="1/2", workers=1)
+    ibdata.generate(tiny, tmp_path, shards="1/2", workers=1, progress=True)
     ibdata.generate(tiny, tmp_path, workers=1, resume=True, progress=True)
     assert bars[0].moves == [10]
     assert (bars[1].moves[0], sum(bars[1].moves)) == (10, 20)

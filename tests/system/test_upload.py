@@ -49,9 +49,7 @@ def interrupted(monkeypatch, url, puts, torn=False):
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        with pytest.raises(
-            IbdataError, match=r"there: cannot be written: connection lost; resume=True tries"
-        ):
+        with pytest.raises(IbdataError, match=r"there: cannot be written: connection lost; --resume tries"):
             made(url)
 
 
@@ -135,7 +133,7 @@ def test_a_dataset_that_is_there_is_opened(url, monkeypatch, options):
 def test_a_dataset_at_a_url_is_not_replaced(url):
     """--overwrite is for folders: an object store cannot exchange two of them."""
     dataset = made(url)
-    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
+    with pytest.raises(UsageError, match=f"^{url}: --overwrite is for folders"):
         ibdata.generate(TINY, dataset.place, workers=1, seed=1, overwrite=True)
 
 

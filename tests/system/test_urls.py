@@ -22,7 +22,7 @@ import ibdata
 import ibdata.plots
 from ibdata.cli import main
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, IbdataError, MissingError, UsageError, hidden
+from ibdata.errors import DatasetError, IbdataError, UsageError, hidden
 from ibdata.experiment.template import write_template
 from ibdata.maintenance.card import card
 from ibdata.maintenance.listing import datasets_in
@@ -139,9 +139,9 @@ def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     if url.startswith("odd"):
         monkeypatch.setitem(sys.modules, "fsspec", None)
-    calls = [ibdata.open, ibdata.validate, made, lambda url: ibdata.generate_shards("random", "1/1", url)]
+    calls = [ibdata.open, ibdata.validate, made, lambda url: ibdata.generate("random", url, shards="1/1")]
     calls += [ibdata.repair, ibdata.split, lambda url: ibdata.merge([url, url], out="x")]
-    calls += [lambda url: ibdata.generate_all("siemens-offline", out=url)]
+    calls += [lambda url: ibdata.generate("siemens-offline", out=url)]
     for i, call in enumerate(calls):
         with pytest.raises(IbdataError) as error:
             call(url)
@@ -192,7 +192,7 @@ def test_what_is_hidden(text, shown):
 def test_a_scheme_that_nobody_knows_is_refused(monkeypatch):
     """A URL without a file system or without a name is an error of one line."""
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(MissingError, match=r"^odd:// needs the package fsspec: pip install fsspec, or"):
+    with pytest.raises(ImportError, match=r"^odd:// needs the package fsspec: pip install fsspec, or"):
         ibdata.open("odd://x/y")
     with pytest.raises(UsageError, match=r"^s3://: found no name in the URL, expected"):
         ibdata.open("s3://")

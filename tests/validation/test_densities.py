@@ -8,8 +8,8 @@ import pytest
 
 import ibdata
 from ibdata.experiment import Experiment
+from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.simulation.variables import columns
 from ibdata.validation.rows import check_shard
 from ibdata.writing.arrow import writer_options
 

@@ -32,8 +32,8 @@ def long(tmp_path_factory):
 
 
 @pytest.fixture
-def small(tmp_path):
-    return ibdata.generate(SMALL, tmp_path / "small", workers=1)
+def small(made_at, tmp_path):
+    return made_at(SMALL, tmp_path / "small")
 
 
 def text_of(folder) -> str:

@@ -52,7 +52,7 @@ def test_the_checksum_of_the_manifest_is_that_of_its_sorted_json(dataset):
 def test_the_manifest_says_what_made_the_dataset(dataset):
     manifest = dataset.manifest
     assert manifest["format"] == "ibdata-manifest"
-    assert (manifest["version"], manifest["data_version"], manifest["name"]) == (1, 2, "small")
+    assert (manifest["version"], manifest["data_version"], manifest["name"]) == (1, 3, "small")
     assert set(manifest["versions"]) == {"python", "platform", "ibdata", "numpy", "numba", "pyarrow"}
     assert manifest["versions"]["ibdata"] == ibdata.__version__
 

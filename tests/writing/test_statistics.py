@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 import ibdata
@@ -15,7 +16,7 @@ from ibdata.dataset.statistics import Moments, described, merged, moments, sampl
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 400)
-exact = settings(derandomize=True, deadline=None, max_examples=60)
+exact = tries(60)
 
 
 def drawn(seed, rows, dtype=np.float64):
@@ -172,10 +173,10 @@ def test_a_split_smaller_than_the_distance_of_the_sample_has_statistics(monkeypa
 
 
 def test_a_policy_without_density_leaves_a_dataset_with_statistics(monkeypatch, describe, tmp_path):
-    def unknown(self, history, action):
+    def unknown(self, given, action):
         return np.full(len(action), np.nan)
 
-    monkeypatch.setattr("ibdata.policies.random.Random.log_prob", unknown)
+    monkeypatch.setattr("ibdata.policies.random.Random.log_density", unknown)
     made = ibdata.generate(describe(), tmp_path / "x", workers=1)
     assert np.isnan(made.table()["action_log_prob"].to_numpy()[:240]).all()
     assert made.statistics()["reward"]["count"] == 480

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ibdata
+from ibdata.experiment.rollout import Columns, rollout
 from ibdata.maintenance import reproduce
-from ibdata.simulation.rollout import Columns, rollout
 from ibdata.validation import rows
 from ibdata.writing import stored
 
@@ -12,8 +12,8 @@ PART = 400  # rows
 
 
 def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe, tmp_path, monkeypatch):
-    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 10)
-    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", PART)
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 10)
+    monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", PART)
     made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)
     assert len(made.manifest["shards"]) == 1
     held: list[int] = []

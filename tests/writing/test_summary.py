@@ -15,7 +15,7 @@ from ibdata.dataset import statistics
 from ibdata.dataset.statistics import moments
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import plan
-from ibdata.simulation.rollout import parts, rollout
+from ibdata.experiment.rollout import parts, rollout
 from ibdata.writing import arrow, shard_writer, summary
 from ibdata.writing.summary import describe
 
@@ -25,8 +25,8 @@ STEPS, EPISODES = 20, 30
 @pytest.fixture
 def made(describe, monkeypatch):
     """An experiment of one shard in parts of 8 episodes, 160 rows, and row groups of 100 rows."""
-    monkeypatch.setattr("ibdata.simulation.rollout.LANES", 8)
-    monkeypatch.setattr("ibdata.simulation.rollout.PART_ROWS", 200)
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 8)
+    monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", 200)
     monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
     experiment = describe(steps=STEPS, episodes=EPISODES // 2, policies=[{"kind": "safe"}])
     [whole] = plan(experiment)

@@ -47,7 +47,7 @@ def size(summary: Summary) -> tuple[float, float] | None:
     if not summary.dataset.splits:
         return None
     own, rows = len(names(summary)), len(summary.episodes.setpoints) * len(summary.episodes.policies)
-    return max(4.8, 2.0 + 0.25 * own), 2.4 + (0.17 if rows <= 40 else 0.12) * rows + 0.2 * own
+    return max(4.8, 2.0 + 0.4 * own), 2.4 + 0.2 * rows + 0.22 * own
 
 
 def draw(figure: Figure, summary: Summary) -> None:
@@ -69,7 +69,7 @@ def _count(axes: Axes, numbers: Numbers, columns: list[str], rows: list[str]) ->
     """Write numbers into squares that are the darker the larger they are; 0 is an empty square."""
     axes.imshow(np.log1p(numbers), cmap="Blues", vmin=0, vmax=2 * np.log1p(numbers.max()), aspect="auto")
     for i, j in np.argwhere(numbers):
-        axes.text(j, i, f"{numbers[i, j]}", ha="center", va="center", fontsize=6.5)
+        axes.text(j, i, f"{numbers[i, j]:,}", ha="center", va="center", fontsize=9)
     axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(rows)), rows, fontsize=7)
+    axes.set_yticks(range(len(rows)), rows)
     axes.tick_params(length=0)

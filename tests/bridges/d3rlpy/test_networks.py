@@ -14,16 +14,17 @@ import torch
 from gymnasium import Env, spaces
 from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
+from helpers.asking import action_of, proposed
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.policies.given import at_start
+from ibdata.evaluation.policies import policy_of
+from ibdata.policies.base import at_start
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled
-from ibdata.policies.ways import Way
 
 FRAMES = 3
 MEAN, STD = [55.0, 49.0, 50.5, 49.5, 37.5, 166.0], [28.0, 12.0, 30.0, 29.0, 31.0, 139.0]
@@ -94,7 +95,7 @@ def test_stable_baselines_acts_the_same(tmp_path, algorithm, net):
     model, history = of_stable_baselines(algorithm, net=net), observed()
     policy = saved(tmp_path / "actor.safetensors", model, mean=MEAN, std=STD, clip=10.0)
     expected, _ = model.predict(scaled(history), deterministic=True)
-    np.testing.assert_allclose(policy.mean_action(history), expected, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(action_of(policy, history), expected, rtol=0.0, atol=1e-5)
     assert expected.std() > 0.05
 
 
@@ -104,8 +105,8 @@ def test_the_scaling_of_a_vec_normalize_is_taken_over(tmp_path):
     model, history = of_stable_baselines(PPO, env), observed()
     policy = saved(tmp_path / "actor.safetensors", model)
     expected, _ = model.predict(env.normalize_obs(history.reshape(len(history), -1)), deterministic=True)
-    np.testing.assert_allclose(policy.mean_action(history), expected, rtol=0.0, atol=1e-5)
-    own = Way(model).ask(at_start(history, np.empty((len(history), 0))), None).actions
+    np.testing.assert_allclose(action_of(policy, history), expected, rtol=0.0, atol=1e-5)
+    own = proposed(policy_of(model, FRAMES), history)
     np.testing.assert_allclose(np.clip(own, -1.0, 1.0), expected, rtol=0.0, atol=1e-6)
 
 
@@ -113,7 +114,7 @@ def test_the_scaling_of_a_vec_normalize_is_taken_over(tmp_path):
 def test_draws_have_the_density_of_stable_baselines(tmp_path, algorithm):
     model, history = of_stable_baselines(algorithm, net=SMALL), observed()
     policy = Sampled(base=saved(tmp_path / "actor.safetensors", model, mean=MEAN, std=STD), share=1.0)
-    given = at_start(history, np.random.default_rng(1).random((len(history), 4)))
+    given = at_start(history, policy.needs, np.random.default_rng(1).random((len(history), 4)))
     action = np.clip(np.asarray(policy.decide(given).actions), -1.0, 1.0).astype(np.float32)
     inside = (np.abs(action) < 0.99).all(axis=1)
     seen, done = (torch.as_tensor(x[inside]) for x in (scaled(history, clip=1e9), action))
@@ -125,7 +126,7 @@ def test_draws_have_the_density_of_stable_baselines(tmp_path, algorithm):
             expected = (normal.log_prob(before) - torch.log(1.0 - done.double() ** 2)).sum(dim=1)
         else:
             expected = model.policy.get_distribution(seen).log_prob(done)
-    found = policy.log_density(at_start(history[inside], given.uniforms[inside]), action[inside])
+    found = policy.log_density(given.apply(lambda x: x[inside]), action[inside])
     assert inside.sum() > 10
     np.testing.assert_allclose(found, expected.numpy(), rtol=1e-3, atol=1e-3)
 
@@ -148,7 +149,7 @@ def test_d3rlpy_acts_the_same(tmp_path, name, scaler):
     given = {} if scaler else {"mean": MEAN, "std": STD}
     policy = saved(tmp_path / "actor.safetensors", model, **given)
     seen = history.reshape(len(history), -1) if scaler else scaled(history, clip=1e9)
-    np.testing.assert_allclose(policy.mean_action(history), model.predict(seen), rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(action_of(policy, history), model.predict(seen), rtol=0.0, atol=1e-5)
     assert policy.weights.has_log_std == (name in ("SAC", "CQL", "CalQL"))
 
 
@@ -161,7 +162,7 @@ def test_a_sequential_acts_the_same(tmp_path, ends, activation):
     policy = saved(tmp_path / "actor.safetensors", model, mean=MEAN, std=STD, clip=10.0, provenance="here")
     with torch.no_grad():
         expected = model(torch.as_tensor(scaled(history))).numpy().clip(-1.0, 1.0)
-    np.testing.assert_allclose(policy.mean_action(history), expected, rtol=0.0, atol=1e-5)
+    np.testing.assert_allclose(action_of(policy, history), expected, rtol=0.0, atol=1e-5)
     assert policy.weights.metadata.provenance == "here"
 
 
@@ -177,8 +178,8 @@ LINEAR = torch.nn.Linear(6 * FRAMES, 3)
         (lambda: d3rlpy.algos.SACConfig().create(), "that is not built"),
         (lambda: torch.nn.Sequential(LINEAR, torch.nn.GELU(), torch.nn.Linear(3, 3)), "found Linear, GELU"),
         (lambda: torch.nn.Sequential(LINEAR, torch.nn.Linear(3, 3)), "found Linear, Linear"),
-        (lambda: torch.nn.Linear(6, 3), "mean.weight: found the shape"),
-        (lambda: torch.nn.Linear(6 * FRAMES, 4), "mean.weight: found the shape"),
+        (lambda: torch.nn.Linear(6, 3), "mean: found weights of shape"),
+        (lambda: torch.nn.Linear(6 * FRAMES, 4), "mean: found weights of shape"),
     ],
 )
 def test_another_model_is_refused(tmp_path, model, message):
@@ -196,7 +197,7 @@ def test_a_scaler_of_a_constant_setpoint_is_no_other_action(tmp_path):
     history = observed()
     history[:, :, 0] = MEAN[0]
     expected = model.predict(history.reshape(len(history), -1))
-    found = saved(tmp_path / "actor.safetensors", model).mean_action(history)
+    found = action_of(saved(tmp_path / "actor.safetensors", model), history)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-5)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import torch
 from helpers import script
 
 import ibdata
-from training import checkpoints, estimators, offline, targets
+from training import estimators, offline, targets
 from training.selecting import ESTIMATORS, Checkpoint
 
 SMALL = ["episodes=20", "steps=100"]
@@ -33,21 +32,23 @@ def rows(small) -> offline.Rows:
 def policies(rows, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("policies")
     wanted = [Checkpoint("siemens-offline/global-100", "td3+bc", steps) for steps in (2, 5)]
-    checkpoints.write_checkpoints(wanted, rows, folder)
-    return folder / "siemens-offline-global-100"
+    targets.write_checkpoints(wanted, rows, folder)
+    return folder / "policies"
 
 
 @pytest.fixture(scope="module")
 def target(policies) -> targets.Target:
-    return targets.Target(policies / "td3+bc-5.safetensors")
+    return targets.Target(policies / "siemens-offline-global-100-td3+bc-5.safetensors")
 
 
 def test_a_checkpoint_is_what_the_baseline_has_learned_so_far(rows, policies, tmp_path):
     for steps in (2, 5):
-        learned, _ = offline.train("td3+bc", rows, checkpoints.SEED, steps)
+        learned, _ = offline.train("td3+bc", rows, targets.SEED, steps)
         said = f"td3+bc on siemens-offline/global-100, seed 0, {steps} of 15000 steps"
         ibdata.save_network(tmp_path / "x", learned, history=offline.HISTORY, provenance=said)
-        assert (policies / f"td3+bc-{steps}.safetensors").read_bytes() == (tmp_path / "x").read_bytes()
+        assert (policies / f"siemens-offline-global-100-td3+bc-{steps}.safetensors").read_bytes() == (
+            tmp_path / "x"
+        ).read_bytes()
 
 
 @pytest.mark.parametrize("mean", [-1.0, -0.2, 0.95])
@@ -136,16 +137,14 @@ def test_the_script_trains_what_is_missing_and_writes_all_estimates(small, tmp_p
     monkeypatch.setattr(selection, "EPISODES", 100)
     monkeypatch.setattr(estimators, "by_fqe", partial(estimators.by_fqe, fits=1))
     monkeypatch.setattr(estimators, "EXAMPLES", 2000)
-    options = Namespace(policies=tmp_path, data=None)
     other.file(tmp_path).parent.mkdir()
     other.file(tmp_path).write_bytes(b"kept")
-    selection.train(one, options)
+    line, target = selection.made(one, tmp_path), targets.Target(one.file(tmp_path))
     assert other.file(tmp_path).read_bytes() == b"kept"
     assert sorted(path.name for path in other.file(tmp_path).parent.iterdir()) == [
-        "bc-2.safetensors",
-        "bc-4.safetensors",
+        "siemens-offline-global-100-bc-2.safetensors",
+        "siemens-offline-global-100-bc-4.safetensors",
     ]
-    line, target = selection.made(one, options), targets.Target(one.file(tmp_path))
     assert (line.key, line.sha256, line.content_root) == (one, target.sha256, small.content_root)
     truth = ibdata.evaluate(target, setpoint=70, episodes=100).results[0]
     assert (line.value.mean_return, line.value.interval) == (truth.mean_return, truth.interval)

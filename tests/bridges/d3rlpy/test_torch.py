@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import ibdata
-from ibdata.policies.checked import PolicyError
+from ibdata.errors import PolicyError
 
 FEW = {"episodes": 5, "steps": 20}
 
@@ -61,18 +61,28 @@ def test_tensors_of_every_kind_are_actions():
 @pytest.mark.parametrize(
     ("net", "history", "line"),
     [
-        (Net(outputs=2), 1, "it was given (5, 6), history=1; it returned (5, 2); expected (5, 3)"),
-        (
-            Net(),
-            3,
-            "mat1 and mat2 shapes cannot be multiplied (5x18 and 6x8); it was given (5, 18), history=3",
-        ),
+        (Net(outputs=2), 1, "found actions of shape (32, 2), expected actions of shape (32, 3)"),
+        (Net(), 3, "mat1 and mat2 shapes cannot be multiplied (32x18 and 6x8)"),
     ],
 )
 def test_a_wrong_shape_is_told_in_one_line(net, history, line):
     with pytest.raises(PolicyError) as error:
         ibdata.evaluate(net, history=history, **FEW)
-    assert str(error.value).endswith(line)
+    given = f"it was given observations (32, {history}, 6) and random numbers (32, 0)"
+    assert str(error.value).endswith(f"{line}; {given}")
+
+
+def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
+    """Its actions depend on the episodes that are simulated together, so on the layout of files."""
+    net = torch.nn.Sequential(torch.nn.BatchNorm1d(6), torch.nn.Linear(6, 3))
+
+    class Training:
+        def predict(self, observations):
+            return net.train()(torch.from_numpy(observations))
+
+    with pytest.raises(PolicyError, match=r"policy training: found other actions .* without half of them"):
+        ibdata.evaluate(Training(), **FEW)
+    assert len(ibdata.evaluate(net, **FEW).results) == 1  # a module is asked in evaluation mode
 
 
 def test_a_loader_reads_windows_as_the_arrays_show_them(tmp_path):

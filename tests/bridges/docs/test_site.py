@@ -66,19 +66,25 @@ def test_search_needs_no_server(site):
         assert 'src="iframe-worker.js"' in page.read_text(encoding="utf-8"), page.name
 
 
+def shown(notebook) -> list[list[str]]:
+    """The text of each output of a cell; of a picture only that it is one."""
+    return [
+        [
+            "a picture"
+            if "image/png" in output.get("data", {})
+            else output.get("text") or output["data"]["text/plain"]
+            for output in cell.outputs
+        ]
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+    ]
+
+
 def test_the_tour_prints_what_it_shows():
-    command = [sys.executable, str(ROOT / "scripts/tour"), "--check"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-
-
-def test_a_tour_that_shows_something_else_is_noticed():
     tour = script("tour")
     stored = tour.nbformat.read(tour.TOUR, as_version=4)
-    assert sum("a picture" in cell for cell in tour.shown(stored)) == 2
-    changed = tour.nbformat.from_dict(stored)
-    changed.cells[1].outputs[0].text = "60001 rows in 60 episodes\n"
-    assert tour.shown(changed) != tour.shown(stored)
+    assert sum("a picture" in cell for cell in shown(stored)) == 2
+    assert shown(tour.executed(stored)) == shown(stored)
 
 
 def test_pages_load_nothing_from_elsewhere(site):

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from helpers.asking import proposed
 
 import ibdata.environment
 from ibdata.dynamics import PAPER
@@ -68,7 +69,7 @@ def test_it_is_made_by_its_whole_name_after_every_order_of_imports(order):
 )
 def test_a_shorter_name_will_do_where_gymnasium_came_first_or_the_environment_is_imported(order, name):
     code = f"import {order}; print(gymnasium.make({name!r}).reset(seed=0)[0][0])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "50.0\n"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "70.0\n"
 
 
 def test_import_ibdata_leaves_gymnasium_and_numpy_alone():
@@ -166,14 +167,14 @@ def test_an_episode_equals_the_dataset_s_where_both_get_the_same_noise(case, rec
 
 
 def test_wrong_settings_actions_and_orders_are_refused_in_one_line():
-    with pytest.raises(ConfigError, match=f"^{ID}: setpoint: found 170, expected a number of at most 100$"):
+    with pytest.raises(ConfigError, match=r"^setpoint: found 170, expected a number of at most 100$"):
         gymnasium.make(ID, setpoint=170)
     env = ibdata.environment.IndustrialBenchmarkEnv()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(3, dtype=np.float32))
     env.reset(seed=0)
     for action in ([0, 0, np.nan], [0, 0], None):
-        with pytest.raises(UsageError, match=r"^action: found .*, expected \(1, 3\) finite numbers"):
+        with pytest.raises(UsageError, match=r"^action: found .*, expected three finite numbers"):
             env.step(action)
     with pytest.raises(UsageError, match=r"^render: found render_mode None"):
         env.render()
@@ -234,7 +235,7 @@ def test_the_returns_of_its_episodes_are_the_true_values(made):
         for i in range(300):
             seen, _ = env.unwrapped.set_state(state)
             for t in range(30):
-                seen, reward, *_ = env.unwrapped.step(policy.act(seen[None, None], np.empty((1, 0)))[0])
+                seen, reward, *_ = env.unwrapped.step(proposed(policy, seen[None, None], np.empty((1, 0)))[0])
                 returns[i] += 0.97**t * reward
         error = np.hypot(returns.std(ddof=1) / np.sqrt(300), result.standard_error)
         assert abs(returns.mean() - result.value) < 4.0 * error

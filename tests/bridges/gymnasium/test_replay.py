@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 import ibdata
 from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
-from ibdata.environment.discrete import ACTIONS
-from ibdata.errors import ConfigError, UsageError
+from ibdata.environment.actions import DISCRETE
+from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.variables import hidden
 
@@ -280,7 +280,9 @@ def test_all_lanes_may_begin_in_states_without_a_reset(played):
 @pytest.mark.parametrize("lanes", [3, -1, [0, 0], [], [0.0], "all", [[0]]], ids=str)
 def test_lanes_that_are_not_there_are_refused_in_one_line(lanes):
     many = IndustrialBenchmarkVectorEnv(LANES)
-    with pytest.raises(UsageError, match=r"^lanes: found .*, expected different whole numbers from 0 to 2$"):
+    with pytest.raises(
+        UsageError, match=r"^lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"
+    ):
         many.set_state(ibdata.dynamics.initial_state([70.0]), lanes)
     with pytest.raises(
         UsageError, match=r"^set_state: found a state of 1 lane, expected a state of 3 lanes$"
@@ -312,7 +314,7 @@ def test_discrete_actions_do_what_those_of_their_place_do(given):
     for _ in range(30):
         action = one.action_space.sample()
         seen, reward, *_ = one.step(action)
-        expected, its, *_ = other.step(np.array(ACTIONS[action]))
+        expected, its, *_ = other.step(np.array(DISCRETE[action]))
         assert (seen.tolist(), reward) == (expected.tolist(), its)
         actions = many.action_space.sample()
         found, rewards, *_ = many.step(actions)
@@ -328,8 +330,8 @@ def test_wrong_discrete_actions_are_refused_in_one_line():
         env.step(27)
     many = IndustrialBenchmarkVectorEnv(LANES, discrete_actions=True)
     many.reset(seed=0)
-    with pytest.raises(UsageError, match=r"^action: found .*, expected \(3,\) whole numbers from 0 to 26$"):
+    with pytest.raises(UsageError, match=r"^action: found .*, expected 3 whole numbers from 0 to 26$"):
         many.step(np.zeros((3, 3), dtype=np.float32))
     for kind in (IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv):
-        with pytest.raises(ConfigError, match="discrete_actions: found 'yes', expected true or false"):
+        with pytest.raises(UsageError, match="discrete_actions: found 'yes', expected True or False"):
             kind(discrete_actions="yes")

@@ -10,7 +10,7 @@ import pytest
 
 import ibdata.environment  # noqa: F401 - registers the environment
 from ibdata.environment.vector import MODES, IndustrialBenchmarkVectorEnv
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import UsageError
 
 ID = "ibdata/IndustrialBenchmark-v0"
 STEPS = 7
@@ -19,6 +19,7 @@ SETTINGS = (
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
     {"start": "uniform", "dynamics": "paper"},
+    {"reward": "delta", "actions": True},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 
@@ -97,15 +98,6 @@ def test_next_step_gives_a_row_without_reward_that_begins_the_next_episode():
     assert rows[STEPS][1].tolist() == [0.0] * LANES
     assert (rows[STEPS][0][:, 1:4] == 50.0).all()
     assert (rows[STEPS + 1][1] != 0.0).all()
-
-
-def test_next_step_does_not_read_the_action_of_a_lane_that_begins():
-    a, b = (made("NextStep") for _ in range(2))
-    for env in (a, b):
-        env.reset(seed=0)
-    for t, action in enumerate(actions(STEPS + 3)):
-        other = np.full_like(action, np.nan) if t == STEPS else action
-        same(a.step(action), b.step(other))
 
 
 def test_same_step_has_the_last_observation_in_the_info():
@@ -190,18 +182,17 @@ def test_what_cannot_be_meant_is_refused_in_one_line():
             IndustrialBenchmarkVectorEnv(2, limit)
     with pytest.raises(UsageError, match=r"^num_envs: found 0, expected at least 1$"):
         made(lanes=0)
-    with pytest.raises(ConfigError, match=f"^{ID}: history: found 0, expected a whole number of at least 1$"):
+    with pytest.raises(UsageError, match=r"^history: found 0, expected a whole number of at least 1$"):
         made(history=0)
     env = made("NextStep")
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(actions(1)[0])
-    for mask in ([True] * 3, np.ones(2, dtype=bool), np.ones(3)):
+    for mask in ([True] * 3, np.ones(2, dtype=bool), np.ones(3), np.zeros(3, dtype=bool)):
         with pytest.raises(
-            UsageError, match=r"^reset_mask: found .*, expected a boolean array of shape \(3,\)$"
+            UsageError,
+            match=r"^reset_mask: found .*, expected a boolean array of shape \(3,\) that is true for",
         ):
             env.reset(options={"reset_mask": mask})
-    with pytest.raises(UsageError, match=r"^reset_mask: found no lane, expected at least one$"):
-        env.reset(options={"reset_mask": np.zeros(3, dtype=bool)})
     with pytest.raises(UsageError, match=r"^seed: found 2 seeds, expected 3$"):
         env.reset(seed=[1, 2])
     env.reset(seed=0)

@@ -131,7 +131,7 @@ def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        message = "cannot be written: connection lost; resume=True tries again$"
+        message = "cannot be written: connection lost; --resume tries again$"
         with pytest.raises(IbdataError, match=message):
             ibdata.generate(tiny, url, workers=1)
     with pytest.raises(DatasetError, match=r"no finished dataset|no valid JSON"):
@@ -197,10 +197,10 @@ def test_no_bucket_is_an_error_of_one_line(bucket, ibdata):
 
 
 def test_ranges_and_folders_of_experiments_need_a_folder(bucket, tiny):
-    with pytest.raises(UsageError, match="found a URL with shards=…, expected a folder"):
-        ibdata.generate_shards(tiny, "1/2", f"s3://{bucket}/x")
+    with pytest.raises(UsageError, match="found a URL with --shards, expected a folder"):
+        ibdata.generate(tiny, f"s3://{bucket}/x", shards="1/2")
     with pytest.raises(UsageError, match="found a URL for a folder of experiments, expected a folder"):
-        ibdata.generate_all("siemens-offline", f"s3://{bucket}/x")
+        ibdata.generate("siemens-offline", f"s3://{bucket}/x")
 
 
 def test_the_commands_and_the_snippet_of_the_page(bucket, command, tmp_path):

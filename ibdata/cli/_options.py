@@ -1,0 +1,105 @@
+"""Arguments and options that several commands share, and what a shell completes in their places."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
+
+
+class Place(click.Path):
+    """A path; a URL is kept as text."""
+
+    def __init__(self, urls: bool = True) -> None:
+        super().__init__(path_type=Path)
+        self._urls = urls
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from ibdata.system.storage import is_url, refuse_url
+
+        if not self._urls:
+            refuse_url(value)
+        return value if is_url(value) else super().convert(value, param, ctx)
+
+
+LOCAL = Place(urls=False)
+
+
+class Listing(click.Command):
+    """A command whose help ends with a list of names and descriptions."""
+
+    def __init__(
+        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self._title, self._listed = title, listed
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section(self._title):
+            formatter.write_dl(self._listed())
+
+
+def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
+    """The first paragraph of the docstring of each module, read without importing the module."""
+    (folder,) = import_module(package).__path__
+    docstrings = ((n, ast.get_docstring(ast.parse(Path(folder, f"{n}.py").read_bytes()))) for n in names)
+    return [(name, " ".join((text or "").partition("\n\n")[0].split())) for name, text in docstrings]
+
+
+def completing(known: Callable[[click.Context], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
+    """Offer the known words that begin as the incomplete one does; a failure offers none."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        before, comma, last = incomplete.rpartition(",")
+        with suppress(Exception):
+            return [CompletionItem(before + comma + word) for word in known(ctx) if word.startswith(last)]
+        return []
+
+    return complete
+
+
+def _dataset(ctx: click.Context) -> Dataset:
+    """The dataset on the line; click leaves its argument alone where an option still lacks its value."""
+    from ibdata.dataset.reader import Dataset
+
+    return Dataset(ctx.params.get("folder") or ctx.args[0])
+
+
+columns = completing(lambda ctx: [column.name for column in _dataset(ctx).info_model.columns])
+splits = completing(lambda ctx: _dataset(ctx).split_entries)
+
+
+place_argument = click.argument("folder", metavar="DIR|URL", type=Place())
+folder_argument = click.argument("folder", metavar="DIR", type=LOCAL)
+set_option = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override an option of the experiment, e.g. --set episodes=100.",
+)
+seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
+split_option = click.option(
+    "--split", metavar="NAME", shell_complete=splits, help="Use only rows of this split."
+)
+workers_option = click.option(
+    "--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work."
+)
+progress_option = click.option(
+    "--quiet", "-q", "progress", flag_value=False, default=None, type=bool, help="Show no progress bar."
+)
+allow_code_option = click.option(
+    "--allow-code",
+    is_flag=True,
+    help="Allow custom policies, which run arbitrary Python code. Use only with code you trust. --debug "
+    "shows the traceback of an error in it.",
+)

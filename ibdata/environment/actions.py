@@ -1,0 +1,75 @@
+"""Actions as agents give them: three numbers, or one of 27 discrete actions.
+
+A discrete action changes velocity, gain and shift by -1, 0 or 1 each. The order is that of the class `IBGym`
+of `industrial-benchmark-python` 2.0.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError, excerpt
+from ibdata.policies.actions import applied
+
+Action = tuple[float, float, float]
+CHANGES = (-1.0, 0.0, 1.0)
+DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
+_TABLE = np.array(DISCRETE, dtype=np.float32)
+NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
+WHOLE = f"from 0 to {len(DISCRETE) - 1}"
+
+
+def continuous_action(given: Any) -> Action:
+    """The three numbers of an action. Raises UsageError if it is none."""
+    try:
+        dv, dg, dh = map(float, given.tolist() if isinstance(given, np.ndarray) else given)
+        finite = math.isfinite(dv + dg + dh)
+    except (TypeError, ValueError):
+        finite = False
+    if not finite:
+        raise _refusal(given, f"three {NUMBERS}")
+    return dv, dg, dh
+
+
+def continuous_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
+    """Actions (n, 3), clipped to [-1, 1] and rounded. Raises UsageError if they are none."""
+    try:
+        proposed = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):  # rows of different lengths, or no numbers
+        proposed = np.empty(0)
+    if proposed.shape != (n, 3) or not np.isfinite(proposed).all():
+        raise _refusal(given, f"({n}, 3) {NUMBERS}")
+    return applied(proposed)
+
+
+def discrete_action(given: Any) -> Action:
+    """The three numbers of a discrete action. Raises UsageError if it is none.
+
+    >>> discrete_action(0), discrete_action(14)
+    ((-1.0, -1.0, -1.0), (0.0, 0.0, 1.0))
+    """
+    number = given.item() if getattr(given, "shape", None) == () else given  # an integer of NumPy
+    if type(number) is not int or not 0 <= number < len(DISCRETE):
+        raise _refusal(given, f"a whole number {WHOLE}")
+    return DISCRETE[number]
+
+
+def discrete_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
+    """The actions (n, 3) of n discrete ones. Raises UsageError if they are none."""
+    try:
+        numbers = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        numbers = np.empty(0)
+    whole = numbers.shape == (n,) and numbers.dtype.kind in "iu"
+    if not whole or ((numbers < 0) | (numbers >= len(DISCRETE))).any():
+        raise _refusal(given, f"{n} whole numbers {WHOLE}")
+    return _TABLE.take(numbers, axis=0)
+
+
+def _refusal(given: Any, expected: str) -> UsageError:
+    return UsageError(f"action: found {excerpt(given, 80)}, expected {expected}")

@@ -1,0 +1,50 @@
+"""Small runs with a known result, to check that this machine computes the same bits as all others.
+
+Their states are float64, because float32 would hide a difference in the last bit. They need only machine code
+that every dataset needs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from typing import Any
+
+import numpy as np
+
+from ibdata.experiment.models import Experiment
+from ibdata.experiment.rollout import lanes_of
+from ibdata.simulation.driver import Run
+from ibdata.variables import FLOATS, INTEGERS
+
+KNOWN: dict[str, Any] = {"name": "known", "policies": [{"kind": "random"}], "episodes": 16, "steps": 32}
+MOVING = {**KNOWN, "dynamics": "siemens", "setpoints": {"drifting": [1, 35, 70, 99]}, "start": "uniform"}
+PRINTED = {**KNOWN, "dynamics": "paper", "setpoints": [1, 99]}
+ANSWER = "ce080c3df2a134ce619f7adcddff13a769bfddabe30a0a6c86388358b13ad5d6"
+
+
+def digest(plain: dict[str, Any]) -> bytes:
+    """The SHA-256 of all states of a known run and of its actions, as computed on this machine."""
+    known = Experiment.model_validate(plain)
+    run = Run(known.world, lanes_of(known, np.arange(len(known.cells) * known.episodes)))
+    rows = np.arange(len(FLOATS) + len(INTEGERS))
+    record = np.empty((len(rows), known.steps + 1, run.n))
+    actions = np.empty((known.steps, run.n, 3), dtype=np.float32)
+    for _ in run.play(record, rows, actions):
+        pass
+    return hashlib.sha256(record[:, 1:].astype("<f8").tobytes() + actions.astype("<f4").tobytes()).digest()
+
+
+def keeps_denormals(least: float = sys.float_info.min) -> bool:
+    """Whether the processor keeps denormal numbers, which it treats as 0 if a library tells it to."""
+    return least / 2.0 * 2.0 == least
+
+
+def answer() -> str:
+    """The SHA-256 of all that this process computes of the known runs, and of what it does with denormals."""
+    return hashlib.sha256(digest(MOVING) + digest(PRINTED) + bytes([keeps_denormals()])).hexdigest()
+
+
+def is_right(found: str) -> bool:
+    """Whether this is the `answer` of a machine that computes the same bits as all others."""
+    return found == ANSWER

@@ -1,0 +1,193 @@
+"""The code of custom policies: where it is, how it is imported, and which line of it failed.
+
+A run imports it in a process that has imported none before, see `ibdata.generation.worker`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import filecmp
+import hashlib
+import shutil
+import sys
+import sysconfig
+import tempfile
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
+from contextvars import ContextVar
+from importlib import import_module
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import CodeType, ModuleType
+
+import numba
+
+from ibdata.errors import UsageError, printable
+from ibdata.system import processes
+
+Places = tuple[Path, ...]  # folders in which code is looked for
+PRIVATE = "_ibdata_code_"  # begins the names of modules made of files
+PACKAGE = Path(__file__).parents[1]
+STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
+LONGEST = 300  # characters of an error's own text
+
+known_before: set[str] = set()  # the modules of this process before it first imported custom code
+_executed: dict[str, ModuleType] = {}
+_loading: ContextVar[tuple[str, ...]] = ContextVar("loading", default=())
+
+
+def two_places(folder: Path | None) -> Places:
+    """The current folder, and that of the YAML file if there is one and it is another."""
+    return tuple(dict.fromkeys([Path.cwd(), *([] if folder is None else [folder.absolute()])]))
+
+
+def located(name: str, what: str, places: Places) -> Path:
+    """The path of a file that is named relative to the YAML file or to the current folder.
+
+    Raises UsageError, which begins with `what`, where there is none, or two that differ.
+    """
+    paths = dict.fromkeys(place / name for place in reversed(places))
+    found = [path for path in paths if path.is_file()]
+    if not found:
+        named = printable(" or ".join(map(str, paths)))
+        raise UsageError(
+            f"{what}: found no file {printable(name)!r}, expected it beside the experiment's YAML file or in "
+            f"the current folder: {named}; copy it there, or go to the folder in which it is"
+        )
+    if len(found) > 1 and not filecmp.cmp(found[0], found[1], shallow=False):
+        raise UsageError(f"{what}: found {found[0]} and {found[1]}, which differ; remove one")
+    return found[0]
+
+
+def is_fresh() -> bool:
+    """Whether this is a process of ibdata's own that has imported no custom code."""
+    return processes.purpose != "session" and not known_before
+
+
+def imported(module: str, file: Path | None) -> ModuleType:
+    """The module of a name, or one made of a file."""
+    if not known_before:
+        known_before.update(sys.modules)
+        if processes.purpose == "command":
+            _forget_machine_code()
+    return import_module(module) if file is None else _module_of(file)
+
+
+def _forget_machine_code() -> None:
+    """Let numba compile a user's functions anew: its cache misses edits of the files that these import.
+
+    A worker process is started with such a setting.
+    """
+    folder = tempfile.mkdtemp(prefix="ibdata-")
+    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set by numba when it is loaded
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+
+
+class _FromSource(SourceFileLoader):
+    """Compiles a file at each import; Python would take its kept bytecode, which may be of another text."""
+
+    def get_code(self, fullname: str) -> CodeType | None:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
+def _module_of(file: Path) -> ModuleType:
+    """Execute a file as a module whose name, of its path and content, no other module has."""
+    source = file.read_bytes()
+    name = PRIVATE + hashlib.sha256(str(file).encode() + b"\0" + source).hexdigest()[:16]
+    if name in _executed:
+        return _executed[name]
+    _refuse_other_helpers(file, source)
+    spec = spec_from_file_location(name, file, loader=_FromSource(name, str(file)))
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        sys.modules.pop(name, None)
+        raise
+    _executed[name] = module
+    return module
+
+
+def _refuse_other_helpers(file: Path, source: bytes) -> None:
+    """Raise UsageError if a file names one beside it, and Python has another module of that name."""
+    for beside in sorted(file.parent.glob("*.py")):
+        if beside == file or beside.stem.encode() not in source:
+            continue
+        used = file_of(sys.modules.get(beside.stem))
+        if used is not None and not is_installed(used) and not used.samefile(beside):
+            raise UsageError(
+                f"{beside}: found another module with the name {beside.stem} in use, {used}; rename one of "
+                "the two"
+            )
+
+
+@contextmanager
+def loading(target: str) -> Iterator[None]:
+    """A context in which the code of a target is loaded."""
+    refuse_within_itself([target])
+    token = _loading.set((*_loading.get(), target))
+    try:
+        yield
+    finally:
+        _loading.reset(token)
+
+
+def refuse_within_itself(targets: Iterable[str]) -> None:
+    """Raise UsageError if one of these targets is being loaded, as that of a script that names itself."""
+    for target in targets:
+        if target in _loading.get():
+            raise UsageError(
+                f"{target}: calls ibdata with itself as a policy while it is imported; put the policy into a "
+                'file of its own, or such calls under `if __name__ == "__main__":`'
+            )
+
+
+def apart_from_results() -> AbstractContextManager[object]:
+    """A context in which code prints to stderr, where this process prints its results on stdout."""
+    return redirect_stdout(sys.stderr) if processes.purpose == "command" else nullcontext()
+
+
+def file_of(module: object) -> Path | None:
+    """The file of a module, if it has one."""
+    spec = getattr(module, "__spec__", None)
+    path = Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
+    return path if path is not None and path.is_file() else None
+
+
+def is_installed(path: Path) -> bool:
+    """Whether a file is part of Python or of an installed package."""
+    return _is_in_package(path) or path.is_relative_to(STANDARD_LIBRARY)
+
+
+def _is_in_package(path: Path) -> bool:
+    return not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
+
+
+def error_line(error: BaseException) -> str:
+    """An error as `my_policy.py:12: IndexError: its text`, in one line.
+
+    The place is the innermost line of the user's own files, else of an installed package. An error without
+    such a line, as in ibdata itself, has no place.
+    """
+    text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
+    name = type(error).__name__
+    return f"{_place(error)}{name}: {text[:LONGEST]}" if text else f"{_place(error)}{name}"
+
+
+def _place(error: BaseException) -> str:
+    lines = [(Path(frame.f_code.co_filename), line) for frame, line in traceback.walk_tb(error.__traceback__)]
+    if isinstance(error, SyntaxError) and error.filename:
+        lines.append((Path(error.filename), error.lineno or 1))
+    lines = [at for at in lines if not at[0].is_relative_to(PACKAGE)]
+    in_packages = [at for at in lines if _is_in_package(at[0])]
+    own = [at for at in lines if not (is_installed(at[0]) or str(at[0]).startswith("<frozen"))]
+    on_disk = [at for at in own if at[0].is_file()]  # the others are cells of notebooks and texts
+    found = on_disk or own or in_packages
+    if not found:
+        return ""
+    (file, line), here = found[-1], Path.cwd()
+    return f"{file.relative_to(here) if file.is_relative_to(here) else file}:{line}: "

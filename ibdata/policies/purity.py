@@ -1,0 +1,94 @@
+"""Whether a policy is a function of what it is given: checked before a run, and by `check_policy`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import PolicyError
+from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy
+from ibdata.policies.checked import Checked
+from ibdata.policies.user_object import UserObject
+
+EPISODES, STEPS = 32, 4
+NEAR = 1e-3  # of the actions of objects: their last bits may depend on the number of episodes
+FLIPPED = 0.1  # share of the actions that may be others, such as those on the edge between two
+
+SECRET = (
+    "found other actions when the same was asked again, expected equal ones; memory must be returned by "
+    "decide, be the state of predict, or begin anew in reset(n), and random numbers must come from `uniforms`"
+)
+MIXED = (
+    "found other actions for the same episodes {}, expected that the actions of an episode depend on nothing "
+    "in the others; random numbers must come from `uniforms`, and parts such as BatchNorm must not train"
+)
+
+
+def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), exact: bool = True) -> None:
+    """Raise PolicyError for a policy whose actions depend on more than what it is given.
+
+    It plays the first steps of some episodes, sees the same again, the episodes in another order, and half of
+    them. An object of a user, or what need not be `exact`, may be off in its last bits where the episodes
+    are others.
+    """
+    history, everyone = histories(EPISODES, policy.needs.history, columns), np.arange(EPISODES)
+    expected = _actions(policy, history, everyone)
+    if not np.array_equal(_actions(policy, history, everyone), expected):
+        raise PolicyError(f"policy {policy.label}: {SECRET}")
+    is_object = any(isinstance(each, UserObject) for each in policy.everywhere())
+    near, flipped = (NEAR, FLIPPED) if is_object or not exact else (0.0, 0.0)
+    for rows, how in ((np.roll(everyone, 1), "in another order"), (everyone[::2], "without half of them")):
+        far = np.abs(_actions(policy, history, rows) - expected[:, rows]).max(axis=2) > near
+        if far.mean() > flipped:
+            raise PolicyError(f"policy {policy.label}: {MIXED.format(how)}")
+
+
+def _actions(policy: Policy, history: Float32s, rows: npt.NDArray[np.int64]) -> Float32s:
+    """The actions (steps, rows, 3) in some episodes."""
+    return np.stack([actions for _, actions in played(policy, history, STEPS, rows)])
+
+
+def played(
+    policy: Policy, history: Float32s, steps: int, rows: npt.NDArray[np.int64] | None = None
+) -> Iterator[tuple[Observed, Float32s]]:
+    """Yield what a policy is given at each step of episodes, and its actions, clipped and rounded.
+
+    It first sees the history (n, history, columns), whose rows move on by one at each step. Of the episodes,
+    those of some rows are played, in this order; by default all.
+    """
+    rows, needs = np.arange(len(history)) if rows is None else rows, policy.needs
+    done = np.zeros((len(rows), needs.history, 3), dtype=np.float32)
+    memory = np.zeros((len(rows), needs.memory))
+    drawn = draws(len(history), needs.episode_draws, 1)[rows]
+    for t in range(steps):
+        u = draws(len(history), needs.step_draws, 10 * t)[rows]
+        step = np.full(len(rows), t)
+        given = Observed(np.roll(history, t, axis=0)[rows], done, step, u, drawn, memory)
+        actions, memory = decided(policy, given)
+        yield given, actions
+        done = np.concatenate([actions[:, None], done], axis=1)[:, : needs.history]
+
+
+def decided(policy: Policy, given: Observed) -> tuple[Float32s, Floats]:
+    """The actions of a policy, clipped and rounded, float32 (n, 3), and its memory (n, memory)."""
+    out = np.empty((len(given.step), 3), dtype=np.float32)
+    checked = Checked(policy, policy.label, np.arange(len(given.step)))
+    _, memory = checked.decide(given.apply(np.copy), out)
+    return out, memory.copy()
+
+
+def histories(n: int, length: int, columns: int = len(OBSERVATION)) -> Float32s:
+    """Random observations, float32 (n, length, columns); a quarter of them at the bounds or in the middle."""
+    history = np.random.default_rng(0).uniform(0.0, 100.0, (n, length, columns))
+    history[::4] = np.round(history[::4] / 50.0) * 50.0
+    return history.astype(np.float32)
+
+
+def draws(n: int, count: int, seed: int) -> Floats:
+    """Uniform numbers (n, count), some replaced by the smallest or the largest possible one."""
+    u = np.random.default_rng(seed).random((n, count))
+    few, many = u[: n // 4], u[n // 4 : n // 2]
+    few[few < 0.5], many[many > 0.5] = 2.0**-53, 1.0 - 2.0**-53
+    return u

@@ -1,0 +1,188 @@
+"""Objects of users as policies: with `decide`, `act` or `predict`, torch modules, and other callables."""
+
+from __future__ import annotations
+
+import inspect
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ibdata.errors import IbdataError, PolicyError
+from ibdata.policies.answers import AnswerError, actions_and_memory, numbers
+from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed, Policy
+from ibdata.policies.code import apart_from_results, error_line
+from ibdata.policies.libraries import is_torch_module, module_call, normalized
+
+EXPECTED = (
+    "an object with decide(given), act(history, u) or predict(observations), a torch module, or a function"
+)
+METHODS = ("decide", "act", "predict")
+KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
+
+
+class Answer(NamedTuple):
+    """What an object answered: actions (n, 3), memory (n, memory), and the state for the next step."""
+
+    actions: Floats
+    memory: Floats
+    state: Any = None
+
+
+class UserObject(Policy):
+    """A policy made of an object that acts in one of five ways, of which the first that it has is used.
+
+    - `decide(given)`, as a `Policy`; also `log_density(given, action)` where its density is known;
+    - `act(history, u)`, with observations (n, history, 6) and uniform random numbers (n, step_draws);
+    - `predict(observations)`, as in SB3 and d3rlpy;
+    - a torch module, called on a float32 tensor of the observations, in evaluation mode without gradients;
+    - any other callable, called on the observations like `predict`.
+
+    Observations are float32 (n, 6 · history), newest first. The answer is (n, 3), or a tuple that begins with
+    it. The object may change the arrays that it is given, which are copies.
+
+    `predict` gets each of these keywords that its signature has: `state`, which it returned after the actions
+    at the step before, None at the first; `episode_start` (n,), true at the first step; and `deterministic`,
+    true. A method `reset(n)` is called before the first step of n episodes that are simulated together.
+    """
+
+    @property
+    @abstractmethod
+    def adapted(self) -> Any:
+        """The object."""
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the object keeps something for the next step beside its memory, so that order matters."""
+        return self._reset is not None or "state" in self._keywords
+
+    def decide(self, given: Observed) -> Decision:
+        """What the object answers; if it remembers, and the question is the last one, the last answer again.
+
+        Raises AnswerError if the object fails or gives no valid answer, and PolicyError if it remembers and
+        the steps are not in order.
+        """
+        if not self.remembers:
+            return Decision(*self._answer(given, None)[:2])
+        before, answer = self.__dict__.get("_last", (None, None))
+        if before is None or not _same(before, given):
+            begins = not given.step.any()
+            if not begins and (before is None or not np.array_equal(given.step, before.step + 1)):
+                raise PolicyError(
+                    f"policy {self.label}: found a question about step {given.step[0]}, expected the steps "
+                    "of the same episodes in order from step 0, because the object remembers them; only a "
+                    "policy with decide may begin at any step"
+                )
+            answer = self._answer(given, None if begins else answer.state)
+            self.__dict__["_last"] = given.apply(np.copy), answer
+        return Decision(answer.actions.copy(), answer.memory)
+
+    def log_density(self, given: Observed, action: Float32s) -> Floats:
+        if not hasattr(self.adapted, "log_density"):
+            return super().log_density(given, action)
+        with apart_from_results():
+            density: Floats = self.adapted.log_density(self._part(given).apply(np.copy), action.copy())
+        return density
+
+    def atoms(self, given: Observed, action: Float32s) -> Bools:
+        if not hasattr(self.adapted, "atoms"):
+            return super().atoms(given, action)
+        with apart_from_results():
+            atoms: Bools = self.adapted.atoms(self._part(given).apply(np.copy), action.copy())
+        return atoms
+
+    def forget(self) -> None:
+        """Forget the object and its last answer, so that it is made anew on its next use."""
+        for name in ("adapted", "_last", "_predict", "_keywords", "_reset"):
+            self.__dict__.pop(name, None)
+
+    def _answer(self, given: Observed, state: Any) -> Answer:
+        """Ask the object. Raises AnswerError, which says what it was given."""
+        try:
+            with apart_from_results():
+                if self._reset is not None and not given.step.any():
+                    self._reset(len(given.step))
+                return self._call(given, state)
+        except (IbdataError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # code of users must not end the run
+            line = str(error) if isinstance(error, AnswerError) else error_line(error)
+            shapes = f"observations {given.observations.shape} and random numbers {given.uniforms.shape}"
+            raise AnswerError(f"{line}; it was given {shapes}") from error
+
+    def _call(self, given: Observed, state: Any) -> Answer:
+        own, n, memory, after = self.adapted, len(given.step), given.memory, None
+        if hasattr(own, "decide"):
+            found, returned = actions_and_memory(own.decide(self._part(given).apply(np.copy)))
+            if memory.size:
+                memory = numbers(returned, memory.shape, "memory").copy()
+        elif hasattr(own, "act"):
+            found = own.act(given.observations.copy(), given.uniforms.copy())
+        else:
+            known = {"state": state, "episode_start": given.step == 0, "deterministic": True}
+            options = {name: known[name] for name in self._keywords}
+            found = self._predict(given.observations.reshape(n, -1).copy(), **options)
+            if "state" in options and isinstance(found, tuple) and len(found) > 1:
+                after = found[1]
+        if isinstance(found, tuple) and found:
+            found = found[0]
+        return Answer(numbers(found, (n, 3), "actions").copy(), memory, after)
+
+    def _part(self, given: Observed) -> Observed:
+        """What the object itself is given: a policy of ibdata, as many numbers as it needs."""
+        return given.cut(self.adapted.needs) if isinstance(self.adapted, Policy) else given
+
+    @cached_property
+    def _reset(self) -> Callable[[int], Any] | None:
+        """Tells the object that n episodes begin, if it has a method for that."""
+        own = None if isinstance(self.adapted, Policy) else getattr(self.adapted, "reset", None)
+        if not callable(own):
+            return None
+        named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD)
+        takes_one = any(p.kind not in named for p in _parameters(own))
+        return own if takes_one else lambda n: own()
+
+    @cached_property
+    def _keywords(self) -> set[str]:
+        """Those of the keywords that `predict` has after its first parameter, which is the observations."""
+        if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act") or is_torch_module(self.adapted):
+            return set()
+        rest = _parameters(self._predict)[1:]
+        return KEYWORDS & {p.name for p in rest if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
+
+    @cached_property
+    def _predict(self) -> Callable[..., Any]:
+        """What is called on observations."""
+        if is_torch_module(self.adapted) and not has_method(self.adapted):
+            return module_call(self.adapted)
+        return normalized(self.adapted, getattr(self.adapted, "predict", self.adapted))
+
+
+def _same(question: Observed, other: Observed) -> bool:
+    pairs: Any = zip(question, other, strict=True)
+    return all(np.array_equal(one, two) for one, two in pairs)
+
+
+def can_act(target: Any) -> bool:
+    """Whether a `UserObject` can be made of an object."""
+    return not isinstance(target, type) and (has_method(target) or callable(target))
+
+
+def has_method(target: Any) -> bool:
+    """Whether an object has one of the methods by which it can act."""
+    return any(callable(getattr(target, name, None)) for name in METHODS)
+
+
+def needs_of(own: Any, history: int, step_draws: int = 0) -> Needs:
+    """The needs of an object: its own attribute `needs` if it has one, else these."""
+    found = getattr(own, "needs", None)
+    return found if isinstance(found, Needs) else Needs(history, step_draws)
+
+
+def _parameters(call: Any) -> list[inspect.Parameter]:
+    try:
+        return list(inspect.signature(call).parameters.values())
+    except (TypeError, ValueError):  # of a function in C
+        return []

@@ -1,0 +1,68 @@
+"""Environments for what that of the core cannot hold: a bridge to other libraries each, and one that builds.
+
+scripts/bridges, scripts/docs and scripts/build run these sessions. The environments are kept in
+$IBDATA_BRIDGES, by default ~/.cache/ibdata/bridges.
+"""
+
+import os
+import re
+import shutil
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import nox
+
+nox.options.envdir = os.environ.get("IBDATA_BRIDGES") or str(Path.home() / ".cache" / "ibdata" / "bridges")
+nox.options.reuse_venv = "yes"
+CLEAN = {"PYTHONPATH": None, "OMP_NUM_THREADS": "1"}  # torch would use all processors in each Ray process
+
+
+def bridge(session: nox.Session, path: Path, newest: bool) -> None:
+    """Install the requirements of a bridge, the project among them, and run its tests."""
+    wanted = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    pins = ["--constraint", "constraints.txt"]
+    if newest:
+        wanted, pins = [re.sub("==.*", "", line) for line in wanted], ["--upgrade"]
+    # --no-compile, because compiling all of torch and Ray takes longer than the tests save
+    session.install("--no-compile", *pins, *wanted, "pytest", "pytest-xdist")
+    tests = f"tests/bridges/{path.stem.partition('-')[0]}"
+    session.run("pytest", tests, *(session.posargs or ["-q", "-n0", "-m", ""]), env=CLEAN)
+
+
+for file in sorted(Path("scripts/bridges.d").glob("*.txt")):
+    nox.session(partial(bridge, path=file, newest=False), name=file.stem)
+    nox.session(partial(bridge, path=file, newest=True), name=f"newest-{file.stem}")
+
+
+@nox.session
+def build(session: nox.Session) -> None:
+    """Make the wheel and the sdist of the last commit, and run the README's lines from each alone."""
+    out = Path(*(session.posargs or ["dist"])).resolve()
+    session.install("--requirement", "scripts/build.txt")
+    session.run("cffconvert", "--validate")
+    session.run("hadolint", "Containerfile")
+    with tempfile.TemporaryDirectory() as folder:
+        source, made = Path(folder, "source"), Path(folder, "made")
+        session.run("git", "clone", "--quiet", ".", str(source), external=True)
+        session.run("python", "-m", "build", "--no-isolation", str(source), "--outdir", str(made))
+        files = sorted(made.iterdir())
+        session.run("twine", "check", "--strict", *map(str, files))
+        for file in files:
+            run_readme(session, file, Path(folder, file.suffix))
+        out.mkdir(parents=True, exist_ok=True)
+        for file in files:
+            session.log(shutil.copy(file, out))
+
+
+def run_readme(session: nox.Session, file: Path, folder: Path) -> None:
+    """Install a file into an empty environment, and run there what the README shows."""
+    lines = Path("README.md").read_text(encoding="utf-8").split("## Ten lines\n")[1].split("\n## ")[0]
+    guide, venv = Path("scripts/guide").resolve(), folder / "venv"
+    session.run("python", "-m", "venv", str(venv))
+    session.run(str(venv / "bin/pip"), "install", "--quiet", str(file), external=True)
+    (folder / "page.md").write_text(lines, encoding="utf-8")
+    with session.chdir(folder):
+        env = {**CLEAN, "IBDATA_CACHE_DIR": str(folder / "cache")}
+        session.run("venv/bin/ibdata", "generate", "--config", "random.yaml", external=True, env=env)
+        session.run("venv/bin/python", str(guide), "page.md", external=True, env=env)

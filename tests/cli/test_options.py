@@ -1,0 +1,200 @@
+"""Every argument and option of every command reaches the library: a table of command lines and calls."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from ibdata.cli import cli
+from ibdata.dataset.reader import Dataset
+from ibdata.experiment import Experiment
+
+# A command line; the library function that it calls; the arguments of this call. $D is a dataset, $S a folder
+# of experiments. An experiment is shown by its seed and its steps.
+DATA, SUITE = "$D", "$S"
+RUN = {"workers": 3, "allow_code": True, "progress": False, "engine": "ray", "address": "a"}
+LOADED = {"overrides": ("steps=7", "episodes=2"), "seed": 5}
+CHANGES = "--set steps=7 --set episodes=2 --seed 5"
+RUNNING = "--workers 3 --allow-code --quiet --engine ray --address a"
+PREVIEWED = {"workers": 3, "allow_code": True}
+TABLE: list[tuple[str, str, dict[str, Any]]] = [
+    ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
+    ("diff $D $D", "ibdata.dataset.difference.difference", {"a": DATA, "b": DATA}),
+    (f"config validate random {CHANGES}", "ibdata.experiment.load_all", {"config": "random", **LOADED}),
+    (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
+    (
+        "evaluate safe --policy bad --setpoint 50 --setpoint 70 --steps 4 --discount .5 --episodes 6"
+        " --start {'burn_in':[3,9]} --dynamics {'eta_mean':.1} --reward delta --seed 7"
+        " --against optimized-40 --allow-code -q",
+        "ibdata.evaluation.evaluate",
+        {"policy": ["safe", "bad"], "setpoint": [50, 70], "steps": 4, "discount": 0.5, "episodes": 6,
+         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "reward": "delta", "seed": 7,
+         "against": "optimized-40", "allow_code": True, "progress": False},
+    ),
+    (
+        "export $D --to csv --out o --split target --history 3 --reward-scale .5 --observe markov --actions"
+        " --reward delta --imperfections {'seed':1} --id a/b-v1 --overwrite --quiet",
+        "ibdata.exporters.export",
+        {"dataset": DATA, "to": "csv", "out": "o", "split": "target", "history": 3, "reward_scale": 0.5,
+         "observe": "markov", "actions": True, "reward": "delta", "imperfections": {"seed": 1},
+         "id": "a/b-v1", "overwrite": True, "progress": False},
+    ),
+    (
+        "figure landscape --out o.svg --dynamics paper --seed 7 --overwrite",
+        "ibdata.cli.figure.figure",
+        {"name": "landscape", "out": "o.svg", "dynamics": "paper", "seed": 7, "overwrite": True},
+    ),
+    ("finalize o", "ibdata.generation.array_job.finalize", {"folder": "o"}),
+    (
+        f"generate random --out o {CHANGES} {RUNNING} --resume",
+        "ibdata.generation.generate.generate",
+        {"config": "random", "out": "o", "resume": True, "overwrite": False, "shards": None, **LOADED, **RUN},
+    ),
+    (
+        "generate --config safe --overwrite",
+        "ibdata.generation.generate.generate",
+        {"config": "safe", "out": None, "resume": False, "overwrite": True, "workers": None, "seed": None,
+         "overrides": (), "shards": None, "allow_code": False, "progress": None, "engine": "local",
+         "address": None},
+    ),
+    (
+        f"generate $S --out o {CHANGES} {RUNNING} --shards 1/2",
+        "ibdata.generation.generate.generate",
+        {"config": SUITE, "out": "o", "resume": False, "overwrite": False, "shards": "1/2", **LOADED, **RUN},
+    ),
+    (
+        f"generate $S --out o {CHANGES} --workers 3 --allow-code --resume --dry-run",
+        "ibdata.generation.estimate.estimate",
+        {"config": SUITE, "out": "o", "resume": True, "overwrite": False, **LOADED, **PREVIEWED},
+    ),
+    (
+        "head $D -n 3 --columns step,reward --split target",
+        "ibdata.dataset.reader.Dataset.iter_batches",
+        {"columns": ["step", "reward"], "split": "target", "batch_rows": 3},
+    ),
+    ("info $D", "ibdata.dataset.reader.Dataset.__init__", {"path": DATA}),
+    ("init mine.yaml", "ibdata.experiment.template.write_template", {"file": "mine.yaml"}),
+    ("ls o", "ibdata.maintenance.listing.datasets_in", {"folder": "o"}),
+    ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
+    (
+        "plot $D --out o --format svg --overwrite --quiet",
+        "ibdata.cli.plot.plot",
+        {"dataset": DATA, "out": "o", "form": "svg", "overwrite": True, "progress": False},
+    ),
+    (
+        "repair $D --workers 3 --allow-code",
+        "ibdata.maintenance.repair.repair",
+        {"folder": DATA, **PREVIEWED},
+    ),
+    (
+        "reproduce $D --episodes 2-3 --allow-code",
+        "ibdata.maintenance.reproduce.reproduce",
+        {"folder": DATA, "episodes": "2-3", "allow_code": True},
+    ),
+    (
+        "split $D --by setpoint --scheme distance --source 1 --source 2 --target 3 --shots 4 --transitions 5"
+        " --within 6 --fractions .5,.5 --prefix p --name a=b --name c=d --remove e --remove f"
+        " --materialize o",
+        "ibdata.maintenance.split.split",
+        {"folder": DATA, "by": "setpoint", "scheme": "distance", "source": (1.0, 2.0), "target": (3.0,),
+         "shots": 4, "transitions": 5, "within": 6.0, "fractions": [0.5, 0.5], "prefix": "p",
+         "names": {"a": "b", "c": "d"}, "remove": ("e", "f"), "materialize": "o"},
+    ),
+    ("split $D --list", "ibdata.dataset.reader.Dataset.splits", {}),
+    ("stats $D --split target", "ibdata.dataset.reader.Dataset.statistics", {"split": "target"}),
+    (
+        "stats $D --split target --quality",
+        "ibdata.measures.quality.quality",
+        {"ds": DATA, "split": "target"},
+    ),
+    (
+        "validate $D --quick --quiet",
+        "ibdata.validation.validate.validate",
+        {"folder": DATA, "quick": True, "progress": False},
+    ),
+]  # fmt: skip
+PRINTED = {"as_json"}  # options of what a command prints: tests/cli/test_reports.py
+
+
+class Called(Exception):
+    """The library function was called, with these arguments."""
+
+
+def plain(value: Any) -> Any:
+    """A value as the table has it."""
+    if isinstance(value, Experiment):
+        return [value.seed, value.steps]
+    if isinstance(value, Dataset):
+        value = value.path
+    if isinstance(value, dict):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def recording(name: str) -> Any:
+    """A stand-in for the function or property `name`, which raises `Called`."""
+    owner, _, attribute = name.rpartition(".")
+    module, _, kind = owner.rpartition(".") if owner[owner.rfind(".") + 1].isupper() else (owner, "", "")
+    place = __import__(module, fromlist=["_"])
+    real = inspect.getattr_static(getattr(place, kind) if kind else place, attribute)
+    signature = inspect.signature(real.fget if isinstance(real, property) else real)
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        arguments = signature.bind(*args, **kwargs).arguments
+        arguments.pop("self", None)
+        arguments |= arguments.pop("options", {}) | arguments.pop("kwargs", {})
+        raise Called(arguments)
+
+    return property(called) if isinstance(real, property) else called
+
+
+@pytest.mark.parametrize(("line", "name", "expected"), TABLE, ids=[row[0].split(" -")[0] for row in TABLE])
+def test_arguments_and_options_reach_the_library(dataset, tmp_path, monkeypatch, line, name, expected):
+    (tmp_path / "suite").mkdir()
+    (tmp_path / "suite/one.yaml").write_text("name: one\nsetpoints: [50]\npolicies: [random]\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(name, recording(name))
+    places = {DATA: str(dataset.path), SUITE: "suite"}
+    done = CliRunner().invoke(cli, [places.get(word, word) for word in line.split()])
+    assert isinstance(done.exception, Called), done.output
+    (found,) = done.exception.args
+    shown = json.dumps(plain(expected))
+    for word, place in places.items():
+        shown = shown.replace(f'"{word}"', json.dumps(place))
+    assert plain(dict(found)) == json.loads(shown)
+
+
+def parameters(command: click.Command, path: str = "") -> set[tuple[str, str]]:
+    """Every command with each of its parameters, of its own subcommands too."""
+    found = {(path, each.name or "") for each in command.params} - {(path, name) for name in PRINTED}
+    if isinstance(command, click.Group):
+        for name in command.list_commands(click.Context(command)):
+            below = command.get_command(click.Context(command), name)
+            assert below is not None
+            found |= parameters(below, f"{path} {name}".strip())
+    return found
+
+
+def given(line: str) -> set[tuple[str, str]]:
+    """The command of a line with the parameters that it gives."""
+    command, path, words = cli, "", line.split()
+    while isinstance(command, click.Group):
+        path = f"{path} {words[0]}".strip()
+        command = command.get_command(click.Context(command), words.pop(0))
+    context = click.Context(command)
+    command.parse_args(context, words)
+    known = click.core.ParameterSource.COMMANDLINE
+    return {(path, each.name) for each in command.params if context.get_parameter_source(each.name) == known}
+
+
+def test_the_table_has_every_parameter_of_every_command():
+    in_table = set().union(*(given(line) for line, _, _ in TABLE))
+    assert in_table == {(path, name) for path, name in parameters(cli) if path}

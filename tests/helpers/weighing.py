@@ -1,0 +1,102 @@
+"""Policies of all kinds, and importance weights of their episodes in memory."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from ibdata.errors import UsageError
+from ibdata.evaluation.importance import of_ratios
+from ibdata.evaluation.overlap import log_ratios, refuse_remembered_draws
+from ibdata.experiment import Experiment
+from ibdata.experiment.replay import Recorded
+from ibdata.experiment.rollout import rollout
+from ibdata.policies import POLICIES
+
+FEW, STEPS = 1000, 3
+BAD = {"kind": "bad"}
+NETWORK = {"kind": "network", "file": "p70-3"}
+HALF = {"base": BAD, "epsilon": 0.5}
+BLOCKS = {
+    "random": {"kind": "random"},
+    "safe": {"kind": "safe"},
+    "bad": BAD,
+    "mediocre": {"kind": "mediocre"},
+    "optimized": {"kind": "optimized"},
+    "expert": {"kind": "expert"},
+    "network": NETWORK,
+    "sampled": {"kind": "sampled", "base": NETWORK, "share": 1.0},
+    "now and then sampled": {"kind": "sampled", "base": NETWORK, "share": 0.3},
+    "gaussian of network": {"kind": "gaussian", "base": NETWORK, "scale": 0.6},
+    "constant": {"kind": "constant"},
+    "prbs": {"kind": "prbs"},
+    "multisine": {"kind": "multisine"},
+    "ε-greedy": {"kind": "epsilon_greedy", **HALF},
+    "ε-greedy of safe": {"kind": "epsilon_greedy", "base": {"kind": "safe"}, "epsilon": 0.5},
+    "ε-greedy of expert": {"kind": "epsilon_greedy", "base": {"kind": "expert"}, "epsilon": 0.2},
+    "gaussian": {"kind": "gaussian", "base": BAD, "scale": 1.0},
+    "ornstein_uhlenbeck": {"kind": "ornstein_uhlenbeck", "sigma": 0.7},
+    "coloured_noise": {"kind": "coloured_noise", "period": 4},
+    "sticky random": {"kind": "sticky", "base": {"kind": "random"}, "kappa": 0.3},
+    "sticky bad": {"kind": "sticky", "base": BAD, "kappa": 0.5},
+    "sticky ε-greedy": {"kind": "sticky", "base": {"kind": "epsilon_greedy", **HALF}, "kappa": 0.3},
+    "mixture": {"kind": "mixture", "bases": [{"kind": "random"}, {"kind": "safe"}]},
+    "schedule": {"kind": "schedule", "stages": [{"base": BAD, "steps": 3, "epsilon": [0.9, 0.2]}]},
+}
+
+
+def policy_of(block):
+    return POLICIES[block["kind"]](**block)
+
+
+POLICY = {name: policy_of(block) for name, block in BLOCKS.items()}
+
+
+class Data:
+    """The episodes of a behaviour in memory."""
+
+    def __init__(self, policy, episodes=FEW):
+        plain = {"name": "x", "setpoints": 70, "episodes": episodes, "steps": STEPS, "start": "uniform"}
+        self.experiment = Experiment(**plain, policies=[policy])
+        columns = rollout(self.experiment, 0, episodes)
+        found = dict(zip(columns.names, columns.table, strict=True))
+
+        def grid(prefix):
+            names = [name for name in columns.names if name.startswith(prefix)]
+            return np.stack([found[name] for name in names], axis=1).reshape(episodes, STEPS, -1)
+
+        self.observations, self.actions = (grid(role).astype(np.float32) for role in ("obs_", "act_"))
+        self.log_prob, self.rewards = (
+            found[name].astype(np.float64).reshape(episodes, STEPS) for name in ("action_log_prob", "reward")
+        )
+
+    def ratios(self, target):
+        """The logarithms of the ratios."""
+        if target.form() != self.experiment.policies[0].form():
+            refuse_remembered_draws(target)
+        numbers = np.arange(len(self.actions))
+        recorded, rows = Recorded(self.observations, self.actions), self.log_prob.size
+        return log_ratios(self.experiment, numbers, recorded, self.log_prob, target, rows)
+
+    def importance(self, target):
+        """The estimates."""
+        return of_ratios(target.label, self.ratios(target), self.rewards, 0.97)
+
+
+@functools.cache
+def few(name):
+    """A few episodes of a behaviour."""
+    return Data(POLICY[name], FEW)
+
+
+def supported(name, target):
+    """Whether the target is not refused; other messages are errors."""
+    try:
+        few(name).ratios(target)
+    except UsageError as error:
+        expected = ("expected data of a policy", "found no log density", "remembers its random numbers")
+        if not any(said in str(error) for said in expected):
+            raise
+        return False
+    return True

@@ -1,0 +1,203 @@
+"""Policies made of objects: in which way they are asked, with which arrays, and what they may answer."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import types
+
+import numpy as np
+import pytest
+from helpers.asking import log_density_of, proposed
+
+from ibdata.errors import UsageError
+from ibdata.evaluation.policies import policy_of
+from ibdata.policies import Decision
+from ibdata.policies.answers import AnswerError
+
+HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
+NOTHING = np.empty((5, 0))
+GIVEN = "it was given observations (5, 2, 6) and random numbers (5, 0)"
+
+
+def asked(target, history=2):
+    return proposed(policy_of(target, history), HISTORY[:, :history], NOTHING)
+
+
+class Greedy:
+    """Changes what it is given, as it would its own arrays."""
+
+    def act(self, history, u):
+        history *= 2.0
+        u += 1.0
+        return history[:, 0, 1:4]
+
+    def log_density(self, given, action):
+        given.observations[:] *= 2.0
+        action *= 2.0
+        return np.zeros(len(action))
+
+
+class Deciding:
+    def decide(self, given):
+        given.observations[:] *= 2.0
+        return Decision(given.observations[:, 0, 1:4], given.memory)
+
+
+class Predicting:
+    def predict(self, observations):
+        observations *= 2.0
+        return observations[:, 1:4], "state"
+
+
+def doubled(observations):
+    observations *= 2.0
+    return observations[:, 1:4]
+
+
+@pytest.mark.parametrize(
+    "target", [Greedy(), Deciding(), Predicting(), doubled], ids=lambda target: type(target).__name__
+)
+def test_what_is_given_may_be_changed_and_is_a_copy(target):
+    before = HISTORY.copy()
+    np.testing.assert_array_equal(asked(target), 2.0 * before[:, 0, 1:4])
+    np.testing.assert_array_equal(HISTORY, before)
+    read_only = HISTORY.copy()
+    read_only.flags.writeable = False
+    np.testing.assert_array_equal(proposed(policy_of(target, 2), read_only, NOTHING), 2.0 * before[:, 0, 1:4])
+
+
+def test_a_density_may_change_its_arrays_too():
+    history, action = HISTORY.copy(), np.ones((5, 3), np.float32)
+    log_density_of(policy_of(Greedy()), history, action)
+    np.testing.assert_array_equal(history, HISTORY)
+    np.testing.assert_array_equal(action, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "line"),
+    [
+        (lambda seen: seen[:, :2], "found actions of shape (5, 2), expected actions of shape (5, 3)"),
+        (lambda seen: seen[0, :3], "found actions of shape (3,), expected actions of shape (5, 3)"),
+        (lambda seen: None, "found None, expected actions of shape (5, 3)"),
+        (lambda seen: "up", "found 'up', expected actions of shape (5, 3)"),
+    ],
+)
+def test_what_is_no_action_says_what_was_given_and_returned(answer, line):
+    with pytest.raises(AnswerError) as error:
+        asked(answer)
+    assert str(error.value) == f"{line}; {GIVEN}"
+
+
+def test_an_error_names_the_line_and_says_what_was_given():
+    def broken(seen):
+        return seen[9]
+
+    with pytest.raises(AnswerError) as error:
+        asked(broken)
+    line = broken.__code__.co_firstlineno + 1
+    assert f"test_user_object.py:{line}: IndexError: index 9 is out of bounds" in str(error.value)
+    assert str(error.value).endswith(f"; {GIVEN}")
+
+
+def test_a_density_of_another_form_is_refused_with_a_hint():
+    class Other(Predicting):
+        def log_prob(self, observations, actions):
+            raise AssertionError
+
+    with pytest.raises(UsageError, match="Other: found log_prob without log_density, expected log_density"):
+        policy_of(Other())
+
+
+class Tensor:
+    """A stand-in for torch's tensors, which numpy cannot convert by itself."""
+
+    def __init__(self, array):
+        self.array, self.dtype, self.device = array, array.dtype, "here"
+
+    def __array__(self, *args, **options):
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+    def to(self, device):
+        assert device == "here"
+        return self
+
+    def double(self):
+        return Tensor(self.array.astype(np.float64))
+
+    def numpy(self, force):
+        assert force
+        return self.array
+
+
+class Module:
+    """A stand-in for torch's modules."""
+
+    def __init__(self, *parts):
+        self.training, self.parts = True, parts
+
+    def modules(self):
+        return [self, *self.parts]
+
+    def parameters(self):
+        return iter([Tensor(np.zeros(1))])
+
+    def buffers(self):
+        return iter([])
+
+    def train(self, mode):
+        for part in self.modules():
+            part.training = mode
+
+
+@pytest.fixture
+def gradients(monkeypatch):
+    """A stand-in for torch; whether gradients are computed, now."""
+    on = [True]
+
+    @contextlib.contextmanager
+    def no_grad():
+        on[0] = False
+        try:
+            yield
+        finally:
+            on[0] = True
+
+    nn = types.SimpleNamespace(Module=Module)
+    torch = types.SimpleNamespace(nn=nn, Tensor=Tensor, from_numpy=Tensor, no_grad=no_grad)
+    monkeypatch.setitem(sys.modules, "torch", torch)
+    monkeypatch.setitem(sys.modules, "torch.nn", nn)
+    return on
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_torch_module_is_called_on_a_tensor_without_gradients_and_left_as_it_was(gradients, fails):
+    class Net(Module):
+        def __call__(self, seen):
+            assert (type(seen), seen.dtype) == (Tensor, np.float32)
+            assert not gradients[0]
+            assert not any(part.training for part in self.modules())
+            if fails:
+                raise RuntimeError("mat1 and mat2")
+            return Tensor(seen.array[:, 1:4])
+
+    frozen, other = Module(), Module()
+    frozen.training = False
+    net = Net(frozen, other)
+    if fails:
+        with pytest.raises(AnswerError, match="mat1 and mat2; it was given observations"):
+            asked(net)
+    else:
+        np.testing.assert_array_equal(asked(net), HISTORY[:, 0, 1:4])
+    assert (net.training, frozen.training, other.training) == (True, False, True)
+
+
+def test_a_torch_module_with_predict_is_asked_by_it(gradients):
+    class Learned(Module):
+        def predict(self, observations):
+            return observations[:, 1:4], None
+
+        def __call__(self, seen):
+            raise AssertionError
+
+    np.testing.assert_array_equal(asked(Learned()), HISTORY[:, 0, 1:4])
