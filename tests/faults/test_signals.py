@@ -64,9 +64,7 @@ def wrong_with(tools: Any, ended: Ended, out: Path, numbers: list[int]) -> list[
 
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "with its process group"])
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
-def test_a_signal_ends_a_run(
-    tools: Any, whole: str, number: signal.Signals, group: bool
-) -> None:
+def test_a_signal_ends_a_run(tools: Any, whole: str, number: signal.Signals, group: bool) -> None:
     """At any moment; what is finished then can be resumed, and nothing is left where no shard is."""
     wrong, slowest, tries = [], 0.0, tools.size(4, 20)
     for i in range(tries):
