@@ -18,13 +18,6 @@ def _target(cpu=None, features=None):
 
 ROWS = {
     "numba for a generic processor": _target("generic", ""),
-    "numba without AVX-512": _target(features="-avx512f"),
-    "numba without FMA": _target(features="-fma"),
-    "numba without optimization": {
-        "env": {"NUMBA_OPT": "0"},
-        "spec": {"expect": {"OPT": 0}},
-        "own_code": True,
-    },
     INTERPRETED: {
         "env": {"NUMBA_DISABLE_JIT": "1"},
         "spec": {"size": "tiny", "expect": {"DISABLE_JIT": 1}},
@@ -32,8 +25,15 @@ ROWS = {
     },
     "numba on, tiny": {"spec": {"size": "tiny", "expect": {"DISABLE_JIT": 0}}},
 }
-if SIZE == "full":
-    ROWS["numba without AVX2 and FMA"] = _target(features="-avx2,-fma")  # a generic processor has neither
+if SIZE == "full":  # a generic processor has none of these features
+    ROWS["numba without AVX-512"] = _target(features="-avx512f")
+    ROWS["numba without FMA"] = _target(features="-fma")
+    ROWS["numba without AVX2 and FMA"] = _target(features="-avx2,-fma")
+    ROWS["numba without optimization"] = {
+        "env": {"NUMBA_OPT": "0"},
+        "spec": {"expect": {"OPT": 0}},
+        "own_code": True,
+    }
     ROWS["numba with SLP vectorization"] = {
         "env": {"NUMBA_SLP_VECTORIZE": "1"},
         "spec": {"expect": {"SLP_VECTORIZE": 1}},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy
 import pytest
-from helpers.matrix import HAS_AVX512, HAS_FMA, Row
+from helpers.matrix import HAS_AVX512, HAS_FMA, SIZE, Row
 from numpy._core import _multiarray_umath as umath
 
 pytestmark = pytest.mark.same_bits
@@ -15,6 +15,8 @@ BEYOND_AVX2 = [name for name in DISPATCHED if "AVX512" in name or name == "X86_V
 # What OpenBLAS reports for what it was told: some names share a kernel.
 CORES = {"PRESCOTT": "Katmai", "NEHALEM": "Nehalem", "SANDYBRIDGE": "Sandybridge", "HASWELL": "Haswell"}
 CORES |= {"ZEN": "Haswell"} | ({"SKYLAKEX": "SkylakeX"} if HAS_AVX512 else {})
+if SIZE != "full":
+    CORES = {name: CORES[name] for name in ("PRESCOTT", "HASWELL")}  # the first and the last without AVX-512
 
 
 def _without(names):
