@@ -11,13 +11,12 @@ def block() -> str:
     """A table of the default columns, and of what each option adds."""
     default = _columns(True)
     known = {column.name for column in default}
-    moving, full, after = _columns(True, "drifting"), _columns("full"), _columns("next", "drifting")
+    moving, full = _columns(True, "drifting"), _columns("full")
     return "\n\n".join(
         [
             _section("By default", default),
             _section("With moving setpoints", [c for c in moving if c.name not in known]),
             _section("With `output.latent: full`", [c for c in full if c.name not in known]),
-            _section("With `output.latent: next`", [c for c in after if c.role == "next_latent"]),
         ]
     )
 
