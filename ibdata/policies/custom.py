@@ -69,11 +69,13 @@ def _as_json(params: dict[str, Any]) -> Any:
 
 
 class Custom(UserObject):
-    """Acts through your own code: a function, a class, a file or module that makes one, or a live object.
+    """Acts through code of your own, see [Your own policy](custom-policies.md).
 
-    [Custom policies](custom-policies.md) says how to write one. With `deterministic: true`, you promise
-    that it draws no random numbers of any kind. Then `action_log_prob` is known, and it may be the `base`
-    of `gaussian`. Only a policy with `decide` can begin at any step of an episode.
+    The target is an object with `decide(given)`, `act(history, u)` or `predict(observations)`, a torch
+    module, or a function whose first parameter is `observations`; any other function, and a class, makes such
+    an object from `params`. It must act in each episode as if it were alone, and draw random numbers from `u`
+    or `uniforms` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
+    none of any kind. Then `action_log_prob` is known, and the policy may be the `base` of `gaussian`.
     """
 
     kind: Literal["custom"] = "custom"
