@@ -66,6 +66,6 @@ def test_the_first_page_explains_the_words_of_messages():
 
 
 def test_the_pages_show_every_command_and_no_other():
-    blocks = [block for text in PAGES.values() for block in re.findall(r"^```sh\n(.*?)^```$", text, re.M | re.S)]
+    blocks = re.findall(r"^```sh\n(.*?)^```$", "\n".join(PAGES.values()), flags=re.MULTILINE | re.DOTALL)
     shown = re.findall(r"^ibdata ([a-z]+)", "".join(blocks), flags=re.MULTILINE)
     assert set(shown) == set(cli.list_commands(None))
