@@ -9,6 +9,7 @@ from helpers import ROOT
 from ruamel.yaml import YAML
 
 import ibdata
+from ibdata.cli import cli
 from ibdata.experiment import shipped, suites
 from ibdata.policies import POLICIES
 
@@ -43,8 +44,8 @@ def test_the_experiment_that_is_explained_is_valid(tmp_path):
 
 
 def test_every_shipped_experiment_is_named():
-    for name in (*shipped(), *suites()):
-        assert f"`{name}" in PAGES["experiments.md"], name
+    for name in {name.partition("/")[0] for name in shipped()} | set(suites()):
+        assert f"| `{name}` |" in PAGES["experiments.md"], name
 
 
 @pytest.mark.parametrize("page", sorted(PAGES))
@@ -59,7 +60,12 @@ def test_every_exit_code_is_explained():
     assert explained == found | {0, 129, 130, 143}
 
 
-def test_the_glossary_is_sorted_and_has_the_words_of_messages():
-    words = re.findall(r"^\*\*(.+)\*\*$", PAGES["glossary.md"], flags=re.MULTILINE)
-    assert words == sorted(words)
-    assert {"Cell", "Content root", "Lane", "Root", "Score", "Shard", "Split"} <= set(words)
+def test_the_first_page_explains_the_words_of_messages():
+    words = re.findall(r"^\| (?:\[([\w ]+)\]\(\S+\)|([\w ]+)) \|", PAGES["index.md"], flags=re.MULTILINE)
+    assert {"cell", "content root", "lane", "root", "shard", "split"} <= {a or b for a, b in words}
+
+
+def test_the_pages_show_every_command_and_no_other():
+    blocks = re.findall(r"^```sh\n(.*?)^```$", "\n".join(PAGES.values()), flags=re.MULTILINE | re.DOTALL)
+    shown = re.findall(r"^ibdata ([a-z]+)", "".join(blocks), flags=re.MULTILINE)
+    assert set(shown) == set(cli.list_commands(None))

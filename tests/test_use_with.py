@@ -37,7 +37,7 @@ def test_the_page_has_the_configuration_that_the_export_to_rllib_prints():
 
 
 def test_every_format_and_extra_on_the_page_exists():
-    assert set(re.findall(r"--to (\w+)", PAGE)) <= set(FORMATS)
+    assert set(re.findall(r"--to (\w+)", PAGE)) == set(FORMATS)
     named = set(re.findall(r"\| `([\w-]+)` \|", PAGE.split("\n## ")[0]))
     assert named
     assert named <= set(EXTRAS)

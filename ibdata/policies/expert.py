@@ -61,29 +61,15 @@ class Feedback(NamedTuple):
 class Expert(Deterministic):
     """Velocity and gain by a table and feedback on fatigue, and the optimal shift, which oscillates.
 
-    The shift. Hein et al. 2017 show in their figure 3a that the optimal effective shift follows the direction
-    φ on a sine, hᵉ = sin(πφ/12). The policy cannot see φ, but computes it: it remembers domain, response and
-    direction, and applies Eqs. (9) to (16) to the shifts that it sees. From φ = 0 it goes to 6 or to -6,
-    whichever is on the side of the shift, and back, and then passes through the safe zone. Where φ is on the
-    other side than the domain, the shift goes there at once. If an episode begins after a burn-in, φ is
-    unknown, and the policy first stays in the safe zone until φ must be 0.
+    The optimal effective shift is hᵉ = sin(πφ/12), by figure 3a of Hein et al. 2017. The policy cannot see
+    the direction φ, but computes it from the shifts that it sees, by Eqs. (9) to (16); after a burn-in it
+    waits in the safe zone until φ must be 0. A table gives the velocity and the gain of a setpoint. In
+    `siemens`, where fatigue shows the amplification α and so μᵛ, the velocity rises and the gain falls as
+    μᵛ grows. After two observations with α > 0.75 there is a runaway: the gain goes up until its own μ is
+    reset; if α stays high, the velocity goes to where gain 0 resets μᵛ.
 
-    Velocity and gain, in `siemens`:
-
-    - The velocity aims at that of a table for the setpoint. The gain is, also by the table, the one at the
-      present velocity from which the way there costs least.
-    - Fatigue shows the amplification α = (3 f / f_b - 1) / 2. From it the policy estimates μᵛ. So that μᵛ
-      seldom runs away, the velocity aims higher by 6.7 for each unit of μᵛ above 0.79, and the gain falls
-      from 100 by 148 for each unit above 0.98.
-    - After two observations in a row with α > 0.75 there is a runaway. The gain goes up until its own μ is
-      reset. If α stays high, it is μᵛ that runs away: the velocity goes to where gain 0 resets it, and the
-      gain falls to 0 in time.
-
-    At low setpoints, where velocity and gain of the table leave no fatigue, there are only the table and the
-    shift. So it is in `paper`, where a runaway is the usual state.
-
-    `scripts/expert` finds the numbers, by equations and by a search for what costs least over 1000 steps from
-    all three kinds of start.
+    `scripts/expert` finds the numbers, by equations and by a search for what costs least over 1000 steps
+    from all three kinds of start.
     """
 
     # It remembers domain, response, direction, the steps until these are known, μᵛ, and the state of alarm.

@@ -6,18 +6,20 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns
 from measuring.documents import table
 
+OTHER_LAGS = [f"latent_theta_{lag}" for lag in range(2, 10)]
+
 
 def block() -> str:
-    """A table of the default columns, and of what each option adds."""
+    """A table of the default columns, and of what each option adds; the page says what `next_` means."""
     default = _columns(True)
     known = {column.name for column in default}
-    moving, full, after = _columns(True, "drifting"), _columns("full"), _columns("next", "drifting")
+    shown = [c for c in default if c.role != "next_observation" and c.name not in OTHER_LAGS]
+    moving, full = _columns(True, "drifting"), _columns("full")
     return "\n\n".join(
         [
-            _section("By default", default),
+            _section("By default", shown),
             _section("With moving setpoints", [c for c in moving if c.name not in known]),
             _section("With `output.latent: full`", [c for c in full if c.name not in known]),
-            _section("With `output.latent: next`", [c for c in after if c.role == "next_latent"]),
         ]
     )
 

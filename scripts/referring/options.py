@@ -41,7 +41,8 @@ def _form(schema: dict[str, Any]) -> str:
     if "const" in schema or "enum" in schema:
         return " or ".join(_code(x) for x in schema.get("enum", [schema.get("const")]))
     if "prefixItems" in schema:
-        return f"[{', '.join(_form(item) for item in schema['prefixItems'])}]"
+        forms = [_form(item) for item in schema["prefixItems"]]
+        return f"list of {len(forms)}: {forms[0]}" if len({*forms}) == 1 else f"[{', '.join(forms)}]"
     if schema["type"] == "array":
         return f"list of: {_form(schema['items'])}"
     if schema["type"] == "object":

@@ -1,4 +1,4 @@
-"""The site builds and loads no other site; its tour and its worked example print what they show."""
+"""The site builds and loads no other site; its tour prints what it shows."""
 
 from __future__ import annotations
 
@@ -95,15 +95,3 @@ def test_pages_load_nothing_from_elsewhere(site):
         assert not [target for target in loads if re.match(r"(\w+:)?//", target)], page.name
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", sheet.read_text(encoding="utf-8"))
-
-
-def test_the_worked_example_prints_what_it_says_and_draws_its_picture(tmp_path):
-    page = DOCS / "transfer-example.md"
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "scripts/guide"), str(page)], cwd=tmp_path, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    texts = re.findall(r"^```text\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    assert done.stdout == "".join(texts)
-    assert (tmp_path / "transfer.png").read_bytes().startswith(b"\x89PNG")
-    assert (DOCS / "figures/transfer.png").is_file()
