@@ -1,15 +1,18 @@
-"""What is published: the version, the citation, the changelog, and the links of the packaged README."""
+"""The project: its version, citation, changelog and workflows, and the bridges to other libraries."""
 
 from __future__ import annotations
 
 import re
+import subprocess
 
+import pytest
 from helpers import ROOT
 from ruamel.yaml import YAML
 
 import ibdata
 
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+BRIDGES = sorted((ROOT / "scripts/bridges.d").iterdir())
 
 
 def test_the_citation_names_this_version_and_the_authors_of_the_package():
@@ -50,3 +53,30 @@ def test_what_the_documents_say_of_installing_is_true_before_it_is_published():
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         assert not re.search(r"""pip install ["']?ibdata""", page.read_text(encoding="utf-8")), page.name
     assert "not published" in (ROOT / "docs/install.md").read_text(encoding="utf-8")
+
+
+def bridges(*args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([ROOT / "scripts/bridges", *args], capture_output=True, text=True)
+
+
+def test_every_folder_of_tests_has_a_bridge():
+    folders = {path.name for path in (ROOT / "tests/bridges").iterdir()}
+    assert {path.stem.partition("-")[0] for path in BRIDGES} == folders
+
+
+@pytest.mark.parametrize("path", BRIDGES, ids=lambda path: path.stem)
+def test_a_bridge_is_made_of_extras_and_pins(path):
+    project, *pins = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    extras = re.findall(r"^(\w+) = \[", PROJECT, flags=re.MULTILINE)
+    assert path.suffix == ".txt"
+    assert set(re.fullmatch(r"\.\[(.+)\]", project)[1].split(",")) <= set(extras)
+    assert pins
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", pin) for pin in pins)
+
+
+def test_the_script_lists_them_and_says_where_one_is_unknown():
+    assert bridges("--list").stdout.split() == [path.stem for path in BRIDGES]
+    wrong = bridges("gymnasium")
+    assert wrong.returncode != 0
+    assert "Sessions not found: gymnasium" in wrong.stdout
+    assert "passed" not in wrong.stdout

@@ -132,7 +132,7 @@ def test_a_known_result_is_made_again_and_compared(baselines, run):
 CODE = f"""
 import sys, time
 from pathlib import Path
-sys.path[:0] = [{str(ROOT / "scripts")!r}, {str(ROOT / "tests")!r}]
+sys.path[:0] = {[str(ROOT / folder) for folder in ("scripts", "tests", "tests/results")]!r}
 from helpers import script
 from test_baselines import line
 from training.runner import Runner

@@ -10,7 +10,7 @@ import pytest
 from ibdata.exporters import FORMATS
 from ibdata.exporters.rllib import SCHEMA
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "use-with.md").read_text()
 SECTIONS = re.split(r"^## (.+)\n", PAGE, flags=re.MULTILINE)[1:]
 PROJECT = (ROOT / "pyproject.toml").read_text()
