@@ -30,7 +30,7 @@ def test_a_missing_library_is_an_import_error_too():
     assert isinstance(missing("this", "that", "extra"), ImportError)
 
 
-def test_every_option_in_a_message_is_an_option_of_a_command_and_a_keyword_in_python():
+def test_an_option_in_a_message_exists_in_both_interfaces():
     commands = [cli.get_command(click.Context(cli), name) for name in cli.list_commands(click.Context(cli))]
     options = {name[2:] for each in commands for option in each.params for name in option.opts}
     functions = [

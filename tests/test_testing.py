@@ -147,7 +147,7 @@ def test_what_is_right_passes(policy):
     check_policy(policy)
 
 
-def test_an_object_that_predicts_passes_with_the_history_it_asks_for():
+def test_an_object_that_predicts_passes_with_its_history():
     class Learned:
         def predict(self, observations):
             return observations[:, 6:9] / 100.0, None
@@ -218,6 +218,6 @@ def test_what_is_wrong_is_said(policy, message):
         (Shared, "for the same episodes without half of them"),
     ],
 )
-def test_an_invalid_answer_and_one_that_depends_on_more_is_a_policy_error(policy, message):
+def test_an_invalid_or_impure_answer_is_a_policy_error(policy, message):
     with pytest.raises(PolicyError, match=message):
         check_policy(policy())

@@ -218,13 +218,13 @@ def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, na
         pytest.fail("\n".join(wrong).encode(errors="backslashreplace").decode(), pytrace=False)
 
 
-def test_there_are_at_least_120_cases_each_with_its_own_title_and_a_run():
+def test_there_are_120_cases_with_titles_of_their_own():
     titles = [(name, case.title) for name, found in CASES.items() for case in found]
     assert len(titles) == len(set(titles)) >= 120
     assert all(case.runs for found in CASES.values() for case in found)
 
 
-def test_every_damage_of_a_dataset_is_shown_to_every_reading_command():
+def test_every_reading_command_sees_every_damage():
     damaged = [case for name in DATA for case in CASES[name]]
     assert all(len(case.damage) > 1 for case in damaged)
     shown = {case.title: {run.line.split()[0] for run in case.runs} for case in damaged}

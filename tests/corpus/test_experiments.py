@@ -161,7 +161,7 @@ def test_a_valid_experiment_makes_two_finite_episodes(plain):
 
 @examples(450)
 @given(plain=VALID, data=st.data())
-def test_one_wrong_value_is_an_error_that_names_it_or_the_experiment_is_valid_still(file, plain, data):
+def test_one_wrong_value_is_named_or_is_valid(file, plain, data):
     where = data.draw(st.sampled_from(list(paths(plain))))
     changed = copy.deepcopy(plain)
     part = changed

@@ -178,9 +178,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("prepare", "option", "code", "line"), CASES)
-def test_generate_says_what_it_finds_and_makes_the_dataset_or_changes_nothing(
-    run, prepare, option, code, line
-):
+def test_generate_makes_the_dataset_or_changes_nothing(run, prepare, option, code, line):
     prepare()
     before = contents()
     found, said = run("generate", "x.yaml", "--out", "d", "--workers", "1", *option)
@@ -208,7 +206,7 @@ def test_generate_says_what_it_finds_and_makes_the_dataset_or_changes_nothing(
         ("a/../d", "a/../d: leads through a, which is no folder; choose another --out"),
     ],
 )
-def test_no_command_writes_to_a_place_at_which_no_dataset_can_appear(run, out, line):
+def test_no_command_writes_where_no_dataset_can_appear(run, out, line):
     os.symlink("made", "link")
     before = contents()
     for args in (

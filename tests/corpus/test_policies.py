@@ -3,44 +3,22 @@
 from __future__ import annotations
 
 import itertools
-import json
-import os
-import subprocess
-import sys
-import textwrap
-from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
+from helpers.odd import PLAIN, STEPS, good
 
-import ibdata
 from ibdata import Experiment
-from ibdata.cli import main
 from ibdata.errors import PolicyError
 from ibdata.experiment.rollout import rollout
 from ibdata.policies import Decision, Needs, Policy
-from ibdata.policies.random import Random
-from ibdata.validation.validate import validate
 
 pytestmark = pytest.mark.corpus
 
-STEPS = 6
-PLAIN = {
-    "name": "odd",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 2,
-    "steps": STEPS,
-    "output": {"shard_rows": STEPS},
-}
 LANES = 4
 KEPT = np.empty((LANES, 3))
-
-
-def good(history: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Reacts to what it sees and uses its draws."""
-    return 0.4 * u - 0.2 + 0.001 * history[:, 0, 1:4]
+GIVEN: list[np.ndarray] = []
 
 
 class Odd(Policy):
@@ -90,36 +68,34 @@ def put(lane, value):
     return change
 
 
-BAD = {
-    "NaN": (put(3, np.nan), "episode 3: step 2: found action"),
-    "infinity": (put(1, np.inf), "episode 1: step 2: found action"),
-    "minus infinity": (put(0, -np.inf), "episode 0: step 2: found action"),
-    "None among objects": (put(2, None), "episode 2: step 2: found action"),
-    "masked": (lambda a: np.ma.masked_greater(a, -9.0), "episode 0: step 2: found action"),
-    "one masked": (
-        lambda a: np.ma.array(a, mask=np.arange(12).reshape(4, 3) == 10),
-        "episode 3: step 2: found action",
-    ),
-    "overflown float16": (lambda a: np.full((4, 3), np.inf, np.float16), "episode 0: step 2: found action"),
-    "complex": (lambda a: a + 0.5j, "episode 0: step 2: "),
-    "one action for all": (lambda a: a[0], "episode 0: step 2: found actions of shape (3,)"),
-    "one component": (lambda a: a[:, :1], "episode 0: step 2: found actions of shape (4, 1)"),
-    "four components": (lambda a: np.ones((4, 4)), "episode 0: step 2: found actions of shape (4, 4)"),
-    "a lane too many": (lambda a: np.ones((5, 3)), "episode 0: step 2: found actions of shape (5, 3)"),
-    "transposed": (lambda a: a.T, "episode 0: step 2: found actions of shape (3, 4)"),
-    "no lanes": (lambda a: a[:0], "episode 0: step 2: found actions of shape (0, 3)"),
-    "nothing": (lambda a: None, "episode 0: step 2: found"),
-    "a mapping": (lambda a: {"velocity": 1}, "episode 0: step 2: found"),
-    "a generator": (lambda a: (row for row in a), "episode 0: step 2: found"),
-    "itself in a list": (lambda a: [a, a], "episode 0: step 2: found"),
+FOUND = "found actions of shape"
+BAD = {  # what is done to the actions, the episode that is named, and the fault
+    "NaN": (put(3, np.nan), 3, "found action"),
+    "infinity": (put(1, np.inf), 1, "found action"),
+    "minus infinity": (put(0, -np.inf), 0, "found action"),
+    "None among objects": (put(2, None), 2, "found action"),
+    "masked": (lambda a: np.ma.masked_greater(a, -9.0), 0, "found action"),
+    "one masked": (lambda a: np.ma.array(a, mask=np.arange(12).reshape(4, 3) == 10), 3, "found action"),
+    "overflown float16": (lambda a: np.full((4, 3), np.inf, np.float16), 0, "found action"),
+    "complex": (lambda a: a + 0.5j, 0, ""),
+    "one action for all": (lambda a: a[0], 0, f"{FOUND} (3,)"),
+    "one component": (lambda a: a[:, :1], 0, f"{FOUND} (4, 1)"),
+    "four components": (lambda a: np.ones((4, 4)), 0, f"{FOUND} (4, 4)"),
+    "a lane too many": (lambda a: np.ones((5, 3)), 0, f"{FOUND} (5, 3)"),
+    "transposed": (lambda a: a.T, 0, f"{FOUND} (3, 4)"),
+    "no lanes": (lambda a: a[:0], 0, f"{FOUND} (0, 3)"),
+    "nothing": (lambda a: None, 0, "found"),
+    "a mapping": (lambda a: {"velocity": 1}, 0, "found"),
+    "a generator": (lambda a: (row for row in a), 0, "found"),
+    "itself in a list": (lambda a: [a, a], 0, "found"),
 }
 
 
-@pytest.mark.parametrize(("bad", "where"), BAD.values(), ids=BAD)
-def test_what_is_no_action_is_an_error_that_names_policy_episode_and_step(played, bad, where):
+@pytest.mark.parametrize(("bad", "episode", "fault"), BAD.values(), ids=BAD)
+def test_what_is_no_action_is_named_with_its_place(played, bad, episode, fault):
     with pytest.raises(PolicyError) as error:
         played(from_step_2(bad))
-    assert str(error.value).startswith(f"policy rogue: {where}")
+    assert str(error.value).startswith(f"policy rogue: episode {episode}: step 2: {fault}")
     assert "\n" not in str(error.value)
 
 
@@ -150,7 +126,7 @@ RAISING = {
 
 
 @pytest.mark.parametrize(("answer", "step", "word"), RAISING.values(), ids=RAISING)
-def test_a_policy_that_raises_is_an_error_that_names_policy_episodes_and_step(played, answer, step, word):
+def test_a_policy_that_raises_is_named_with_its_place(played, answer, step, word):
     with pytest.raises(PolicyError) as error:
         played(answer)
     line = str(error.value)
@@ -162,6 +138,13 @@ def test_a_policy_that_raises_is_an_error_that_names_policy_episodes_and_step(pl
 def kept(history, u, step):
     KEPT[:] = good(history, u)
     return KEPT
+
+
+def changed_later(history, u, step):
+    for action in GIVEN:
+        action[:] = np.nan
+    GIVEN.append(good(history, u))
+    return GIVEN[-1]
 
 
 def noisy(history, u, step):
@@ -176,6 +159,7 @@ def seeding(history, u, step):
 
 FINE = {
     "the same object at every step": kept,
+    "an array that is changed later": changed_later,
     "a negative stride": lambda h, u, t: good(h[::-1], u[::-1])[::-1],
     "columns of a larger array": lambda h, u, t: np.hstack([good(h, u), good(h, u)])[:, 3:],
     "column-major": lambda h, u, t: np.asfortranarray(good(h, u)),
@@ -197,19 +181,6 @@ def test_actions_in_another_form_are_the_same_actions(played, answer):
     assert made.clipped == expected.clipped
 
 
-def test_an_answer_that_is_changed_later_was_taken_when_it_was_given(played):
-    given: list[np.ndarray] = []
-
-    def changed_later(history, u, step):
-        for action in given:
-            action[:] = np.nan
-        given.append(good(history, u))
-        return given[-1]
-
-    expected = played(lambda h, u, t: good(h, u))
-    assert played(changed_later).table.tobytes() == expected.table.tobytes()
-
-
 @pytest.mark.parametrize(
     ("answer", "velocity", "clipped"),
     [
@@ -227,104 +198,3 @@ def test_finite_actions_out_of_range_are_clipped_and_counted(played, answer, vel
     made = played(answer)
     assert (made.table[made.names.index("act_velocity")] == velocity).all()
     assert made.clipped == clipped
-
-
-@pytest.fixture
-def generated(monkeypatch, tmp_path):
-    """Generate into out where the random policy answers so, given how often it has been asked."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Random, "needs", Needs(history=1, step_draws=3))
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
-    monkeypatch.setattr("ibdata.experiment.self_check.answer", lambda: "0" * 64)  # it plays this policy too
-
-    def generate(answer, resume=False):
-        calls = itertools.count()
-
-        def decide(self, given):
-            return Decision(answer(given.observations, given.uniforms, next(calls)), given.memory)
-
-        monkeypatch.setattr(Random, "decide", decide)
-        experiment = Experiment.model_validate(PLAIN)
-        return ibdata.generate(experiment, "out", workers=1, resume=resume)
-
-    return generate
-
-
-@pytest.mark.parametrize("asked", [0, 1, 2, 7, 8, 8 + STEPS, 1 + 4 * STEPS])
-@pytest.mark.parametrize("bad", [put(0, np.nan), lambda a: a[0]], ids=["NaN", "shape"])
-def test_a_run_that_a_policy_ends_leaves_what_can_be_resumed_or_nothing(generated, bad, asked):
-    """The warm-up asks twice, and a shard once a step."""
-
-    def answer(history, u, call):
-        return bad(good(history, u)) if call >= asked else good(history, u)
-
-    with pytest.raises(PolicyError, match=r"^policy random: episode \d: step \d: found action"):
-        generated(answer)
-    assert not Path("out").exists()
-    assert Path(".out.part").exists() == (asked >= 2 + STEPS)
-    assert not [*Path().rglob("*manifest.json"), *Path().rglob(".tmp-*")]
-    assert generated(lambda h, u, call: good(h, u), resume=True).manifest["rows"] == 4 * STEPS
-    assert validate(Path("out")) == []
-    assert os.listdir() == ["out"]
-
-
-def test_clipped_actions_are_counted_in_the_manifest(generated):
-    made = generated(lambda h, u, call: np.full((len(h), 3), 1e308))
-    assert made.manifest["clipped_actions"] == len(made) == 24
-
-
-def test_a_dataset_without_densities_is_shown_by_every_command(generated, monkeypatch, capsys):
-    monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
-    monkeypatch.setattr(Random, "log_density", Policy.log_density)
-    generated(lambda h, u, call: good(h, u))
-    capsys.readouterr()  # without this density, the known run of this machine has other bits
-    for command in (["info"], ["stats"], ["head"], ["validate"], ["head", "--json"], ["stats", "--json"]):
-        with pytest.raises(SystemExit) as end:
-            main([*command, "out"])
-        shown = capsys.readouterr()
-        assert (end.value.code or 0, shown.err) == (0, ""), command
-        if "--json" in command:
-            json.loads(shown.out, parse_constant=pytest.fail)
-
-
-SCRIPT = """
-    import os
-    import ibdata
-
-    experiment = ibdata.Experiment.model_validate({plain})
-    try:
-        ibdata.generate(experiment, "out", workers=2, allow_code=True)
-    except ibdata.IbdataError as error:
-        print(error)
-    print(sorted(os.listdir()))
-"""
-ENDING = """
-    import os, sys
-
-    class Ending:
-        def act(self, history, u):
-            if sys.argv[0] == "-c":  # in a worker
-                os._exit(7)
-            return 2.0 * u - 1.0
-"""
-
-
-def test_a_policy_that_ends_its_workers_is_an_error_and_leaves_nothing(tmp_path):
-    script = tmp_path / "script.py"
-    policy = {"kind": "custom", "target": "ending:Ending", "uniforms": 3}
-    script.write_text(textwrap.dedent(SCRIPT).format(plain={**PLAIN, "policies": [policy]}))
-    (tmp_path / "ending.py").write_text(textwrap.dedent(ENDING))
-    done = subprocess.run(
-        [sys.executable, "-B", "-W", "error", script],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    line, left = done.stdout.splitlines()
-    assert line == (
-        "a worker process ended with code 7, perhaps for lack of memory; run again with --resume and "
-        "fewer --workers"
-    )
-    assert left == "['ending.py', 'script.py']"
-    assert done.stderr == "ibdata: running the code of ending:Ending\n"

@@ -35,7 +35,7 @@ def near(x):
     return max(x.min(), first - room), min(x.max(), last + room)
 
 
-def test_rewards_are_quantiles_of_each_policy_s_steps_at_each_setpoint(many):
+def test_rewards_are_quantiles_of_steps(many):
     (axes,) = pictured("rewards", many).axes
     data = rows(many).astype({"reward": "float64"})
     bin_width = np.ptp(data["reward"]) / 5000
@@ -86,7 +86,7 @@ def test_returns_of_episodes_of_different_length_are_means(merged):
 @pytest.mark.parametrize(
     ("panel", "x", "y"), [(0, "velocity", "gain"), (1, "velocity", "shift"), (2, "gain", "shift")]
 )
-def test_coverage_counts_the_visits_of_each_square_under_each_policy(many, panel, x, y):
+def test_coverage_counts_visits_of_squares(many, panel, x, y):
     figure = pictured("coverage", many)
     edges = np.arange(0, 101, 2)
     for i, policy in enumerate(POLICIES):
@@ -102,7 +102,7 @@ def test_coverage_counts_the_visits_of_each_square_under_each_policy(many, panel
         assert axes.get_title("right") == f"{(expected > 0).to_numpy().mean():.1%}"
 
 
-def test_the_trade_off_shows_the_steps_within_its_axes_and_all_means(many):
+def test_the_trade_off_shows_steps_and_means(many):
     figure = pictured("tradeoff", many)
     axes = figure.axes[0]
     data = rows(many).astype({"next_obs_consumption": "float64", "next_obs_fatigue": "float64"})
@@ -142,7 +142,7 @@ def test_actions_are_the_density_of_each_policy_s_steps(many):
 
 
 @pytest.mark.parametrize("name", ["many", "moving", "bare"])
-def test_the_traces_are_those_of_the_episode_with_the_median_return(formed, name):
+def test_the_traces_are_of_the_median_episode(formed, name):
     dataset = formed(name)
     figure = pictured("traces", dataset)
     returns = dataset.episodes["return"]
@@ -160,7 +160,7 @@ NAMES = {"many": ["source", "target", "target-rest", "random", "safe", "mediocre
 
 
 @pytest.mark.parametrize(("form", "names"), NAMES.items())
-def test_splits_have_the_episodes_of_cells_and_the_episodes_that_are_shared(formed, form, names):
+def test_splits_count_episodes_of_cells_and_shared_ones(formed, form, names):
     dataset = formed(form)
     upper, lower = pictured("splits", dataset).axes
     assert [label.get_text() for label in upper.get_xticklabels()] == names

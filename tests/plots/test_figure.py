@@ -27,7 +27,7 @@ def test_the_figures_are_these():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_a_png_by_default_and_the_same_from_the_command_line_and_python(ibdata, tmp_path, name):
+def test_command_and_python_draw_the_same_png(ibdata, tmp_path, name):
     done = ibdata("figure", name)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"figures/{name}.png\n", "")
     made = tmp_path / "figures" / f"{name}.png"
@@ -42,7 +42,7 @@ def test_a_figure_is_a_png_by_default_and_the_same_from_the_command_line_and_pyt
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_an_svg_where_the_file_is_called_so_with_its_axes_named(tmp_path, name):
+def test_a_figure_called_svg_is_one_with_named_axes(tmp_path, name):
     paths = [figure(name, tmp_path / f"{i}.SVG") for i in range(2)]
     assert paths[0].read_bytes() == paths[1].read_bytes()
     text = paths[0].read_text()
@@ -52,7 +52,7 @@ def test_a_figure_is_an_svg_where_the_file_is_called_so_with_its_axes_named(tmp_
     assert f"<!-- {label} -->" in text
 
 
-def test_the_reader_s_own_settings_neither_change_a_figure_nor_are_changed(tmp_path):
+def test_the_user_s_settings_of_matplotlib_do_not_matter(tmp_path):
     plain = figure("setpoints", tmp_path / "plain.png").read_bytes()
     with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 20, "axes.facecolor": "red"}):
         before = dict(matplotlib.rcParams)
@@ -97,7 +97,7 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
         ({"seed": 2**64}, f"seed: found {2**64}, expected a whole number from 0 to 2⁶⁴ - 1"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_before_anything_is_made(tmp_path, monkeypatch, given, message):
+def test_what_cannot_be_meant_is_refused_first(tmp_path, monkeypatch, given, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError) as caught:
         figure(**{"name": "setpoints", **given})
@@ -111,7 +111,7 @@ def test_a_folder_is_not_overwritten(tmp_path):
         figure("setpoints", tmp_path / "a.png", overwrite=True)
 
 
-def test_where_the_system_refuses_the_error_is_one_line_and_nothing_is_left(tmp_path):
+def test_where_the_system_refuses_nothing_is_left(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(IbdataError, match=r"a\.png: cannot be written: ") as caught:
         figure("setpoints", tmp_path / "file" / "a.png")

@@ -119,7 +119,7 @@ def test_the_four_panels_draw_these_numbers(variant):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_the_setpoints_are_four_different_ones_of_the_variant_s_rates(variant):
+def test_the_setpoints_are_four_with_the_variant_s_rates(variant):
     paths = setpoints.paths(variant, setpoints.SEED)
     low, high = VARIANTS[variant].drift_rate
     rates = np.diff(paths, axis=1)

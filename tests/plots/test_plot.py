@@ -39,7 +39,7 @@ def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
             assert picture.width >= 720
 
 
-def test_the_command_draws_what_python_draws_and_prints_the_files(ibdata, merged, tmp_path):
+def test_the_command_draws_what_python_draws(ibdata, merged, tmp_path):
     done = ibdata("plot", str(merged.path))
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "".join(f"figures/both/{name}.png\n" for name in NAMES)
@@ -110,7 +110,7 @@ def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_pat
     assert len(os.listdir(tmp_path / "figures" / "both")) == len(NAMES)
 
 
-def test_what_cannot_be_meant_is_refused_before_anything_is_made(merged, tmp_path):
+def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
     with pytest.raises(UsageError, match="form: found 'pdf', expected one of png, svg"):
         plot(merged, tmp_path / "a", form="pdf")
     with pytest.raises(DatasetError, match="no finished dataset here"):

@@ -41,7 +41,7 @@ def shifted(delta_h, variant):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_shift_that_follows_the_sine_turns_through_both_domains_at_the_least_penalty(variant):
+def test_a_shift_that_follows_the_sine_has_the_least_penalty(variant):
     """Figure 3a: h^e = sin(πt/12) makes φ 0 → 6 → 0 → -6 → 0, at each of them with the lowest m there is."""
     sine = np.sin(np.pi * np.arange(25) / 12)
     phi, he, m, delta, psi = shifted(np.diff(sine) / D_H_IN_HE, variant)
@@ -55,7 +55,7 @@ def test_a_shift_that_follows_the_sine_turns_through_both_domains_at_the_least_p
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_turn_given_up_half_way_goes_back_to_zero_and_still_pays(variant):
+def test_a_turn_given_up_goes_back_to_zero_and_pays(variant):
     """Figure 3b: back in the safe zone after six steps, φ falls to 0 in four. Staying there has m = 0."""
     phi, he, m, delta, psi = shifted([1, 1, 1, -1, -1, -1, 0, 0, 0, 0], variant)
     assert phi.tolist() == [1, 2, 3, 4, 5, 4, 3, 2, 1, 0]
@@ -65,7 +65,7 @@ def test_a_turn_given_up_half_way_goes_back_to_zero_and_still_pays(variant):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_a_constant_push_is_pushed_to_the_worst_direction_and_comes_back_from_the_safe_zone(variant):
+def test_a_constant_push_ends_in_the_worst_direction(variant):
     """Figure 3c: φ rises to 6, falls step by step to -6 and stays; Δh = -1 then leads back to the start."""
     phi, he, m, _, psi = shifted([1] * 25, variant)
     assert phi.tolist() == [*range(1, 7), *range(5, -7, -1), *[-6] * 7]
@@ -104,13 +104,13 @@ def random_rollouts(variant, setpoint):
     return run_away, cap, dropped, at_cap / (EPISODES * STEPS)
 
 
-def test_half_of_the_random_rollouts_run_away_within_figure_4_s_200_steps_in_siemens():
+def test_half_of_random_rollouts_run_away_in_200_steps():
     """Figure 4 shows one that does; 2,000 rollouts at p = 50."""
     run_away, *_ = random_rollouts("siemens", 50)
     assert 0.47 <= np.mean(run_away < 200) <= 0.53
 
 
-def test_all_random_rollouts_run_away_within_30_steps_as_printed():
+def test_as_printed_all_rollouts_run_away_in_30_steps():
     """Figure 4 shows none of it before t = 80."""
     run_away, *_ = random_rollouts("paper", 50)
     assert np.all(run_away < 30)
@@ -139,7 +139,7 @@ def test_the_table_of_run_aways(variant, setpoint):
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_a_drifting_setpoint_is_piecewise_linear_with_the_drawn_lengths_and_rates(name):
+def test_a_drifting_setpoint_is_piecewise_linear(name):
     """Figure 5: lengths and rates, from the uniforms alone, give each segment up to the bound it meets."""
     low, high = VARIANTS[name].drift_rate
     longest = VARIANTS[name].drift_length

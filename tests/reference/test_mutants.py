@@ -163,7 +163,7 @@ def worst(tmp_path_factory):
         }
 
 
-def test_a_copy_without_a_change_gives_the_states_of_the_compiled_code(worst):
+def test_an_unchanged_copy_gives_the_compiled_states(worst):
     """Else every mutant would be "caught"."""
     found = worst["unchanged"].result()
     assert {field: x for field, x in found.items() if x is None or x > tapes.TOLERANCE} == {}

@@ -30,7 +30,7 @@ def printed_states(tape):
 
 
 @pytest.mark.parametrize("name", TAPES)
-def test_every_variable_of_every_step_follows_the_printed_equations(name, report):
+def test_every_variable_follows_the_printed_equations(name, report):
     """All fields of `State`, from the first, zero-action step on, within 1e-12 · max(1, |value|)."""
     tape = tapes.make(*TAPES[name])
     ours = tapes.run_ibdata(tape, "paper")

@@ -25,7 +25,7 @@ def published_states(tape):
 
 
 @pytest.mark.parametrize("name", TAPES)
-def test_every_variable_of_every_step_is_that_of_the_published_package(name, report):
+def test_every_variable_is_that_of_the_published_package(name, report):
     """All fields of `State`, from the first, zero-action step on, within 1e-12 · max(1, |value|)."""
     tape = tapes.make(*TAPES[name])
     ours = tapes.run_ibdata(tape, "siemens")

@@ -64,12 +64,12 @@ def numbers(value):
     return [float(value)] if isinstance(value, int | float) else [x for part in value for x in numbers(part)]
 
 
-def test_the_table_of_differences_has_every_field_of_the_variants_in_their_order():
+def test_the_table_has_every_field_of_the_variants():
     assert list(table_of_differences()) == FIELDS
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_a_field_stands_in_the_table_with_the_values_of_both_variants(name):
+def test_a_field_has_the_values_of_both_variants(name):
     paper, code = table_of_differences()[name]
     assert numbers(paper) == numbers(getattr(PAPER, name))
     assert numbers(code) == numbers(getattr(SIEMENS, name))
@@ -85,7 +85,7 @@ def test_a_field_has_a_section_with_its_evidence_and_a_belief(name):
     assert re.search(r"[Ww]e believe|is unknown", section)
 
 
-def test_every_field_has_a_measured_row_of_its_own_kind_of_setpoint(script):
+def test_every_field_has_a_measured_row(script):
     measured = script.parse(TEXT)
     for name in FIELDS:
         moving = name.startswith("drift")
@@ -167,9 +167,7 @@ def measured_again(script, name, p, quantity, drifting, episodes):
         ("drift_rate", 50, "reward", True, 200),
     ],
 )
-def test_a_number_of_the_tables_is_measured_again_and_no_other_sign_or_size_would_pass(
-    script, name, p, quantity, drifting, episodes
-):
+def test_a_number_is_measured_again_with_sign_and_size(script, name, p, quantity, drifting, episodes):
     start = "from" if drifting else "p ="
     table = script.parse(TEXT)[name, f"{quantity}, {start} {p}"]
     again = measured_again(script, name, p, quantity, drifting, episodes)

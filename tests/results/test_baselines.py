@@ -51,7 +51,7 @@ def line(run, shift=0.0) -> Baseline:
     return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
 
 
-def test_the_plan_names_each_run_once_and_begins_with_seed_0_of_the_siemens_sets(baselines):
+def test_the_plan_begins_with_seed_0_of_the_siemens_sets(baselines):
     plan = baselines.plan()
     assert len(plan) == len(set(plan)) == 24 + 24 * 4 * 3 + 4 * 2 * 3
     first = plan[: 16 + 64]
@@ -132,7 +132,7 @@ def test_a_known_result_is_made_again_and_compared(baselines, run):
 CODE = f"""
 import sys, time
 from pathlib import Path
-sys.path[:0] = [{str(ROOT / "scripts")!r}, {str(ROOT / "tests")!r}]
+sys.path[:0] = {[str(ROOT / folder) for folder in ("scripts", "tests", "tests/results")]!r}
 from helpers import script
 from test_baselines import line
 from training.runner import Runner
@@ -173,7 +173,7 @@ def test_every_number_of_the_reading_stands_in_the_tables():
     assert [number for number in numbers if f" {number}" not in known] == []
 
 
-def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_run(baselines, page):
+def test_tables_show_ranges_of_seeds_and_dashes_for_gaps(baselines, page):
     runs = [baselines.Run("siemens-offline/bad-0", "bc", seed) for seed in (0, 1)]
     runs.append(baselines.Run("siemens-offline/bad-0", "cql", 0))
     failed = line(runs[2]).model_copy(update={**measured(None), "failure": "NaN"})
@@ -186,7 +186,7 @@ def test_the_tables_show_means_and_ranges_of_seeds_and_dashes_for_what_was_not_r
     ]
 
 
-def test_runs_are_counted_by_their_paired_difference_from_the_behaviour_and_from_the_formula(baselines, page):
+def test_runs_are_counted_by_their_paired_difference(baselines, page):
     def of(name, algorithm, returns):
         run = baselines.Run(name, algorithm, None if algorithm == "behaviour" else 0)
         return line(run).model_copy(update=measured(returns))
@@ -213,7 +213,7 @@ def test_runs_are_counted_by_their_paired_difference_from_the_behaviour_and_from
     ]
 
 
-def test_the_protocol_on_the_page_is_that_of_the_shipped_results():
+def test_the_page_has_the_protocol_of_the_results():
     for each in LINES:
         if each.algorithm != "behaviour":
             numbers = {**each.hyperparameters, "steps": each.training_steps}

@@ -1,18 +1,21 @@
-"""What is published: the version, the citation, the changelog, and the links of the packaged README."""
+"""The project: its version, citation, changelog and workflows, and the bridges to other libraries."""
 
 from __future__ import annotations
 
 import re
+import subprocess
 
+import pytest
 from helpers import ROOT
 from ruamel.yaml import YAML
 
 import ibdata
 
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+BRIDGES = sorted((ROOT / "scripts/bridges.d").iterdir())
 
 
-def test_the_citation_names_this_version_and_the_authors_of_the_package():
+def test_the_citation_names_this_version_and_the_authors():
     citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
     assert citation["version"] == ibdata.__version__
     assert [author["name"] for author in citation["authors"]] == ["The ibdata developers"]
@@ -21,21 +24,21 @@ def test_the_citation_names_this_version_and_the_authors_of_the_package():
     assert citation["references"][0]["doi"] in (ROOT / "docs/errata.md").read_text(encoding="utf-8")
 
 
-def test_the_changelog_begins_with_this_version_and_says_what_became_of_the_data():
+def test_the_changelog_begins_with_this_version():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     newest = re.split(r"^## ", text, flags=re.MULTILINE)[1]
     assert newest.startswith(ibdata.__version__)
     assert "\n### Data\n" in newest
 
 
-def test_the_pythons_of_the_classifiers_are_those_of_the_workflow():
+def test_classifiers_and_workflow_name_the_same_pythons():
     named = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', PROJECT)
     (tested,) = re.findall(r"python: \[(.*)\]", (ROOT / ".github/workflows/tests.yml").read_text())
     assert named == re.findall(r"3\.\d+", tested)
     assert f'requires-python = ">={named[0]}"' in PROJECT
 
 
-def test_workflows_and_the_hook_before_a_commit_call_scripts_only():
+def test_workflows_and_hooks_call_scripts_only():
     workflows = [YAML(typ="safe").load(path) for path in (ROOT / ".github/workflows").glob("*.yml")]
     jobs = [job for workflow in workflows for job in workflow["jobs"].values()]
     steps = [step["run"] for job in jobs for step in job["steps"] if "run" in step]
@@ -45,8 +48,36 @@ def test_workflows_and_the_hook_before_a_commit_call_scripts_only():
         assert (ROOT / line.split()[0]).is_file()
 
 
-def test_what_the_documents_say_of_installing_is_true_before_it_is_published():
+def test_no_page_installs_by_name_before_publication():
     """Nothing can be installed by name yet, so pages name a clone, or an extra of an installed ibdata."""
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         assert not re.search(r"""pip install ["']?ibdata""", page.read_text(encoding="utf-8")), page.name
     assert "not published" in (ROOT / "docs/install.md").read_text(encoding="utf-8")
+
+
+def bridges(*args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([ROOT / "scripts/bridges", *args], capture_output=True, text=True)
+
+
+def test_every_folder_of_tests_has_a_bridge():
+    folders = {path.name for path in (ROOT / "tests/bridges").iterdir()}
+    assert {path.stem.partition("-")[0] for path in BRIDGES} == folders
+
+
+@pytest.mark.parametrize("path", BRIDGES, ids=lambda path: path.stem)
+def test_a_bridge_is_made_of_extras_and_pins(path):
+    project, *pins = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    extras = re.findall(r"^(\w+) = \[", PROJECT, flags=re.MULTILINE)
+    assert path.suffix == ".txt"
+    assert set(re.fullmatch(r"\.\[(.+)\]", project)[1].split(",")) <= set(extras)
+    assert pins
+    assert all(re.fullmatch(r"[\w.-]+==[\w.]+", pin) for pin in pins)
+
+
+@pytest.mark.slow
+def test_the_script_lists_bridges_and_knows_no_others():
+    assert bridges("--list").stdout.split() == [path.stem for path in BRIDGES]
+    wrong = bridges("gymnasium")
+    assert wrong.returncode != 0
+    assert "Sessions not found: gymnasium" in wrong.stdout
+    assert "passed" not in wrong.stdout

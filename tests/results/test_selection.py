@@ -48,7 +48,7 @@ def test_the_plan_has_twenty_policies_of_each_of_four_sets():
     assert {one.training_steps for one in plan()} == set(selecting.GRID)
 
 
-def test_shorter_episodes_of_a_set_are_the_beginnings_of_its_own(tmp_path):
+def test_shorter_episodes_are_beginnings_of_longer_ones(tmp_path):
     """So importance sampling may use `steps=100`, from which the sets are made again."""
     long, short = (
         ibdata.generate(
@@ -108,7 +108,7 @@ def test_an_interval_is_that_of_resampled_policies():
     assert all(map(math.isnan, selecting.measured(values, np.zeros(20), selecting.rank_correlation)))
 
 
-def test_an_estimator_without_an_estimate_of_one_policy_has_no_measures():
+def test_an_estimator_that_lacks_one_policy_has_no_measures():
     one = [one for one in plan() if one.set == selecting.SETS[0]]
     lines = [line(each, -6000.0 - 10.0 * i) for i, each in enumerate(one)]
     lines[3] = line(one[3], weighted=None)
@@ -144,6 +144,7 @@ def test_the_shipped_results_are_those_of_the_plan_in_its_order():
         assert json.loads(each.model_dump_json())["estimates"]["FQE"]["mean_return"] is not None
 
 
+@pytest.mark.slow
 def test_the_page_holds_the_shipped_results():
     assert tables_of(PAGE) == f"\n{selection_page.block(LINES)}\n"
 

@@ -29,7 +29,7 @@ def listed(dynamics):
 
 
 @pytest.mark.parametrize("dynamics", ["siemens", "paper"])
-def test_the_tables_are_those_of_another_sample_within_five_standard_errors(script, dynamics):
+def test_another_sample_gives_the_tables(script, dynamics):
     table = listed(dynamics)
     assert list(table) == list(script.SETPOINTS)
     for column, values in enumerate(script.measure(dynamics, n=150, draws=64, seed=1).values()):
@@ -40,7 +40,7 @@ def test_the_tables_are_those_of_another_sample_within_five_standard_errors(scri
 
 
 @pytest.mark.parametrize("column", range(4))
-def test_distance_grows_on_either_side_but_is_no_function_of_the_difference_alone(column):
+def test_distance_grows_on_either_side_unequally(column):
     table = {p: cells[column][0] for p, cells in listed("siemens").items()}
     for side in ([p for p in table if p <= 50][::-1], [p for p in table if p >= 50]):
         distances = [table[p] for p in side]
@@ -52,5 +52,5 @@ def test_distance_grows_on_either_side_but_is_no_function_of_the_difference_alon
         assert table[75] > table[20]
 
 
-def test_in_the_paper_variant_the_fatigue_of_such_states_knows_no_setpoint():
+def test_in_paper_the_fatigue_knows_no_setpoint():
     assert all(cells[0][0] == cells[2][0] == 0 for cells in listed("paper").values())

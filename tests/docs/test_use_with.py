@@ -10,7 +10,7 @@ import pytest
 from ibdata.exporters import FORMATS
 from ibdata.exporters.rllib import SCHEMA
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "use-with.md").read_text()
 SECTIONS = re.split(r"^## (.+)\n", PAGE, flags=re.MULTILINE)[1:]
 PROJECT = (ROOT / "pyproject.toml").read_text()
@@ -31,7 +31,7 @@ def test_a_bridge_runs_the_snippets_under(heading):
     assert f'"{heading}"' in tests
 
 
-def test_the_page_has_the_configuration_that_the_export_to_rllib_prints():
+def test_the_page_has_the_schema_that_rllib_needs():
     for key, column in SCHEMA.items():
         assert f'    "{key}": "{column}",\n' in PAGE
 

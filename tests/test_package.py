@@ -1,0 +1,122 @@
+"""The package as a whole: its public names, the places of its files, and what none of them may do."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import ROOT
+
+import ibdata
+from ibdata import dynamics
+
+PACKAGE = ROOT / "ibdata"
+LONGEST = 290  # lines; most files have fewer than 200
+AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "variables", "version"}
+SCRIPTS = [path for path in (ROOT / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")]
+DOCUMENTS = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+
+
+def lines(path: Path) -> list[str]:
+    return path.read_text(encoding="utf-8").splitlines()
+
+
+def test_no_file_is_too_long_to_be_read_at_once():
+    files = [*PACKAGE.rglob("*.py"), *SCRIPTS]
+    assert {str(path): len(lines(path)) for path in files if len(lines(path)) > LONGEST} == {}
+
+
+def test_modules_live_in_rooms():
+    assert {path.stem for path in PACKAGE.glob("*.py")} <= AT_THE_ROOT
+
+
+def test_the_tests_of_a_room_stand_in_a_folder_of_its_name():
+    rooms = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+    others = {"bridges", "corpus", "docs", "faults", "helpers", "life", "reference", "results", "same_bits"}
+    folders = {path.name for path in (ROOT / "tests").iterdir() if any(path.glob("test_*.py"))}
+    assert folders - others <= rooms
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_the_paths_that_a_document_names_exist(document):
+    """A bare `test_x.py` is a file beside the one named before it."""
+    folder, missing = ROOT, []
+    for name in re.findall(
+        r"`((?:ibdata|tests|scripts|configs|docs|\.ci)/[\w./-]+|test_\w+\.py)`", document.read_text()
+    ):
+        path = ROOT / name if "/" in name else folder / name
+        folder = path.parent
+        if not path.exists():
+            missing.append(name)
+    assert missing == []
+
+
+def test_the_names_of_ibdata():
+    assert ibdata.__all__ == [
+        "Dataset",
+        "Experiment",
+        "IbdataError",
+        "__version__",
+        "baselines",
+        "compile_all",
+        "difference",
+        "estimate",
+        "evaluate",
+        "export",
+        "finalize",
+        "generate",
+        "importance",
+        "load",
+        "merge",
+        "noise_floor",
+        "open",
+        "quality",
+        "repair",
+        "reproduce",
+        "save_network",
+        "split",
+        "state_at",
+        "true_values",
+        "validate",
+    ]
+    assert all(hasattr(ibdata, name) for name in ibdata.__all__)
+    assert ibdata.open is ibdata.Dataset
+
+
+def test_the_names_of_the_dynamics():
+    assert dynamics.__all__ == [
+        "PAPER",
+        "SIEMENS",
+        "VARIANTS",
+        "Noise",
+        "State",
+        "Variant",
+        "initial_state",
+        "step",
+    ]
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'ibdata' has no attribute 'nonsense'"):
+        ibdata.nonsense  # noqa: B018 - the access is the test
+
+
+def test_importing_ibdata_imports_nothing_heavy():
+    code = (
+        "import sys, ibdata; print([m for m in ('numpy', 'numba', 'pandas', 'pyarrow') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_no_module_names_pickle_or_evaluates_text():
+    """Loading a pickle runs code."""
+    pickles = (
+        r"\b(pickle|cPickle|dill|cloudpickle|joblib|marshal|shelve)\b|allow_pickle=True|\beval\(|\bexec\("
+    )
+    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    assert len(texts) > 90
+    assert {str(path) for path, text in texts.items() if re.search(pickles, text)} == set()
