@@ -70,8 +70,8 @@ def block(lines: Sequence[Line]) -> str:
     """All that the page says of results."""
     errors = [line.value.standard_error or 0.0 for line in lines]
     parts = [
-        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100. The standard errors "
-        f"of the true values are at most {max(errors) / 100:.2f}."
+        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100. The standard "
+        f"errors of the true values are at most {max(errors) / 100:.2f}."
     ]
     for name in SETS:
         own, wanted = of(lines, name), [one for one in plan() if one.set == name]
@@ -84,8 +84,8 @@ def block(lines: Sequence[Line]) -> str:
         parts.append(measures(own))
     parts += [
         "### Importance weights",
-        "Medians over the target policies of the effective number of episodes, by the number of steps. The last "
-        "two columns say how many of the 95 % intervals of the estimates contain the true value.",
+        "Medians over the target policies of the effective number of episodes, by the number of steps. The "
+        "last two columns say how many of the 95 % intervals of the estimates contain the true value.",
         weights(lines),
     ]
     return "\n\n".join(parts)
