@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 FILE = Path(__file__).with_name("baselines.jsonl")
+PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm
 BEHAVIOUR = "behaviour"
 # The literature's evaluation (Hein et al., 2021 and later): these episodes, the same for all results.
 SETTINGS: dict[str, Any] = {
@@ -91,19 +92,28 @@ def shipped_baselines(file: Path = FILE) -> list[Baseline]:
     return [Baseline.model_validate_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
-def baselines() -> pd.DataFrame:
+def baselines(published: bool = False) -> pd.DataFrame:
     """Results of offline algorithms of d3rlpy on shipped experiments: one row per set, algorithm and seed.
 
     The rows whose algorithm is "behaviour" are those of the policies that made the sets. All policies were
     evaluated in the same 200 episodes: `ibdata.evaluate(policy, episodes=200)` plays them too, so that its
     returns and those here can be compared episode by episode. docs/baselines.md describes the training.
 
+    Args:
+        published: give the literature's results on `siemens-offline` instead, beside those of this training.
+
     Returns:
         A DataFrame with the columns `set`, `algorithm`, `seed` (missing for the behaviour), `mean_return`,
         `standard_error` and `p10` (discounted and unscaled; missing where the policy failed), `failure` (the
         reason), `training_steps`, `seconds` and `cpu_seconds` of training, `content_root` of the dataset,
-        `hyperparameters` and `versions` (a dict each) and `returns` (an array (200,) each).
+        `hyperparameters` and `versions` (a dict each) and `returns` (an array (200,) each). With `published`,
+        one row per set and algorithm: `set`, `algorithm`, `published_p10`, `p10` (the mean of the seeds here,
+        missing where none was trained) and `difference`, the second less the first.
     """
+    return _beside_published() if published else _trained()
+
+
+def _trained() -> pd.DataFrame:
     import pandas as pd
 
     found = shipped_baselines()
@@ -112,3 +122,14 @@ def baselines() -> pd.DataFrame:
     return frame.astype(
         {"seed": "Int64", "mean_return": "float64", "standard_error": "float64", "p10": "float64"}
     )
+
+
+def _beside_published() -> pd.DataFrame:
+    """The 10th percentiles of Swazinna et al. (2022, arXiv 2201.05433), as the code of LION has them."""
+    import pandas as pd
+
+    known = pd.read_csv(PUBLISHED).melt("set", var_name="algorithm", value_name="published_p10")
+    known["published_p10"] = known["published_p10"].astype("float64")
+    own = _trained().groupby(["set", "algorithm"], as_index=False)["p10"].mean()
+    found = known.merge(own, on=["set", "algorithm"], how="left")
+    return found.assign(difference=found["p10"] - found["published_p10"])

@@ -12,6 +12,7 @@ from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, SETTINGS, Baseline
 from ibdata.numerics.confidence import estimate
 from measuring.documents import DOCS, table, write_measured
+from training import literature
 
 REFERENCES = {"random": "`random`", "zero": "no change at any step"}
 REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
@@ -42,9 +43,9 @@ def references() -> dict[str, float]:
     }
 
 
-def cell(lines: Sequence[Baseline], field: str) -> str:
+def cell(lines: Sequence[Baseline]) -> str:
     """The mean over seeds in hundreds, and the lowest and highest seed if there are several."""
-    values = [getattr(line, field) / 100 for line in lines if getattr(line, field) is not None]
+    values = [line.mean_return / 100 for line in lines if line.mean_return is not None]
     failed = len(lines) - len(values)
     parts = [f"{np.mean(values):.1f}"] if values else []
     if len(values) > 1:
@@ -54,12 +55,10 @@ def cell(lines: Sequence[Baseline], field: str) -> str:
     return " ".join(parts).replace("-", "−") or "–"
 
 
-def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str], field: str) -> str:
+def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str]) -> str:
     """A Markdown table with a row per set."""
     found = grouped(lines)
-    rows = [
-        (f"`{each}`", *(cell(found.get((each, name), []), field) for name in algorithms)) for each in sets
-    ]
+    rows = [(f"`{each}`", *(cell(found.get((each, name), [])) for name in algorithms)) for each in sets]
     return table(("set", *(LABELS[name] for name in algorithms)), rows)
 
 
@@ -139,16 +138,22 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         f"{worst_error(line for line in lines if line.algorithm == BEHAVIOUR)} for the behaviours."
     )
     parts.append(f"For comparison, the mean returns of 10,000 episodes: {known}.")
-    for field, title in (("mean_return", "Mean return"), ("p10", "10th percentile")):
-        parts.append(f"### {title}")
-        parts += [results(lines, sets, four, field) for sets in by_suite.values()]
-        sets = list(dict.fromkeys(run.set for run in others))
-        parts.append(results(lines, sets, [BEHAVIOUR, "bcq", "bear"], field))
+    parts.append("### Mean return")
+    parts.append(results(lines, [name for sets in by_suite.values() for name in sets], four))
+    parts.append(results(lines, list(dict.fromkeys(run.set for run in others)), [BEHAVIOUR, "bcq", "bear"]))
+    parts += [
+        "### 10th percentile, here and in the literature",
+        "Two numbers in a cell are the mean of the seeds here / the published one; MOOSE to MOReL are only "
+        "published. The percentiles of the other suites are in the data.",
+        literature.percentiles(lines),
+        "Differences are here − published:",
+        literature.comparison(),
+    ]
     parts += [
         "### Compared with the behaviour of the set",
-        "Numbers of runs whose return is higher / not seen to differ / lower, by the 95 % interval of the "
-        "paired differences in the 200 episodes: than that of the set's behaviour, with its random actions; "
-        "and, on the sets of each formula, than that of the formula alone.",
+        "Numbers of runs whose return is higher / not seen to differ / lower than that of the set's "
+        "behaviour, with its random actions, and, on the sets of a formula, than that of the formula alone: "
+        "by the 95 % interval of the paired differences.",
         verdicts(lines),
         "### Time",
         "CPU seconds for the training of one run.",

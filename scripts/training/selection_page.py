@@ -9,8 +9,7 @@ import numpy as np
 
 from measuring.documents import DOCS, table, write_measured
 from training import selecting
-from training.page import LABELS
-from training.selecting import CHOSEN, ESTIMATORS, GRID, PER_DECISION, SETS, WEIGHTED, Checkpoint, Line, plan
+from training.selecting import CHOSEN, ESTIMATORS, PER_DECISION, SETS, WEIGHTED, Line, plan
 
 NAMES = dict(zip(ESTIMATORS, ("per-decision IS", "weighted IS", "FQE", "model"), strict=True))
 
@@ -30,19 +29,6 @@ def cell(found: selecting.Measure, digits: int) -> str:
 def of(lines: Sequence[Line], name: str) -> list[Line]:
     """The lines of a set."""
     return [line for line in lines if line.set == name]
-
-
-def true_values(lines: Sequence[Line]) -> str:
-    """The true values, a row for each training."""
-    found = {line.key: line.value.mean_return for line in lines}
-    rows = []
-    for name in SETS:
-        for algorithm in selecting.AT:
-            values = [found.get(Checkpoint(name, algorithm, steps)) for steps in GRID]
-            if any(x is not None for x in values):
-                shown = ["–" if x is None else number(x / 100) for x in values]
-                rows.append([f"`{name.partition('/')[2]}`", LABELS[algorithm], *shown])
-    return table(["set", "algorithm", *(f"{steps:,}" for steps in GRID)], rows)
 
 
 def measures(lines: Sequence[Line]) -> str:
@@ -68,7 +54,7 @@ def covered(lines: Sequence[Line], estimator: str) -> str:
 
 
 def weights(lines: Sequence[Line]) -> str:
-    """What becomes of the weights, a row for each set: median effective sample sizes, and the intervals."""
+    """What becomes of the weights, a row for each set: median effective numbers of episodes, and the intervals."""
     rows = []
     for name in SETS:
         if own := of(lines, name):
@@ -80,24 +66,12 @@ def weights(lines: Sequence[Line]) -> str:
     return table(["set", *steps, NAMES[PER_DECISION], NAMES[WEIGHTED]], rows)
 
 
-def times(lines: Sequence[Line]) -> str:
-    """The median CPU seconds for one policy."""
-    rows = []
-    for name in lines[0].cpu_seconds:
-        seconds = [line.cpu_seconds[name] for line in lines]
-        rows.append([name, f"{np.median(seconds):.1f}", f"{min(seconds):.1f} to {max(seconds):.1f}"])
-    return table(["what", "median seconds", "from, to"], rows)
-
-
 def block(lines: Sequence[Line]) -> str:
     """All that the page says of results."""
     errors = [line.value.standard_error or 0.0 for line in lines]
     parts = [
-        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100.",
-        "### True values",
-        "By the steps of training. – stands for what is no target policy, or was not run yet. The standard "
-        f"errors are at most {max(errors) / 100:.2f}.",
-        true_values(lines),
+        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100. The standard "
+        f"errors of the true values are at most {max(errors) / 100:.2f}."
     ]
     for name in SETS:
         own, wanted = of(lines, name), [one for one in plan() if one.set == name]
@@ -110,12 +84,9 @@ def block(lines: Sequence[Line]) -> str:
         parts.append(measures(own))
     parts += [
         "### Importance weights",
-        "Medians over the target policies of the effective sample size, by the number of steps. The last two "
-        "columns say how many of the 95 % intervals of the estimates contain the true value.",
+        "Medians over the target policies of the effective number of episodes, by the number of steps. The "
+        "last two columns say how many of the 95 % intervals of the estimates contain the true value.",
         weights(lines),
-        "### Time",
-        "CPU seconds for one target policy, without the fit of the model, which is made once per set.",
-        times(lines),
     ]
     return "\n\n".join(parts)
 

@@ -79,7 +79,7 @@ def test_a_field_has_the_values_of_both_variants(name):
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_field_has_a_section_with_its_evidence_and_a_belief(name):
     _, _, section = TEXT.partition(f"### `{name}`: ")
-    section = section.partition("\n#")[0]
+    section = " ".join(section.partition("\n#")[0].split())
     for part in ("Paper [P]", "Code [C]", "Corroboration [H]"):
         assert part in section
     assert re.search(r"[Ww]e believe|is unknown", section)
