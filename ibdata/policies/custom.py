@@ -69,31 +69,13 @@ def _as_json(params: dict[str, Any]) -> Any:
 
 
 class Custom(UserObject):
-    """Acts through the object that `target` names; a class or a function makes the object from `params`.
+    """Acts through code of your own, see [Your own policy](custom-policies.md).
 
-    A function whose first parameter is `observations` is the policy itself. In Python, the target may also be
-    an object.
-
-    The object has a method `decide(given)`, as in [Your own
-    policy](custom-policies.md#a-class-like-ibdatas-own), or `act(history, u)`, or `predict(observations)`
-    as those of SB3 and d3rlpy, or is a torch module or another callable, which is called like `predict`.
-    `predict` takes float32 observations (n, 6 · history), newest first, and returns actions (n, 3), or a
-    tuple that begins with them. The arrays are copies, which the object may change. A method
-    `log_density(given, action)` is used if there is one.
-
-    A policy may remember earlier steps by the memory that `decide` returns, by the keyword `state` of
-    `predict`, and by a method `reset(n)`, which is called before n episodes begin; see [A policy that
-    remembers or draws](custom-policies.md). It must act in each episode as if it were
-    alone, and draw random numbers from `u` or `uniforms` only, not from a seed. Before a run, ibdata asks it
-    about the same few steps of some episodes again, in another order, and without half of them; a policy that
-    then acts differently is refused. Only a policy with `decide` can begin at any step of an episode.
-
-    The module or file may be beside the YAML file or in the current folder, and may import other modules
-    there. It is not imported before a run begins. What it prints in a command or a run goes to stderr.
-
-    With `deterministic: true`, you promise that the policy draws no random numbers at all: what it sees
-    and remembers in these ways determines its actions. Then `action_log_prob` is known, and the policy may be
-    the `base` of `gaussian`.
+    The target is an object with `decide(given)`, `act(history, u)` or `predict(observations)`, a torch
+    module, or a function whose first parameter is `observations`; any other function, and a class, makes such
+    an object from `params`. It must act in each episode as if it were alone, and draw random numbers from `u`
+    or `uniforms` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
+    none of any kind. Then `action_log_prob` is known, and the policy may be the `base` of `gaussian`.
     """
 
     kind: Literal["custom"] = "custom"

@@ -10,7 +10,7 @@ import pytest
 from helpers.asking import proposed
 
 from ibdata.evaluation.policies import policy_of
-from ibdata.policies.answers import AnswerError
+from ibdata.policies.checked import AnswerError
 from ibdata.policies.code import error_line
 
 CODE = """
