@@ -55,10 +55,10 @@ def policy_of(block):
     return POLICIES[block["kind"]](**{key: value for key, value in block.items() if key != "kind"})
 
 
-def actor(mean=(0.3, -0.5, 0.2), log_std=(-1.0, -0.7, -0.9), varying=0.1, **texts):
+def actor(mean=(0.3, -0.5, 0.2), log_std=(-1.0, -0.7, -0.9), varying=0.1, bounded_by="clamp", **texts):
     """The bytes of a network whose outputs depend little on what it sees."""
     tensors = networks.tensors(frames=1, hidden=(4,))
     for name, values in (("mean", mean), ("log_std", log_std)):
         tensors[f"{name}.bias"] = np.array(values, dtype=np.float32)
         tensors[f"{name}.weight"] *= np.float32(varying)
-    return written(tensors, networks.metadata(1, **texts))
+    return written(tensors, networks.metadata(1, log_std=bounded_by, **texts))
