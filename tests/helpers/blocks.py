@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from helpers import networks
 
+from helpers import networks
 from ibdata.policies import POLICIES
 from ibdata.policies.tensors import written
 

@@ -79,7 +79,9 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
         memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
             # One draw of an episode chooses the policy; the next is that of prbs, the only one that needs any.
-            own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(alone.needs)
+            own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
+                alone.needs
+            )
             answer = alone.decide(own)
             memory = answer.memory
             expected = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32)

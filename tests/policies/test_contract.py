@@ -148,7 +148,11 @@ def test_a_file_in_the_folder_is_all_a_new_policy_takes(tmp_path):
     (tmp_path / "ibdata/policies/ramp.py").write_text(RAMP)
     (tmp_path / "ramp.yaml").write_text(CONFIG % "ramp")
     (tmp_path / "wrong.yaml").write_text(CONFIG % "rmp")
-    variables = {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1", "IBDATA_CACHE_DIR": str(tmp_path / "c")}
+    variables = {
+        "PYTHONPATH": str(tmp_path),
+        "NUMBA_DISABLE_JIT": "1",
+        "IBDATA_CACHE_DIR": str(tmp_path / "c"),
+    }
     child = subprocess.run(
         [sys.executable, "-W", "error", "-c", CHILD],
         cwd=tmp_path,
