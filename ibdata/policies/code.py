@@ -17,10 +17,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from contextvars import ContextVar
 from importlib import import_module
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 
 import numba
 
@@ -34,7 +32,6 @@ STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 LONGEST = 300  # characters of an error's own text
 
 known_before: set[str] = set()  # the modules of this process before it first imported custom code
-_executed: dict[str, ModuleType] = {}
 _loading: ContextVar[tuple[str, ...]] = ContextVar("loading", default=())
 
 
@@ -44,10 +41,7 @@ def two_places(folder: Path | None) -> Places:
 
 
 def located(name: str, what: str, places: Places) -> Path:
-    """The path of a file that is named relative to the YAML file or to the current folder.
-
-    Raises UsageError, which begins with `what`, where there is none, or two that differ.
-    """
+    """The path of a file beside the YAML file or in the current folder. The errors begin with `what`."""
     paths = dict.fromkeys(place / name for place in reversed(places))
     found = [path for path in paths if path.is_file()]
     if not found:
@@ -76,39 +70,26 @@ def imported(module: str, file: Path | None) -> ModuleType:
 
 
 def _forget_machine_code() -> None:
-    """Let numba compile a user's functions anew: its cache misses edits of the files that these import.
-
-    A worker process is started with such a setting.
-    """
+    """Let numba compile a user's functions anew, as in a worker: its cache misses edits of imported files."""
     folder = tempfile.mkdtemp(prefix="ibdata-")
     numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set by numba when it is loaded
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-
-
-class _FromSource(SourceFileLoader):
-    """Compiles a file at each import; Python would take its kept bytecode, which may be of another text."""
-
-    def get_code(self, fullname: str) -> CodeType | None:
-        return self.source_to_code(self.get_data(self.path), self.path)
 
 
 def _module_of(file: Path) -> ModuleType:
     """Execute a file as a module whose name, of its path and content, no other module has."""
     source = file.read_bytes()
     name = PRIVATE + hashlib.sha256(str(file).encode() + b"\0" + source).hexdigest()[:16]
-    if name in _executed:
-        return _executed[name]
+    if name in sys.modules:
+        return sys.modules[name]
     _refuse_other_helpers(file, source)
-    spec = spec_from_file_location(name, file, loader=_FromSource(name, str(file)))
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[name] = module_from_spec(spec)
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = str(file)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(source, file, "exec", dont_inherit=True), vars(module))
     except BaseException:
-        sys.modules.pop(name, None)
+        del sys.modules[name]
         raise
-    _executed[name] = module
     return module
 
 
@@ -168,17 +149,14 @@ def _is_in_package(path: Path) -> bool:
 
 
 def error_line(error: BaseException) -> str:
-    """An error as `my_policy.py:12: IndexError: its text`, in one line.
-
-    The place is the innermost line of the user's own files, else of an installed package. An error without
-    such a line, as in ibdata itself, has no place.
-    """
+    """An error as `my_policy.py:12: IndexError: its text`, in one line; one of ibdata itself has no place."""
     text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
     name = type(error).__name__
     return f"{_place(error)}{name}: {text[:LONGEST]}" if text else f"{_place(error)}{name}"
 
 
 def _place(error: BaseException) -> str:
+    """The innermost line of the user's own files, else of an installed package."""
     lines = [(Path(frame.f_code.co_filename), line) for frame, line in traceback.walk_tb(error.__traceback__)]
     if isinstance(error, SyntaxError) and error.filename:
         lines.append((Path(error.filename), error.lineno or 1))

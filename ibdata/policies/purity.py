@@ -29,9 +29,8 @@ MIXED = (
 def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), exact: bool = True) -> None:
     """Raise PolicyError for a policy whose actions depend on more than what it is given.
 
-    It plays the first steps of some episodes, sees the same again, the episodes in another order, and half of
-    them. An object of a user, or what need not be `exact`, may be off in its last bits where the episodes
-    are others.
+    It plays a few episodes, the same again, in another order, and half of them. Of an object of a user, or
+    where it need not be `exact`, the last bits may depend on the other episodes.
     """
     history, everyone = histories(EPISODES, policy.needs.history, columns), np.arange(EPISODES)
     expected = _actions(policy, history, everyone)
@@ -53,10 +52,9 @@ def _actions(policy: Policy, history: Float32s, rows: npt.NDArray[np.int64]) -> 
 def played(
     policy: Policy, history: Float32s, steps: int, rows: npt.NDArray[np.int64] | None = None
 ) -> Iterator[tuple[Observed, Float32s]]:
-    """Yield what a policy is given at each step of episodes, and its actions, clipped and rounded.
+    """Yield what a policy is given at each step of some episodes, and its actions, clipped and rounded.
 
-    It first sees the history (n, history, columns), whose rows move on by one at each step. Of the episodes,
-    those of some rows are played, in this order; by default all.
+    Episode i first sees row i of the history (n, history, columns), and at each step the row before.
     """
     rows, needs = np.arange(len(history)) if rows is None else rows, policy.needs
     done = np.zeros((len(rows), needs.history, 3), dtype=np.float32)

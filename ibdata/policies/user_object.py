@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ibdata.errors import IbdataError, PolicyError
-from ibdata.policies.answers import AnswerError, actions_and_memory, numbers
 from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed, Policy
+from ibdata.policies.checked import AnswerError, actions_and_memory, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.libraries import is_torch_module, module_call, normalized
 
@@ -32,20 +32,9 @@ class Answer(NamedTuple):
 
 
 class UserObject(Policy):
-    """A policy made of an object that acts in one of five ways, of which the first that it has is used.
+    """A policy made of an object that acts by `decide`, `act`, `predict` or a call, the first that it has.
 
-    - `decide(given)`, as a `Policy`; also `log_density(given, action)` where its density is known;
-    - `act(history, u)`, with observations (n, history, 6) and uniform random numbers (n, step_draws);
-    - `predict(observations)`, as in SB3 and d3rlpy;
-    - a torch module, called on a float32 tensor of the observations, in evaluation mode without gradients;
-    - any other callable, called on the observations like `predict`.
-
-    Observations are float32 (n, 6 · history), newest first. The answer is (n, 3), or a tuple that begins with
-    it. The object may change the arrays that it is given, which are copies.
-
-    `predict` gets each of these keywords that its signature has: `state`, which it returned after the actions
-    at the step before, None at the first; `episode_start` (n,), true at the first step; and `deterministic`,
-    true. A method `reset(n)` is called before the first step of n episodes that are simulated together.
+    What it is given and answers is in docs/custom-policies.md. The arrays are copies, which it may change.
     """
 
     @property
@@ -61,8 +50,7 @@ class UserObject(Policy):
     def decide(self, given: Observed) -> Decision:
         """What the object answers; if it remembers, and the question is the last one, the last answer again.
 
-        Raises AnswerError if the object fails or gives no valid answer, and PolicyError if it remembers and
-        the steps are not in order.
+        Raises PolicyError if it remembers and the steps are not in order.
         """
         if not self.remembers:
             return Decision(*self._answer(given, None)[:2])

@@ -36,6 +36,12 @@ CODE = textwrap.dedent("""
 
     def failing():
         raise RuntimeError("no weights")
+
+    calls = []
+
+    def counting(observations):
+        calls.append(0)
+        return still(observations, len(calls) / 1000.0)
 """)
 
 PLAIN = {"name": "x", "setpoints": 70}

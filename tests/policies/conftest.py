@@ -1,10 +1,11 @@
-"""A module with custom policies in the current folder."""
+"""Files in the current folder: a module with custom policies, a network."""
 
 from __future__ import annotations
 
 import sys
 
 import pytest
+from helpers.blocks import actor
 from helpers.custom_policies import CODE
 
 
@@ -16,3 +17,10 @@ def mine(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield tmp_path
     sys.modules.pop("mine", None)
+
+
+@pytest.fixture
+def network_here(tmp_path, monkeypatch):
+    """A file `actor.safetensors` in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "actor.safetensors").write_bytes(actor())

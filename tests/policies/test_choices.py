@@ -1,4 +1,4 @@
-"""Policies that repeat, mix and switch others."""
+"""Policies that repeat, mix and switch others. `test_recount` counts how often."""
 
 from __future__ import annotations
 
@@ -13,42 +13,46 @@ from ibdata.policies import POLICIES
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
 DOWN = {"kind": "constant", "action": [-0.5, -0.5, -0.5]}
+RANDOM = {"kind": "random"}
+SAME, OTHER = [0.5] * 3, [0.1, 0.2, 0.3]
 N = 2000
 
 
 def log_density(policy, given, action):
-    return policy.log_density(given, np.tile(np.float32(action), (len(given.step), 1)))
+    """The log density of an action, which is the same in all episodes."""
+    (found,) = set(policy.log_density(given, np.tile(np.float32(action), (len(given.step), 1))).tolist())
+    return found
 
 
 def test_the_last_action_is_repeated_as_often_as_kappa_says():
-    action = played(Sticky(base={"kind": "random"}, kappa=0.75), N, 12)
-    same = (action[:, 1:] == action[:, :-1]).all(axis=2)
-    assert same.mean() == pytest.approx(0.75, abs=0.018)  # six standard errors of 22,000 draws
-    assert (same == (action[:, 1:] == action[:, :-1]).any(axis=2)).all()
+    action = played(Sticky(base=RANDOM, kappa=0.75), N, 12)
+    same = action[:, 1:] == action[:, :-1]
+    assert same.all(axis=2).mean() == pytest.approx(0.75, abs=0.018)  # six standard errors of 22,000 draws
+    assert (same.all(axis=2) == same.any(axis=2)).all()
 
 
-def test_the_first_action_is_the_bases():
-    assert (played(Sticky(base=UP, kappa=1.0), 3, 5) == 0.5).all()
+def greedy(epsilon):
+    return {"kind": "epsilon_greedy", "base": UP, "epsilon": epsilon}
 
 
-def test_the_density_of_a_sticky_policy_has_a_mass_at_its_last_action():
-    policy = Sticky(base={"kind": "random"}, kappa=0.75)
-    (first, _), (given, _) = playing(policy, 4, 2)
-    last = given.actions[:, 0]
-    assert policy.log_density(given, last) == pytest.approx([np.log(0.75)] * 4)
-    assert log_density(policy, given, [0.1, 0.2, 0.3]) == pytest.approx([np.log(0.25 / 8)] * 4)
-    assert log_density(policy, first, [0.1, 0.2, 0.3]) == pytest.approx([np.log(1 / 8)] * 4)
-
-
-def test_where_the_base_takes_the_last_action_too_the_probabilities_add():
-    policy = Sticky(base=UP, kappa=0.75)
-    _, (given, _) = playing(policy, 4, 2)
-    assert log_density(policy, given, [0.5] * 3) == pytest.approx([0.0] * 4)
-    greedy = Sticky(base={"kind": "epsilon_greedy", "base": UP, "epsilon": 0.2}, kappa=0.75)
-    given = given._replace(uniforms=np.zeros((4, greedy.needs.step_draws)))
-    assert log_density(greedy, given, [0.5] * 3) == pytest.approx([np.log(0.75 + 0.25 * 0.8)] * 4)
-    always = Sticky(base={"kind": "epsilon_greedy", "base": UP, "epsilon": 1.0}, kappa=0.75)
-    assert log_density(always, given, [0.5] * 3) == pytest.approx([np.log(0.75)] * 4)
+@pytest.mark.parametrize(
+    ("base", "step", "action", "probability"),
+    [
+        (UP, 1, SAME, 1.0),  # where the base takes the last action too, the probabilities add
+        (UP, 1, OTHER, 0.0),
+        (greedy(0.2), 1, SAME, 0.75 + 0.25 * 0.8),
+        (greedy(1.0), 1, SAME, 0.75),
+        (RANDOM, 1, SAME, 0.75),
+        (RANDOM, 1, OTHER, 0.25 / 8),
+        (RANDOM, 0, SAME, 1 / 8),
+    ],
+)
+def test_a_sticky_policy_has_a_mass_at_its_last_action(base, step, action, probability):
+    policy = Sticky(base=base, kappa=0.75)
+    given = list(playing(policy, 4, 2))[step][0]
+    given = given._replace(actions=np.full_like(given.actions, 0.5 * step))
+    with np.errstate(divide="ignore"):
+        assert log_density(policy, given, action) == pytest.approx(np.log(probability))
 
 
 def test_a_custom_base_leaves_no_density():
@@ -71,27 +75,24 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
     which = mixture.chosen(steps[0][0])
     assert set(which.tolist()) == {0, 1, 2}
     for number, block in enumerate(bases):
-        alone, first = POLICIES[block["kind"]](), [1, 2, 2][number]
+        alone, mine = POLICIES[block["kind"]](), which == number
         memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
-            own = given._replace(
-                observations=given.observations[:, : alone.needs.history],
-                uniforms=given.uniforms[:, : alone.needs.step_draws],
-                episode_uniforms=given.episode_uniforms[:, first : first + alone.needs.episode_draws],
-                memory=memory,
+            # One draw of an episode chooses the policy; the next is that of prbs, the only one that needs any.
+            own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
+                alone.needs
             )
             answer = alone.decide(own)
             memory = answer.memory
             expected = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32)
-            np.testing.assert_array_equal(action[which == number], expected[which == number])
+            np.testing.assert_array_equal(action[mine], expected[mine])
             density, found = alone.log_density(own, action), mixture.log_density(given, action)
-            np.testing.assert_array_equal(found[which == number], density[which == number])
+            np.testing.assert_array_equal(found[mine], density[mine])
 
 
 def test_the_stages_of_a_schedule_follow_one_another():
-    action = played(
-        Schedule(stages=[{"base": UP, "steps": 2}, {"base": DOWN, "steps": 3}, {"base": UP}]), 2, 8
-    )
+    stages = [{"base": UP, "steps": 2}, {"base": DOWN, "steps": 3}, {"base": UP}]
+    action = played(Schedule(stages=stages), 2, 8)
     assert action[0, :, 0].tolist() == [0.5, 0.5, -0.5, -0.5, -0.5, 0.5, 0.5, 0.5]
 
 
@@ -103,74 +104,67 @@ def test_a_stage_begins_as_an_episode_does():
     assert action[:, 9].std() == pytest.approx(0.1, rel=0.06)
 
 
-def test_the_share_of_random_actions_changes_linearly_with_the_step():
-    policy = Schedule(stages=[{"base": UP, "steps": 5, "epsilon": [1.0, 0.5]}, {"base": DOWN}])
-    questions = list(playing(policy, N, 7))
-    expected = [1.0, 0.875, 0.75, 0.625, 0.5, 0.0, 0.0]
-    for (given, action), epsilon in zip(questions, expected, strict=True):
-        base = 0.5 if given.step[0] < 5 else -0.5
-        assert policy.epsilon(given) == pytest.approx([epsilon] * N)
-        assert (action != base).any(axis=1).mean() == pytest.approx(epsilon, abs=0.07)
-        if 0.0 < epsilon < 1.0:
-            assert log_density(policy, given, [base] * 3) == pytest.approx([np.log(1.0 - epsilon)] * N)
-            assert log_density(policy, given, [0.1] * 3) == pytest.approx([np.log(epsilon / 8)] * N)
-    assert log_density(policy, questions[0][0], [0.5] * 3) == pytest.approx([np.log(1 / 8)] * N)
-    assert log_density(policy, questions[6][0], [0.5] * 3).tolist() == [-np.inf] * N
+@pytest.mark.parametrize(
+    ("stages", "shares"),
+    [
+        (
+            [{"base": UP, "steps": 5, "epsilon": [1.0, 0.5]}, {"base": UP}],
+            [1.0, 0.875, 0.75, 0.625, 0.5, 0.0, 0.0],
+        ),
+        ([{"base": UP, "steps": 2, "epsilon": [1.0, 0.25]}], [1.0, 0.25, 0.25, 0.25]),
+    ],
+    ids=["linear", "the last share lasts"],
+)
+def test_a_share_of_random_actions_changes_with_the_step(stages, shares):
+    policy = Schedule(stages=stages)
+    for (given, action), epsilon in zip(playing(policy, N, len(shares)), shares, strict=True):
+        assert policy.epsilon(given).tolist() == pytest.approx([epsilon] * N)
+        assert (action != 0.5).any(axis=1).mean() == pytest.approx(epsilon, abs=0.07)
+        with np.errstate(divide="ignore"):
+            mass = 1.0 - epsilon if epsilon < 1.0 else 1 / 8
+            assert log_density(policy, given, SAME) == pytest.approx(np.log(mass))
+            assert log_density(policy, given, OTHER) == pytest.approx(np.log(epsilon / 8))
 
 
-def test_the_last_share_lasts_to_the_end_of_the_episode():
-    policy = Schedule(stages=[{"base": UP, "steps": 2, "epsilon": [1.0, 0.25]}])
-    assert [policy.epsilon(given)[0] for given, _ in playing(policy, 1, 4)] == [1.0, 0.25, 0.25, 0.25]
-
-
-def experiment(text):
-    return f"name: x\nsetpoints: 70\npolicies:\n{text}"
+NO_STEPS = "4:5: policies.0: stages.0.steps: found none, expected the number of steps of this stage"
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("block", "message"),
     [
         (
-            "  - {kind: mixture, bases: [{kind: random}], weights: [1.0, 2.0]}",
-            "x.yaml:4:5: policies.0: found 2 weights, expected 1, one for each of the bases",
+            "{kind: mixture, bases: [{kind: random}], weights: [1.0, 2.0]}",
+            "4:5: policies.0: found 2 weights, expected 1, one for each of the bases",
+        ),
+        ("{kind: schedule, stages: [{base: {kind: bad}}, {base: {kind: random}}]}", NO_STEPS),
+        ("{kind: schedule, stages: [{base: {kind: bad}, epsilon: [1.0, 0.0]}]}", NO_STEPS),
+        (
+            "{kind: mixture, bases: [{kind: randon}]}",
+            "4:36: policies.0.bases.0.kind: found 'randon', expected one of ",
         ),
         (
-            "  - {kind: schedule, stages: [{base: {kind: bad}}, {base: {kind: random}}]}",
-            "x.yaml:4:5: policies.0: stages.0.steps: found none, expected the number of steps of this stage",
+            "{kind: mixture, bases: [{kind: random, name: mine}]}",
+            "4:29: policies.0.bases.0: found a name in the base, expected the name beside the outer",
         ),
         (
-            "  - {kind: schedule, stages: [{base: {kind: bad}, epsilon: [1.0, 0.0]}]}",
-            "x.yaml:4:5: policies.0: stages.0.steps: found none, expected the number of steps of this stage",
-        ),
-        (
-            "  - {kind: mixture, bases: [{kind: randon}]}",
-            "x.yaml:4:36: policies.0.bases.0.kind: found 'randon', expected one of ",
-        ),
-        (
-            "  - {kind: mixture, bases: [{kind: random, name: mine}]}",
-            "x.yaml:4:29: policies.0.bases.0: found a name in the base, expected the name beside the outer",
-        ),
-        (
-            "  - {kind: sticky, base: {kind: mixture, bases: []}, kappa: 0.5}",
-            "x.yaml:4:49: policies.0.base.bases: found [], expected at least 1 item",
+            "{kind: sticky, base: {kind: mixture, bases: []}, kappa: 0.5}",
+            "4:49: policies.0.base.bases: found [], expected at least 1 item",
         ),
     ],
 )
-def test_mistakes_are_named_by_line_and_column(tmp_path, monkeypatch, text, message):
+def test_mistakes_are_named_by_line_and_column(tmp_path, monkeypatch, block, message):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.yaml").write_text(experiment(text))
+    (tmp_path / "x.yaml").write_text(f"name: x\nsetpoints: 70\npolicies:\n  - {block}")
     with pytest.raises(ConfigError) as error:
         load("x.yaml")
-    assert str(error.value).startswith(message)
+    assert str(error.value).startswith(f"x.yaml:{message}")
 
 
-def test_custom_policies_within_others_are_found_at_any_depth():
+def test_custom_policies_are_found_at_any_depth():
     custom = {"kind": "custom", "target": "a:b", "history": 7}
-    mixture = {
-        "kind": "mixture",
-        "bases": [{"kind": "random"}, {"kind": "sticky", "base": custom, "kappa": 0.1}],
-    }
-    policy = Schedule(stages=[{"base": mixture, "steps": 3}, {"base": {"kind": "bad"}}])
+    sticky = {"kind": "sticky", "base": custom, "kappa": 0.1}
+    stages = [{"base": {"kind": "mixture", "bases": [RANDOM, sticky]}, "steps": 3}, {"base": {"kind": "bad"}}]
+    policy = Schedule(stages=stages)
     assert [each.kind for each in policy.everywhere() if each.code_target] == ["custom"]
     made = Experiment(name="x", setpoints=70, policies=[policy])
     assert Experiment.model_validate(made.plain()) == made

@@ -12,11 +12,11 @@ import numba
 import numpy as np
 import pytest
 from helpers.asking import log_density_of, proposed
-from helpers.custom_policies import described
+from helpers.custom_policies import PLAIN, described
 
 import ibdata
-from ibdata import Experiment
-from ibdata.errors import PolicyError, UsageError
+from ibdata.errors import ConfigError, PolicyError, UsageError
+from ibdata.experiment import validated
 from ibdata.policies.custom import Custom
 
 
@@ -57,9 +57,10 @@ def test_its_density_is_used_where_it_has_one(mine):
             "mine:nothing",
             "mine:nothing: found object, expected an object with decide(given), act(history, u) or pr",
         ),
+        ("mine:counting", "policy custom: found other actions when the same was asked again"),
     ],
 )
-def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line):
+def test_what_cannot_be_used_is_one_line_and_leaves_nothing(mine, target, line):
     with pytest.raises(PolicyError) as error:
         ibdata.generate(described(target=target), "out", workers=1, allow_code=True)
     assert str(error.value).startswith(line)
@@ -68,31 +69,54 @@ def test_what_cannot_be_loaded_is_one_line_and_leaves_nothing(mine, target, line
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
-def test_code_runs_only_where_it_is_allowed_and_is_recorded(mine, wrap, capsys):
+def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
     block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
-    experiment = Experiment.model_validate({**described(target="mine:actor").plain(), "policies": [block]})
-    for call in (
-        lambda: ibdata.generate(experiment, "out", workers=1),
-        lambda: ibdata.generate(experiment, "out", workers=2, resume=True),
-    ):
+    experiment = validated({**described(target="mine:actor").plain(), "policies": [block]})
+    for resume in (False, True):
         with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
-            call()
+            ibdata.generate(experiment, "out", workers=2, resume=resume)
     assert not (mine / "imported").exists()
     made = ibdata.generate(experiment, "out", workers=2, allow_code=True)
     assert "ibdata: running the code of mine:actor" in capsys.readouterr().err
     assert made.manifest["reproducible"] == "same-environment"
-    sha256 = hashlib.sha256((mine / "mine.py").read_bytes()).hexdigest()
-    assert made.manifest["code"] == [
-        {
-            "target": "mine:actor",
-            "version": None,
-            "sha256": sha256,
-            "files": {},
-            "distributions": {"numba": numba.__version__, "numpy": np.__version__},
-        }
-    ]
+    recorded = {
+        "target": "mine:actor",
+        "version": None,
+        "sha256": hashlib.sha256((mine / "mine.py").read_bytes()).hexdigest(),
+        "files": {},
+        "distributions": {"numba": numba.__version__, "numpy": np.__version__},
+    }
+    assert made.manifest["code"] == [recorded]
     assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
+
+
+def test_deterministic_code_has_a_density_and_may_be_a_base(mine):
+    still = {"kind": "custom", "target": "mine:Learned", "history": 2, "deterministic": True}
+    others = [
+        {"kind": "gaussian", "base": still, "scale": 0.1},
+        {"kind": "epsilon_greedy", "base": still, "epsilon": 0.2},
+    ]
+    experiment = validated({**described(target="x:y").plain(), "policies": [still, *others]})
+    rows = ibdata.generate(experiment, "out", workers=1, allow_code=True).to_pandas()
+    assert (rows["action_log_prob"][rows["policy"] == "custom"] == 0.0).all()
+    assert np.isfinite(rows["action_log_prob"]).all()
+    assert rows["action_log_prob"].nunique() > 2
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (
+            {"deterministic": True, "uniforms": 3},
+            "found deterministic: true and uniforms: 3, expected only one",
+        ),
+        ({"deterministic": 1}, "found 1, expected true or false"),
+    ],
+)
+def test_what_draws_is_not_deterministic(options, line):
+    with pytest.raises(ConfigError, match=line):
+        validated({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", **options}]})
 
 
 def test_a_parameter_that_names_a_file_is_said_unless_the_file_is_declared(mine, capsys):
@@ -117,7 +141,6 @@ def test_reproduce_names_first_the_file_that_differs(mine, capsys):
 
 def test_repair_and_reproduce_need_leave_too(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
-    root = made.content_root
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
@@ -125,7 +148,7 @@ def test_repair_and_reproduce_need_leave_too(mine, shard_file):
             call("out")
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
-    assert ibdata.open("out").content_root == root
+    assert ibdata.open("out").content_root == made.content_root
 
 
 READING = """
@@ -150,7 +173,7 @@ READING = """
 
 
 @pytest.mark.slow
-def test_reading_checking_splitting_and_merging_never_import_it(mine):
+def test_reading_checking_and_merging_never_import_it(mine):
     for seed, name in enumerate(["out", "other"]):
         experiment = described(target="mine:actor", uniforms=3).model_copy(update={"seed": seed})
         ibdata.generate(experiment, name, workers=1, allow_code=True)
@@ -168,12 +191,9 @@ def test_reading_checking_splitting_and_merging_never_import_it(mine):
     ["mine", "mine.Actor", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", "", "/mine.py:Actor",
      "mine.py", "a\\mine.py:Actor", "mine.py:Actor()"],
 )  # fmt: skip
-def test_a_target_that_is_no_name_is_refused(target, tmp_path):
-    (tmp_path / "x.yaml").write_text(
-        f"name: x\nsetpoints: 70\npolicies: [{{kind: custom, target: {json.dumps(target)}}}]\n"
-    )
-    with pytest.raises(UsageError, match=r"policies\.0\.target: found .*, expected package.module:name"):
-        ibdata.load(tmp_path / "x.yaml")
+def test_a_target_that_is_no_name_is_refused(target):
+    with pytest.raises(ConfigError, match=r"policies\.0\.target: found .*, expected package.module:name"):
+        validated({**PLAIN, "policies": [{"kind": "custom", "target": target}]})
 
 
 def test_evaluating_a_file_that_names_code_needs_leave(mine):

@@ -10,15 +10,15 @@ import pytest
 from helpers.asking import proposed
 
 from ibdata.evaluation.policies import policy_of
-from ibdata.policies.answers import AnswerError
+from ibdata.policies.checked import AnswerError
 from ibdata.policies.code import error_line
 
 CODE = """
-import json
+import json, sys
 
 
-def index(values):
-    return values[7]
+def index():
+    return [][7]
 
 
 def inside_the_standard_library():
@@ -34,7 +34,6 @@ def silent():
 
 
 def leave():
-    import sys
     sys.exit("enough")
 
 
@@ -44,11 +43,11 @@ def from_text():
 
 
 @pytest.fixture
-def mine(tmp_path, monkeypatch):
-    """The module `mine` in the current folder."""
-    (tmp_path / "mine.py").write_text(CODE)
+def code(tmp_path, monkeypatch):
+    """The module of a file in the current folder."""
+    (tmp_path / "code_of_mine.py").write_text(CODE)
     monkeypatch.chdir(tmp_path)
-    spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
+    spec = importlib.util.spec_from_file_location("code_of_mine", tmp_path / "code_of_mine.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -63,22 +62,21 @@ def caught(call):
 @pytest.mark.parametrize(
     ("name", "line"),
     [
-        ("inside_the_standard_library", "mine.py:10: JSONDecodeError: Expecting property name enclosed in"),
-        ("two_lines", "mine.py:14: RuntimeError: one two"),
-        ("silent", "mine.py:18: KeyError"),
-        ("leave", "mine.py:23: SystemExit: enough"),
-        ("from_text", "mine.py:27: ZeroDivisionError: division by zero"),
+        ("index", "6: IndexError: list index out of range"),
+        ("inside_the_standard_library", "10: JSONDecodeError: Expecting property name enclosed in"),
+        ("two_lines", "14: RuntimeError: one two"),
+        ("silent", "18: KeyError"),
+        ("leave", "22: SystemExit: enough"),
+        ("from_text", "26: ZeroDivisionError: division by zero"),
     ],
 )
-def test_an_error_names_the_innermost_line_of_the_users_files(mine, name, line):
-    assert caught(getattr(mine, name)).startswith(line)
-    assert "\n" not in caught(getattr(mine, name))
-
-
-def test_a_file_elsewhere_is_named_by_its_whole_path(mine, tmp_path, monkeypatch):
+def test_an_error_names_the_innermost_line_of_a_users_file(code, tmp_path, monkeypatch, name, line):
+    found = caught(getattr(code, name))
+    assert found.startswith(f"code_of_mine.py:{line}")
+    assert "\n" not in found
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert caught(lambda: mine.index([])) == f"{tmp_path}/mine.py:6: IndexError: list index out of range"
+    assert caught(getattr(code, name)) == f"{tmp_path}/{found}"
 
 
 def test_code_that_is_no_python_is_named_by_its_line(tmp_path, monkeypatch):
@@ -102,7 +100,7 @@ def test_an_error_of_ibdata_itself_has_no_place():
         (KeyboardInterrupt, KeyboardInterrupt("x")),
     ],
 )
-def test_whatever_code_raises_is_its_error_but_a_key_that_stops_passes(raised, caught):
+def test_all_that_code_raises_is_its_error_but_ctrl_c(raised, caught):
     def fails(observations):
         raise raised("x")
 

@@ -13,7 +13,7 @@ from helpers.asking import log_density_of, proposed
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies import Decision
-from ibdata.policies.answers import AnswerError
+from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
 NOTHING = np.empty((5, 0))

@@ -1,0 +1,171 @@
+"""Rules for every policy, and that a new policy needs only one file."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.asking import log_density_of
+from helpers.blocks import BLOCKS, policy_of
+from helpers.playing import playing
+from pydantic import ValidationError
+
+import ibdata
+from ibdata.experiment import Experiment, as_yaml, load
+from ibdata.policies import POLICIES, Decision, Policy
+from ibdata.testing import check_policy
+
+pytestmark = pytest.mark.usefixtures("network_here")
+blocks = pytest.mark.parametrize("block", BLOCKS, ids=json.dumps)
+EDGES = (0.0, 20.0, 39.999996, 40.0, 50.0, 60.0, 60.000004, 80.0, 100.0)
+
+
+def at_edges(frames):
+    """Histories (n, frames, 6) for pairs of velocity and gain, the older frames those of other episodes."""
+    pairs = np.array(list(product(EDGES, EDGES)), dtype=np.float32)
+    history = np.full((len(pairs), frames, 6), 50.0, dtype=np.float32)
+    for k in range(frames):
+        history[:, k, 1:3] = np.roll(pairs, k, axis=0)
+        history[:, k, 3:5] = np.roll(pairs[::-1], 2 * k, axis=0)
+    return history
+
+
+def read_only(array):
+    array = array.copy()
+    array.flags.writeable = False
+    return array
+
+
+def test_every_kind_is_in_the_table():
+    assert {block["kind"] for block in BLOCKS} == set(POLICIES)
+
+
+@pytest.mark.slow
+@blocks
+def test_it_passes_the_published_checks(block):
+    policy = policy_of(block)
+    check_policy(policy)
+    check_policy(policy, at_edges(policy.needs.history))
+
+
+@blocks
+def test_it_is_an_immutable_block_of_options(block, tmp_path):
+    policy = policy_of(block)
+    assert type(policy).model_validate(policy.model_dump()) == policy
+    assert type(policy).model_validate_json(policy.model_dump_json()) == policy
+    (tmp_path / "x.yaml").write_bytes(as_yaml(Experiment(name="x", setpoints=70.0, policies=[policy])))
+    assert load(tmp_path / "x.yaml").policies == [policy]
+    with pytest.raises(ValidationError, match="frozen"):
+        policy.kind = "other"
+    with pytest.raises(ValidationError, match="extra_forbidden"):
+        type(policy)(unknown=1)
+
+
+@blocks
+def test_its_form_is_what_differs_from_defaults(block):
+    policy = policy_of(block)
+    named = policy.model_copy(update={"name": "mine"})
+    assert (policy.label, named.label, named.form()) == (block["kind"], "mine", policy.form())
+    if "actor.safetensors" not in json.dumps(block):  # which the form names by its hash
+        assert json.loads(json.dumps(policy.form())) == block
+
+
+@pytest.mark.parametrize("kind", [block["kind"] for block in BLOCKS if set(block) == {"kind"}])
+def test_an_option_with_its_default_is_not_in_the_form(kind):
+    default = policy_of({"kind": kind})
+    assert policy_of({"kind": kind, **default.model_dump(exclude={"name"})}).form() == {"kind": kind}
+
+
+@blocks
+def test_arrays_that_cannot_be_written_are_enough(block):
+    policy = policy_of(block)
+    given, action = list(playing(policy, 20, 4))[3]
+    seen = given.apply(read_only)
+    for a, b in zip(policy.decide(seen), policy.decide(given), strict=True):
+        np.testing.assert_array_equal(a, b)
+    found = policy.log_density(seen, read_only(action))
+    np.testing.assert_array_equal(found, policy.log_density(given, action))
+    assert np.isfinite(found).all() or "coloured_noise" in json.dumps(block)
+
+
+def test_a_policy_that_gives_no_density_has_nan():
+    class Silent(Policy):
+        kind: str = "silent"
+
+        def decide(self, given):
+            return Decision(np.zeros((len(given.step), 3)), given.memory)
+
+    density = log_density_of(Silent(), np.zeros((4, 1, 6), np.float32), np.zeros((4, 3), np.float32))
+    assert np.isnan(density).tolist() == [True] * 4
+
+
+RAMP = '''
+"""Turns every knob up by the same amount."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ibdata.policies.base import Decision, Needs, Policy
+
+
+class Ramp(Policy):
+    """A slope, and a little noise."""
+
+    needs: ClassVar[Needs] = Needs(step_draws=1)
+    kind: Literal["ramp"] = "ramp"
+    slope: float = 0.25
+
+    def decide(self, given):
+        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.uniforms, given.memory)
+'''
+CONFIG = "name: x\nsetpoints: 70\nsteps: 3\npolicies: [{kind: %s, slope: 0.5}]\n"
+CHILD = """
+import json
+from ibdata.errors import ConfigError
+from ibdata.experiment import load
+from ibdata.experiment.rollout import rollout
+columns = rollout(load("ramp.yaml"), 0, 1)
+actions = [columns.table[columns.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")]
+try:
+    load("wrong.yaml")
+except ConfigError as error:
+    print(json.dumps([actions, str(error)]))
+"""
+
+
+def test_a_file_in_the_folder_is_all_a_new_policy_takes(tmp_path):
+    """The interpreted package, since a new file would have everything compiled anew."""
+    package = Path(ibdata.__file__).parent
+    shutil.copytree(package, tmp_path / "ibdata", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "ibdata/policies/ramp.py").write_text(RAMP)
+    (tmp_path / "ramp.yaml").write_text(CONFIG % "ramp")
+    (tmp_path / "wrong.yaml").write_text(CONFIG % "rmp")
+    variables = {
+        "PYTHONPATH": str(tmp_path),
+        "NUMBA_DISABLE_JIT": "1",
+        "IBDATA_CACHE_DIR": str(tmp_path / "c"),
+    }
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-c", CHILD],
+        cwd=tmp_path,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert child.returncode == 0, child.stderr
+    actions, message = json.loads(child.stdout)
+    assert actions == [[0.5] * 3] * 3
+    kinds = ", ".join(sorted([*POLICIES, "ramp"]))
+    assert message == (
+        f"wrong.yaml:4:19: policies.0.kind: found 'rmp', expected one of {kinds}; did you mean 'ramp'?"
+    )
