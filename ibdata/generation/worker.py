@@ -21,7 +21,7 @@ from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
 
 from ibdata.errors import IbdataError
-from ibdata.experiment.code import customs, places_of
+from ibdata.experiment.code import announce, customs, places_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Places, is_fresh
 from ibdata.system import processes
@@ -56,6 +56,7 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     own, places = customs(spec), places_of(spec)
     for custom in own:
         custom.look_in(places)
+    announce(spec)
     if not own:
         yield Here(spec)
     elif is_fresh() or any(custom.is_live for custom in own):

@@ -114,6 +114,7 @@ def test_nothing_is_written():
         ({"workers": 0}, "workers: found 0, expected"),
         ({"out": "file"}, "file: is a file, not a folder"),
         ({"out": "foreign"}, "foreign: not a dataset of ibdata"),
+        ({"out": "s3://u:KEY@x/y", "overwrite": True}, "s3://…@x/y: --overwrite is for folders"),
         ({"out": "foreign", "overwrite": True}, "foreign: not a dataset of ibdata"),
     ],
 )

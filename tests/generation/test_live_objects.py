@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import Interrupted, UsageError
 
 
 class Mine:
@@ -58,6 +58,17 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
     ibdata.generate(plain, "out")
     with pytest.raises(UsageError, match=r"^(out|x): found live:Mine, an object .* kind: custom$"):
         call(plain)
+
+
+def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
+    """What such a run has finished is of no use to another session."""
+
+    def stop(*args):
+        raise Interrupted(2)
+
+    monkeypatch.setattr("ibdata.generation.run.finish", stop)
+    with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
+        ibdata.generate(plain, "out")
 
 
 def test_repair_refuses_to_make_its_shards(plain, shard_file):

@@ -115,7 +115,7 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
 
 
 def test_a_card_that_is_written_again_names_the_version_that_made_the_dataset(small, monkeypatch, sign):
-    monkeypatch.setattr("ibdata.maintenance.card._report", lambda *_: None)
+    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *_: b"")
     listed = json.loads((small.path / manifest.PATH).read_bytes())
     listed["versions"]["ibdata"] = "0.8.7"
     (small.path / manifest.PATH).write_bytes(as_json(listed))
