@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
@@ -65,11 +65,8 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
         finally:
             os.chdir(places[0])  # they may have gone elsewhere
     else:
-        worker = Worker(spec)
-        try:
+        with closing(Worker(spec)) as worker:
             yield worker
-        finally:
-            worker.end()
 
 
 class Here:
@@ -158,7 +155,7 @@ class Worker:
             raise answer.error from RuntimeError(answer.traceback)
         return answer
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End the process at once."""
         self._process.kill()
         self._process.wait()

@@ -89,11 +89,9 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
         pool = ThreadPoolExecutor(at_once)
         stack.callback(pool.shutdown, cancel_futures=True)
         if isinstance(process, Worker) or division.processes > 1:
-            found = [process] if isinstance(process, Worker) else []
-            stack.callback(_end, found)
-            for _ in range(at_once - len(found)):
-                found.append(Worker(spec, root))
-            for worker in found:
+            for i in range(at_once):
+                worker = process if isinstance(process, Worker) and i == 0 else Worker(spec, root)
+                stack.callback(worker.close)
                 makers.put(partial(_make, worker, root, division.threads > 1, None))
         else:
             stopped = threading.Event()
@@ -115,7 +113,3 @@ def _make(
 ) -> None:
     process.call(make_shard, shard, root, overlap, stopped, tell=tell)
 
-
-def _end(found: list[Worker]) -> None:
-    for worker in found:
-        worker.end()

@@ -205,7 +205,6 @@ def test_generate_says_what_it_finds_and_makes_the_dataset_or_changes_nothing(
         ("link/data", "made/data: lies within the dataset made; choose a place outside of it"),
         ("policy=x/d", "policy=x/d: found the folder policy=x, from whose name some readers would take the"),
         ("x.yaml/d", "x.yaml/d: lies in a file, not a folder; choose another --out"),
-        ("a/../d", "a/../d: leads through a, which is no folder; choose another --out"),
     ],
 )
 def test_no_command_writes_to_a_place_at_which_no_dataset_can_appear(run, out, line):

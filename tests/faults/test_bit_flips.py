@@ -61,9 +61,7 @@ def test_every_flipped_bit_is_found_and_its_file_named(tools: Any, dataset: Path
     assert tools.root(dataset)
 
 
-def test_every_bit_of_the_manifest_that_is_flipped_is_found_or_changes_nothing(
-    tools: Any, dataset: Path
-) -> None:
+def test_every_flipped_bit_of_the_manifest_is_found(tools: Any, dataset: Path) -> None:
     from ibdata.validation.validate import validate
 
     path = dataset / "meta" / "manifest.json"
@@ -114,9 +112,7 @@ def test_every_truncation_is_found_and_its_file_named(tools: Any, dataset: Path)
 # Repair: what was found is made again.
 
 
-def test_what_is_flipped_or_cut_or_missing_is_repaired_to_the_same_files(
-    forks: Any, tools: Any, dataset: Path
-) -> None:
+def test_what_is_damaged_is_repaired_to_the_same_files(forks: Any, tools: Any, dataset: Path) -> None:
     root = tools.root(dataset)
     files = [path for path in files_of(dataset) if path.name not in ("splits.json", "manifest.json")]
     wholes = {path: path.read_bytes() for path in files}

@@ -19,9 +19,8 @@ class Mine:
 
 
 @pytest.fixture
-def plain(tmp_path, monkeypatch):
+def plain():
     """An experiment with two objects, of which one is the base of another policy, and a function."""
-    monkeypatch.chdir(tmp_path)
     wrapped = {"kind": "epsilon_greedy", "base": Mine(-0.5), "epsilon": 0.0}
     policies = [Mine(0.5), wrapped, lambda observations: 0.0 * observations[:, 1:4], "random"]
     return {"name": "x", "setpoints": [20, 70], "steps": 3, "policies": policies}
@@ -78,7 +77,7 @@ def test_repair_refuses_to_make_its_shards(plain, shard_file):
         ibdata.repair("out", allow_code=True)
 
 
-def test_a_second_run_is_another_experiment_and_an_experiment_keeps_its_objects(plain):
+def test_a_second_run_is_another_experiment(plain):
     ibdata.generate(plain, "out")
     with pytest.raises(UsageError, match="out: holds the dataset of another experiment; --overwrite"):
         ibdata.generate(plain, "out")

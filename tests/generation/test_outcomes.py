@@ -80,11 +80,6 @@ CASES = [
 ]
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture(scope="module")
 def states(tmp_path_factory):
     """A folder for each state."""
@@ -156,15 +151,6 @@ def test_a_finished_dataset_needs_no_writing(plain, monkeypatch, resume):
     monkeypatch.setattr("ibdata.generation.run.locked_part", None)
     shutil.copytree(plain.path, "out")
     assert ibdata.generate(TINY, "out", workers=1, resume=resume).content_root == plain.content_root
-
-
-def test_a_merged_dataset_is_another_one():
-    """`generate` over a merged dataset is refused, since no single experiment makes it."""
-    ibdata.generate(TINY, "a", workers=1)
-    ibdata.generate(OTHER, "b", workers=1)
-    ibdata.merge(["a", "b"], "out")
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
-        ibdata.generate(TINY, "out", workers=1, resume=True)
 
 
 def test_a_damaged_shard_of_a_part_is_made_again(plain, made, files):

@@ -15,11 +15,6 @@ from ibdata.experiment import suites
 PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def two():
     folder = Path("two")
