@@ -84,7 +84,8 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
 def settle_left(target: Path) -> None:
     """Remove the part of a dataset that is there, if its run was killed after it had published it."""
     part = Part(target)
-    if part.folder.exists() and origin.is_published(part.folder):
+    began = origin.read(part.folder)  # None too where a kill has left a part without its note
+    if part.folder.exists() and (began is None or began.manifest is not None):
         with suppress(IbdataError), locked_part(target) as part:
             settle(part)
 

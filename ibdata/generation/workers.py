@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
@@ -92,13 +91,13 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
             for i in range(at_once):
                 worker = process if isinstance(process, Worker) and i == 0 else Worker(spec, root)
                 stack.callback(worker.close)
-                makers.put(partial(_make, worker, root, division.threads > 1, None))
+                makers.put(_maker(worker, root, division.threads > 1, None))
         else:
             stopped = threading.Event()
             stack.callback(stopped.set)
             overlap = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
             for _ in range(at_once):
-                makers.put(partial(_make, process, root, overlap, stopped))
+                makers.put(_maker(process, root, overlap, stopped))
         with held():  # a signal's exception while a thread starts would leave it running
             waiting: set[Future[int]] = {pool.submit(make, shard) for shard in shards}
         while waiting:
@@ -108,8 +107,5 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
                 yield future.result()
 
 
-def _make(
-    process: Process, root: Path, overlap: bool, stopped: threading.Event | None, shard: Shard, tell: Tell
-) -> None:
-    process.call(make_shard, shard, root, overlap, stopped, tell=tell)
-
+def _maker(process: Process, root: Path, overlap: bool, stopped: threading.Event | None) -> Make:
+    return lambda shard, tell: process.call(make_shard, shard, root, overlap, stopped, tell=tell)
