@@ -45,7 +45,7 @@ def customs_in(policy: Policy) -> Iterator[Custom]:
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
-    """Print on stderr which code of custom policies will run. Messages begin with `where`.
+    """Refuse custom policies without consent. Messages begin with `where`.
 
     Raises UsageError if the code may not run, or if a policy is a live object that is gone, or that other
     processes may have to ask `again`.
@@ -58,8 +58,6 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for target in targets:
-        _say(f"running the code of {target}")
     for custom in own:
         if custom.is_live and (again or not custom.is_held):
             raise UsageError(
@@ -68,6 +66,12 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
             )
         for text in _undeclared(custom, places_of(spec)):
             _say(f"{custom.target}: params: {text} is a file; list it under files, so that it is recorded")
+
+
+def announce(spec: DatasetSpec) -> None:
+    """Print on stderr which code of custom policies runs now."""
+    for target in dict.fromkeys(custom.target for custom in customs(spec) if not custom.is_live):
+        _say(f"running the code of {target}")
 
 
 def _say(text: str) -> None:

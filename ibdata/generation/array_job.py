@@ -85,7 +85,7 @@ def make_range(
         return PartMade(place, len(mine), rows_of(spec, mine), 0)
     with process_for(spec) as process:
         here = process.call(origin.observe)  # compiles for up to a minute, while other hosts need the lock
-        with locked_part(target, place, shared=True) as part, counted_if_stopped(part, "--shards"):
+        with locked_part(target, place, shared=True) as part, counted_if_stopped(part, spec, "--shards"):
             refuse_immovable(part, place)
             _begin(part, spec, here, place)
             make(process, mine, part, run, progress)

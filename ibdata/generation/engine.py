@@ -9,6 +9,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.plan import Shard
 from ibdata.generation.worker import Process, Tell
 
+ENGINES = ("local", "ray")
 MAX_WORKERS = 1024
 
 # Makes shards in a part, and yields the number of each that is finished; the pieces of shards are told. The
@@ -26,28 +27,19 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
     if name not in ENGINES:
         raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
     refuse_workers(workers)
-    return ENGINES[name](workers, address)
+    if name == "ray":
+        from ibdata.generation import ray
+
+        ray.library()
+        return lambda process, shards, root, tell: ray.run(process.spec, shards, root, workers, address)
+    if address is not None:
+        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
+    from ibdata.generation.workers import run
+
+    return lambda process, shards, root, tell: run(process, shards, root, workers, tell)
 
 
 def refuse_workers(workers: int | None) -> None:
     """Raise UsageError for a number of workers that is out of range; None chooses it by the work."""
     if workers is not None and not (isinstance(workers, int) and 1 <= workers <= MAX_WORKERS):
         raise UsageError(f"workers: found {workers!r}, expected a whole number in [1, {MAX_WORKERS}]")
-
-
-def _local(workers: int | None, address: str | None) -> Run:
-    from ibdata.generation.workers import run
-
-    if address is not None:
-        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
-    return lambda process, shards, root, tell: run(process, shards, root, workers, tell)
-
-
-def _ray(workers: int | None, address: str | None) -> Run:
-    from ibdata.generation import ray
-
-    ray.library()
-    return lambda process, shards, root, tell: ray.run(process.spec, shards, root, workers, address)
-
-
-ENGINES: dict[str, Callable[[int | None, str | None], Run]] = {"local": _local, "ray": _ray}

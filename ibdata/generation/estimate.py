@@ -19,6 +19,7 @@ from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import is_folder, places_of
 from ibdata.generation.run import already_there, refuse_both, unfinished
 from ibdata.generation.target import TakenError, is_free
+from ibdata.generation.upload import refuse_overwrite
 from ibdata.generation.warm_up import warm_up
 from ibdata.generation.worker import process_for
 from ibdata.generation.workers import divide
@@ -98,6 +99,7 @@ def estimate(
 def _outlook(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> str | None:
     """What `generate` would do or ask at a place, in words; None if nothing is there, or at a URL."""
     if isinstance(place, str):
+        refuse_overwrite(place, overwrite)
         return None
     try:
         return _outlook_in_folder(experiment, place, resume, overwrite)

@@ -69,12 +69,6 @@ def read(root: Path) -> Origin | None:
         return None
 
 
-def is_published(root: Path) -> bool:
-    """Whether the run in a part has ended, or was stopped while its note was removed."""
-    began = read(root)
-    return began is None or began.manifest is not None
-
-
 def same_experiment(root: Path, experiment: Experiment) -> bool:
     """Whether the run in a part is that of an experiment, and of this ibdata's data version."""
     began = read(root)

@@ -31,9 +31,12 @@ def publish(part: Part) -> None:
         _keep(part.target, made)
     for folder in (made / "data", made / "meta", made):
         sync_folder(folder)
-    _note(part)
+    began = origin.read(part.folder)
+    if began is not None:  # a merge or a copy has no note
+        ended = began.model_copy(update={"manifest": _checksum(made)})
+        write(part.folder, origin.PATH, as_json(ended))
     with held():
-        part.place(part.folder / DATASET)
+        part.place(made)
     part.clear()
 
 
@@ -55,13 +58,6 @@ def _checksum(folder: Path) -> str | None:
         return manifest.read(folder).checksum
     except DatasetError:
         return None
-
-
-def _note(part: Part) -> None:
-    began = origin.read(part.folder)
-    ended = began.model_copy(update={"manifest": _checksum(part.folder / DATASET)}) if began else None
-    if ended is not None:
-        write(part.folder, origin.PATH, as_json(ended))
 
 
 def _keep(old: Path, new: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed, found_again
+from ibdata.experiment.code import changed, customs, found_again
 from ibdata.experiment.code import listed as names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -37,10 +37,12 @@ def make_dataset(
 ) -> None:
     """Make the dataset of an experiment at a place, unless it is there. Messages name it `place`."""
     spec = DatasetSpec.of(experiment)
-    option = "--overwrite" if overwrite else "--resume"
     with process_for(spec) as process:
         here = process.call(origin.observe)  # a signal may end the process, since nothing is written yet
-        with locked_part(target, place) as part, counted_if_stopped(part, option):
+        with (
+            locked_part(target, place) as part,
+            counted_if_stopped(part, spec, "--overwrite" if overwrite else "--resume"),
+        ):
             settle(part)
             if already_there(experiment, target, place, resume, overwrite):
                 return
@@ -82,7 +84,8 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
 def settle_left(target: Path) -> None:
     """Remove the part of a dataset that is there, if its run was killed after it had published it."""
     part = Part(target)
-    if part.folder.exists() and origin.is_published(part.folder):
+    began = origin.read(part.folder)  # None too where a kill has left a part without its note
+    if part.folder.exists() and (began is None or began.manifest is not None):
         with suppress(IbdataError), locked_part(target) as part:
             settle(part)
 
@@ -150,14 +153,20 @@ def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
 
 
 @contextmanager
-def counted_if_stopped(part: Part, option: str) -> Iterator[None]:
+def counted_if_stopped(part: Part, spec: DatasetSpec, option: str) -> Iterator[None]:
     """Let a signal's exception say what is left behind; `option` is the one that goes on with it."""
     try:
         yield
     except Interrupted as error:
         if count := len(part.receipts):
             shards = "1 shard is" if count == 1 else f"{count} shards are"
-            error.left = f"{shards} finished; {option} goes on"
+            live = any(custom.is_live for custom in customs(spec))
+            then = (
+                "with an object of this session as a policy, a run begins again"
+                if live
+                else f"{option} goes on"
+            )
+            error.left = f"{shards} finished; {then}"
         raise
 
 

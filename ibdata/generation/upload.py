@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError
+from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
@@ -31,10 +31,7 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
 
     Raises UsageError if other files are there; those of an upload that failed are allowed with `resume`.
     """
-    if overwrite:
-        raise UsageError(
-            f"{remote.name}: --overwrite is for folders; remove what is there, or choose another --out"
-        )
+    refuse_overwrite(remote.name, overwrite)
     if remote.folder is not None:
         manifest.refuse_inside(remote.folder)
     try:
@@ -53,6 +50,14 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
             "upload that failed on this machine; otherwise remove them, or choose another --out"
         )
     return False
+
+
+def refuse_overwrite(url: str, overwrite: bool) -> None:
+    """Raise UsageError where a dataset at a URL is to be replaced."""
+    if overwrite:
+        raise UsageError(
+            f"{hidden(url)}: --overwrite is for folders; remove what is there, or choose another --out"
+        )
 
 
 def _manifest(remote: Remote, resume: bool) -> Manifest | None:

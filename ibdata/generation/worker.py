@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
@@ -21,7 +21,7 @@ from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
 
 from ibdata.errors import IbdataError
-from ibdata.experiment.code import customs, places_of
+from ibdata.experiment.code import announce, customs, places_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Places, is_fresh
 from ibdata.system import processes
@@ -56,6 +56,7 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     own, places = customs(spec), places_of(spec)
     for custom in own:
         custom.look_in(places)
+    announce(spec)
     if not own:
         yield Here(spec)
     elif is_fresh() or any(custom.is_live for custom in own):
@@ -64,11 +65,8 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
         finally:
             os.chdir(places[0])  # they may have gone elsewhere
     else:
-        worker = Worker(spec)
-        try:
+        with closing(Worker(spec)) as worker:
             yield worker
-        finally:
-            worker.end()
 
 
 class Here:
@@ -157,7 +155,7 @@ class Worker:
             raise answer.error from RuntimeError(answer.traceback)
         return answer
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End the process at once."""
         self._process.kill()
         self._process.wait()

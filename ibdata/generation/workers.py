@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
@@ -89,18 +88,16 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
         pool = ThreadPoolExecutor(at_once)
         stack.callback(pool.shutdown, cancel_futures=True)
         if isinstance(process, Worker) or division.processes > 1:
-            found = [process] if isinstance(process, Worker) else []
-            stack.callback(_end, found)
-            for _ in range(at_once - len(found)):
-                found.append(Worker(spec, root))
-            for worker in found:
-                makers.put(partial(_make, worker, root, division.threads > 1, None))
+            for i in range(at_once):
+                worker = process if isinstance(process, Worker) and i == 0 else Worker(spec, root)
+                stack.callback(worker.close)
+                makers.put(_maker(worker, root, division.threads > 1, None))
         else:
             stopped = threading.Event()
             stack.callback(stopped.set)
             overlap = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
             for _ in range(at_once):
-                makers.put(partial(_make, process, root, overlap, stopped))
+                makers.put(_maker(process, root, overlap, stopped))
         with held():  # a signal's exception while a thread starts would leave it running
             waiting: set[Future[int]] = {pool.submit(make, shard) for shard in shards}
         while waiting:
@@ -110,12 +107,5 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
                 yield future.result()
 
 
-def _make(
-    process: Process, root: Path, overlap: bool, stopped: threading.Event | None, shard: Shard, tell: Tell
-) -> None:
-    process.call(make_shard, shard, root, overlap, stopped, tell=tell)
-
-
-def _end(found: list[Worker]) -> None:
-    for worker in found:
-        worker.end()
+def _maker(process: Process, root: Path, overlap: bool, stopped: threading.Event | None) -> Make:
+    return lambda shard, tell: process.call(make_shard, shard, root, overlap, stopped, tell=tell)

@@ -10,7 +10,7 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import printable
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.dataset_spec import spec_in
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
@@ -47,7 +47,11 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     listed = dataset.manifest_model
     spec = spec_in(path, listed)
     refuse_other_plan(spec, listed)
-    report = _report(dataset, spec)  # before the lock: it may take minutes
+    report = why = None
+    try:
+        report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
+    except ImportError as error:  # no matplotlib
+        why = str(error)
     version = printable(listed.versions.get("ibdata", __version__))
     made = readme(spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version)
     with locked_part(resolved(path), path):
@@ -59,15 +63,7 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
             print(printable(told), file=sys.stderr, flush=True)
         write(path, manifest.CARD, made)
         if report is None:
+            print(f"ibdata: {manifest.REPORT} is not written: {why}", file=sys.stderr, flush=True)
             return [path / manifest.CARD]
         write(path, manifest.REPORT, report)
     return [path / manifest.CARD, path / manifest.REPORT]
-
-
-def _report(dataset: Dataset, spec: DatasetSpec) -> bytes | None:
-    """The bytes of report.html; None, and a line on stderr, where matplotlib is not installed."""
-    try:
-        return page(dataset, spec, drawn(dataset))
-    except ImportError as error:
-        print(f"ibdata: {manifest.REPORT} is not written: {error}", file=sys.stderr, flush=True)
-        return None

@@ -58,7 +58,8 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     refuse_workers(workers)
     place = Path(existing(folder))
     listed = _manifest(place)
-    _refuse_strangers(place, listed)
+    for problem in unlisted_files(storage(place), listed):
+        raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
     spec = _spec(place, listed)
     refuse_other_plan(spec, listed)
     broken = _broken(place, listed)
@@ -69,7 +70,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         try:
             entries = _repaired(part, spec, listed, broken, workers, allow_code)
         finally:
-            _clean(part)
+            remove(part.folder / REPAIR)
         if entries != listed.entries():
             write(part.target, manifest.PATH, rewritten_manifest(listed, entries))
     return broken
@@ -82,11 +83,6 @@ def _manifest(place: Path) -> Manifest:
         again = f"ibdata generate --config {place / manifest.EXPERIMENT} --out NEW makes the dataset again"
         known = os.path.isfile(place / manifest.EXPERIMENT)
         raise DatasetError(f"{error}; {again}" if known else str(error)) from None
-
-
-def _refuse_strangers(place: Path, listed: Manifest) -> None:
-    for problem in unlisted_files(storage(place), listed):
-        raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
 
 
 def _broken(folder: Path, listed: Manifest) -> list[str]:
@@ -189,7 +185,3 @@ def _move(made: Path, path: Path) -> None:
     keep_access(path, made)
     made.replace(path)
     sync_folder(path.parent)
-
-
-def _clean(part: Part) -> None:
-    remove(part.folder / REPAIR)

@@ -14,7 +14,6 @@ import shutil
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 from ibdata.errors import DatasetError, UsageError, hidden, missing, printable
 from ibdata.system.files import FileEntry
@@ -225,7 +224,6 @@ def _file_system(url: str) -> tuple[Any, str]:
         if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
             raise UsageError(f"{printable(url)}: {reason(error)}") from None
     else:
-        _refuse_ignored(url)
         return found
     try:
         import fsspec
@@ -238,13 +236,3 @@ def _file_system(url: str) -> tuple[Any, str]:
     except (ValueError, TypeError, OSError) as error:
         raise UsageError(f"{printable(url)}: {reason(error)}") from None
     return PyFileSystem(FSSpecHandler(files)), path
-
-
-def _refuse_ignored(url: str) -> None:
-    """Raise UsageError for a part of a URL that pyarrow passes over, and so would take for another place."""
-    for mark in "#?" if url.startswith("file:") else "#":
-        if mark in url:
-            raise UsageError(
-                f"{printable(hidden(url))}: found {mark}, which begins no part of such a URL; expected "
-                f"{quote(mark)} where it belongs to a name"
-            )

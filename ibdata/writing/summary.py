@@ -15,7 +15,6 @@ from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.rollout import Columns, Memory, parts, rollout
-from ibdata.experiment.self_check import keeps_denormals
 from ibdata.simulation.variables import Table
 from ibdata.writing.arrow import digest_runs
 
@@ -50,18 +49,10 @@ def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Column
 def simulated(
     spec: DatasetSpec, shard: Shard, memory: Memory | None = None
 ) -> Iterator[tuple[Shard, Columns]]:
-    """Simulate a shard part by part. With `memory`, a part is gone when the next one is made.
-
-    Raises IbdataError if code of a policy switches denormal numbers off or on, on which bits may depend.
-    """
-    experiment, kept = spec.of_shard(shard), keeps_denormals()
+    """Simulate a shard part by part. With `memory`, a part is gone when the next one is made."""
+    experiment = spec.of_shard(shard)
     for first, stop in parts(experiment, shard.first, shard.stop):
         made = rollout(experiment, first, stop, memory)
-        if keeps_denormals() != kept:
-            raise IbdataError(
-                f"{shard.stem}: a policy switched denormal numbers {'off' if kept else 'on'} in the middle "
-                "of a run; do it where the policy's module is imported"
-            )
         yield shard._replace(first=first, stop=stop), made
         del made  # so that it is not in memory beside the next
 

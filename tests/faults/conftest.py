@@ -3,14 +3,14 @@
 import contextlib
 import os
 import random
-import signal
 import subprocess
-from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.folders import part_of
+from helpers.folders import receipts as receipts_of
 from helpers.readers import rewards
 
 MANY = """\
@@ -34,11 +34,6 @@ output: {shard_rows: 20}
 def pytest_configure(config: pytest.Config) -> None:
     """Strict markers: the name is known here too."""
     config.addinivalue_line("markers", "faults: kills, full disks, bit flips; minutes long")
-
-
-def part_of(folder: Path) -> Path:
-    """The hidden folder in which a dataset is made."""
-    return folder.with_name(f".{folder.name}.part")
 
 
 class Tools:
@@ -106,25 +101,12 @@ class Tools:
 
     def receipts(self, folder: Path) -> int:
         """How many shards of an unfinished run are finished."""
-        return len(list(part_of(folder).glob("receipts/*")))
+        return len(receipts_of(folder))
 
     def one_line(self, text: str) -> bool:
         """Whether a message is one line for people."""
         lines = text.splitlines()
         return len(lines) == 1 and "Traceback" not in text and "a bug of ibdata" not in text
-
-    def wait_for(
-        self, condition: Callable[[], Any], process: subprocess.Popen[str], seconds: float = 60
-    ) -> Any:
-        """What the condition gives once it holds, while the process is at work."""
-        import time
-
-        deadline = time.monotonic() + seconds
-        while process.poll() is None and time.monotonic() < deadline:
-            if found := condition():
-                return found
-            time.sleep(0.005)
-        raise AssertionError(process.communicate())
 
     def processes(self, mark: str) -> list[int]:
         """Running processes whose environment or command line has the mark: ours, and what they started."""
@@ -150,14 +132,3 @@ def whole(command: str, tmp_path_factory: pytest.TempPathFactory) -> str:
     made = tools.generate(tools.many, tools.where / "out")
     assert made.returncode == 0, made.stderr
     return tools.root(tools.where / "out")
-
-
-@pytest.fixture
-def ending() -> Iterator[Callable[[subprocess.Popen[str]], None]]:
-    """Processes that are ended with the test, whatever happens."""
-    started: list[subprocess.Popen[str]] = []
-    yield started.append
-    for process in started:
-        if process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-        process.communicate()

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
-import signal
-import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +11,7 @@ from helpers.tiny import TEN_SHARDS as TEN
 import ibdata
 from ibdata import IbdataError
 from ibdata.cli import main
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import self_check
 from ibdata.experiment.plan import plan
 from ibdata.generation import make_shard
@@ -25,8 +20,7 @@ from ibdata.system import part as parts
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _one_processor(monkeypatch):
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
 
 
@@ -123,15 +117,6 @@ def test_nothing_is_made_twice(monkeypatch, plain):
     assert make("1/2")[0].missing == 0
 
 
-def test_a_plain_run_goes_on_with_ranges(plain, files):
-    """`generate --resume` goes on with what ranges have made, and a range with what a plain run has."""
-    make("2/3")
-    with pytest.raises(UsageError, match="holds an unfinished run; --resume to go on with it"):
-        ibdata.generate(TEN, "out", workers=1)
-    ibdata.generate(TEN, "out", workers=1, resume=True)
-    assert is_right("out", plain.path, files)
-
-
 # --- what finalizing refuses
 
 
@@ -148,32 +133,6 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     assert contents() == before
     make("1/3", "2/3", "3/3")
     assert ibdata.validate(ibdata.finalize("out").path) == []
-
-
-@pytest.mark.parametrize(
-    ("found", "error"), [("nothing", UsageError), ("file", UsageError), ("foreign", DatasetError)]
-)
-def test_where_no_run_was_begun_nothing_is_finished(found, error):
-    """`finalize` of a place without a run is an error of one line."""
-    if found == "file":
-        Path("out").write_text("mine")
-    if found == "foreign":
-        Path("out").mkdir()
-        Path("out/notes.txt").write_text("mine")
-    before = contents()
-    with pytest.raises(error, match=r"^out: (holds no run to finish; begin one with|no finished dataset)"):
-        ibdata.finalize("out")
-    assert contents() == before
-
-
-def test_finalize_does_not_replace_a_folder():
-    """A folder that appears at the place while ranges run stays, and `finalize` names it."""
-    make("1/1")
-    Path("out").mkdir()
-    Path("out/notes.txt").write_text("mine")
-    with pytest.raises(UsageError, match=r"^out: exists already"):
-        ibdata.finalize("out")
-    assert Path("out/notes.txt").read_text() == "mine"
 
 
 # --- one origin
@@ -197,39 +156,6 @@ def test_a_machine_with_other_bits_is_refused(monkeypatch, capsys, change):
     monkeypatch.setattr(self_check, *change)
     make("2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
-
-
-def test_another_experiment_is_refused():
-    """A range of another experiment, or one beside another dataset, changes nothing."""
-    make("1/2")
-    ibdata.generate(TEN, "done", seed=1, workers=1)
-    before = contents()
-    for out, line in (("out", "unfinished run of another experiment"), ("done", "dataset of another exp")):
-        with pytest.raises(UsageError, match=f"^{out}: holds the {line}|^{out}: holds an {line}"):
-            ibdata.generate(TEN, out, shards="2/2", seed=2, workers=1)
-    assert contents() == before
-
-
-POLICY = "class Still:\n    def predict(self, observations):\n        return observations[:, :3] * {}\n"
-
-
-@pytest.mark.slow
-def test_custom_policies_are_the_same_on_all_hosts():
-    """A range needs consent for custom code, and the code with which the run began."""
-    Path("still.py").write_text(POLICY.format("0"))
-    custom = {**TEN.plain(), "policies": [{"kind": "custom", "target": "still:Still"}]}
-    Path("mine.yaml").write_text(json.dumps(custom))
-    with pytest.raises(UsageError, match="--allow-code"):
-        ibdata.generate("mine.yaml", "out", shards="1/2", workers=1)
-    for text in ("1/2", "2/2"):
-        ibdata.generate("mine.yaml", "out", shards=text, workers=1, allow_code=True)
-    Path("still.py").write_text(POLICY.format("0.0"))
-    with pytest.raises(UsageError, match=r"^out: holds an unfinished run with other code, in still:Still; "):
-        ibdata.generate("mine.yaml", "out", shards="2/2", workers=1, allow_code=True)
-    Path("still.py").unlink()
-    made = ibdata.finalize("out").manifest
-    assert made["reproducible"] == "same-environment"
-    assert [code["target"] for code in made["code"]] == ["still:Still"]
 
 
 # --- at the same time
@@ -276,30 +202,6 @@ def test_a_range_that_fails_leaves_the_shards_of_others(interleaved, monkeypatch
     assert receipts("out") == [f"0000{i}.npy" for i in range(5)]
     make("2/2")
     assert ibdata.validate(ibdata.finalize("out").path) == []
-
-
-@pytest.mark.slow
-def test_of_three_processes_one_is_killed(start, command, tmp_path):
-    """Three hosts at once, of which one is killed and started again, make the dataset of a plain run."""
-    many = {**TEN.plain(), "name": "many", "setpoints": [20, 50, 70], "episodes": 40, "steps": 1000}
-    Path("many.yaml").write_text(json.dumps({**many, "output": {"shard_rows": 1000}}))
-    runs = [start(f"{i}/3") for i in (1, 2, 3)]
-    second = f"{Range(2, 3).of(plan(ibdata.load('many.yaml')))[1].number:05d}.npy"
-    deadline = time.monotonic() + 120
-    while second not in receipts("out") and time.monotonic() < deadline:
-        time.sleep(0.005)
-    runs[1].send_signal(signal.SIGKILL)
-    assert runs[1].wait() == -signal.SIGKILL
-    runs[1] = start("2/3")
-    said = [run.communicate(timeout=200) for run in runs]
-    assert [run.returncode for run in runs] == [0, 0, 0], said
-    assert all(re.match(r"out: part ./3 is complete: 40 shards with 40,000 rows\n", out) for out, _ in said)
-    done = subprocess.run(
-        [command, "finalize", "out", "--json"], capture_output=True, timeout=200, check=True
-    )
-    plain = ibdata.generate("many.yaml", "plain", workers=1)
-    assert json.loads(done.stdout)["content_root"] == plain.content_root
-    assert ibdata.validate("out") == []
 
 
 @pytest.mark.parametrize(

@@ -62,10 +62,3 @@ def test_declared_files_do_not_change_the_cells():
         )
         assert [cell.digest for cell in declared.cells] == [cell.digest for cell in plain.cells]
         assert ("files" in str(declared.plain()), "files" in str(plain.plain())) == (True, False)
-
-
-def test_an_experiment_is_equal_wherever_it_was_loaded(here):
-    """The folder of the YAML file is known, and is no part of the experiment."""
-    loaded = ibdata.load("own.yaml")
-    assert loaded.folder == loaded.model_copy(update={"seed": 1}).folder == here
-    assert loaded == Experiment.model_validate(PLAIN)

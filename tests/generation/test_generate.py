@@ -15,11 +15,6 @@ from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.generation.engine import ENGINES, select_engine
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def test_an_experiment_has_several_forms():
     """An experiment, its mapping and its file, by a relative or an absolute path, make one dataset."""
     Path("tiny.yaml").write_text(json.dumps(TINY.plain()))
@@ -44,13 +39,6 @@ def test_a_seed_replaces_that_of_the_experiment():
     assert made[0].content_root == made[1].content_root
     assert made[0].content_root != ibdata.generate(TINY, "c", workers=1).content_root
     assert ibdata.load("a/meta/experiment.yaml") == other
-
-
-def test_a_dataset_is_made_again_from_its_experiment(files):
-    """The experiment in a dataset makes the same files again."""
-    ibdata.generate(TINY, "first", workers=1)
-    ibdata.generate("first/meta/experiment.yaml", "again", workers=1)
-    assert files("first") == files("again")
 
 
 def test_what_is_made_is_what_the_yaml_gives():
@@ -105,13 +93,3 @@ def test_the_command_offers_all_engines():
 
     (option,) = (parameter for parameter in command.params if parameter.name == "engine")
     assert list(option.type.choices) == list(ENGINES)
-
-
-@pytest.mark.parametrize("progress", [True, False, None])
-def test_progress_goes_to_stderr_if_wanted(capfd, progress):
-    """A bar is shown on stderr when asked for, and nothing is said on stdout."""
-    ibdata.generate(TINY, "out", workers=1, progress=progress)
-    said = capfd.readouterr()
-    assert said.out == ""
-    assert bool(said.err) == bool(progress)
-    assert ("20" in said.err and "transitions" in said.err) == bool(progress)

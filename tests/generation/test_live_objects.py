@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import Interrupted, UsageError
 
 
 class Mine:
@@ -19,9 +19,8 @@ class Mine:
 
 
 @pytest.fixture
-def plain(tmp_path, monkeypatch):
+def plain():
     """An experiment with two objects, of which one is the base of another policy, and a function."""
-    monkeypatch.chdir(tmp_path)
     wrapped = {"kind": "epsilon_greedy", "base": Mine(-0.5), "epsilon": 0.0}
     policies = [Mine(0.5), wrapped, lambda observations: 0.0 * observations[:, 1:4], "random"]
     return {"name": "x", "setpoints": [20, 70], "steps": 3, "policies": policies}
@@ -60,6 +59,17 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
         call(plain)
 
 
+def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
+    """What such a run has finished is of no use to another session."""
+
+    def stop(*args):
+        raise Interrupted(2)
+
+    monkeypatch.setattr("ibdata.generation.run.finish", stop)
+    with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
+        ibdata.generate(plain, "out")
+
+
 def test_repair_refuses_to_make_its_shards(plain, shard_file):
     made = ibdata.generate(plain, "out")
     (made.path / shard_file("out", 0)).unlink()
@@ -67,7 +77,7 @@ def test_repair_refuses_to_make_its_shards(plain, shard_file):
         ibdata.repair("out", allow_code=True)
 
 
-def test_a_second_run_is_another_experiment_and_an_experiment_keeps_its_objects(plain):
+def test_a_second_run_is_another_experiment(plain):
     ibdata.generate(plain, "out")
     with pytest.raises(UsageError, match="out: holds the dataset of another experiment; --overwrite"):
         ibdata.generate(plain, "out")

@@ -9,7 +9,7 @@ from helpers import networks
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError
+from ibdata.errors import IbdataError
 from ibdata.experiment import load
 from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
@@ -26,12 +26,11 @@ output: {shard_rows: 12}
 
 
 @pytest.fixture
-def learned(tmp_path, monkeypatch):
+def learned(tmp_path):
     """An experiment whose weights are beside its YAML file, in another folder than the current one."""
     (tmp_path / "given").mkdir()
     (tmp_path / "given" / "actor.safetensors").write_bytes(networks.weights())
     (tmp_path / "given" / "learned.yaml").write_text(YAML)
-    monkeypatch.chdir(tmp_path)
     return tmp_path / "given" / "learned.yaml"
 
 
@@ -78,19 +77,6 @@ def test_a_dataset_is_made_and_checked_without_the_user_s_file(made, elsewhere):
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
 
 
-def test_lost_weights_are_named_and_can_be_copied_back(made, elsewhere):
-    """Weights cannot be made again; the error names the file that is to be copied back."""
-    (path,) = (made.path / "meta").glob("policy-*.safetensors")
-    content = path.read_bytes()
-    path.unlink()
-    elsewhere()
-    assert "file: found no file" in str(ibdata.validate(made.path)[0])
-    with pytest.raises(DatasetError, match="weights cannot be made again; copy the file with the SHA-256"):
-        ibdata.repair(made.path)
-    path.write_bytes(content)
-    assert ibdata.validate(made.path) == []
-
-
 def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
     """The part of a run holds the weights, so that `finalize` works where the user's file is gone."""
     for i in (1, 2):
@@ -122,14 +108,6 @@ def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
     assert len(list((both.path / "meta").glob("policy-*.safetensors"))) == 2
     elsewhere()
     assert ibdata.validate(both.path) == []
-
-
-def test_a_replaced_dataset_loses_its_weights(made, learned):
-    """After --overwrite, only the weights of the new dataset are there."""
-    (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
-    ibdata.generate(learned, made.path, workers=1, overwrite=True)
-    (path,) = made.path.rglob("policy-*.safetensors")
-    assert path.read_bytes() == networks.weights(seed=1)
 
 
 @pytest.mark.slow

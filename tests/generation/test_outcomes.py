@@ -10,7 +10,8 @@ from helpers.folders import contents, is_right, part_of
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.dataset import manifest
+from ibdata.errors import IbdataError, UsageError
 from ibdata.generation import make_shard
 from ibdata.generation.estimate import estimate
 
@@ -34,11 +35,43 @@ def replacing():
     Path("aside").rename(part_of("out"))
 
 
+def dataset(experiment=TINY):
+    ibdata.generate(experiment, "out", workers=1)
+
+
+def with_file(path):
+    """A dataset, in which a file has been replaced or added."""
+    return lambda: (dataset(), Path("out", path).write_text("mine"))
+
+
+def without(path):
+    return lambda: (dataset(), Path("out", path).unlink())
+
+
+def foreign():
+    Path("out").mkdir()
+    Path("out/notes.txt").write_text("mine")
+
+
+def linked():
+    dataset()
+    Path("out").rename("elsewhere")
+    Path("out").symlink_to("elsewhere")
+
+
 STATES = {
     "nothing": lambda: None,
     "an empty folder": lambda: Path("out").mkdir(),
-    "the dataset": lambda: ibdata.generate(TINY, "out", workers=1),
-    "another dataset": lambda: ibdata.generate(OTHER, "out", workers=1),
+    "a file": lambda: Path("out").write_text("mine"),
+    "a folder": foreign,
+    "the dataset": dataset,
+    "a link to it": linked,
+    "with a report": with_file(manifest.REPORT),
+    "with a note": with_file("notes.txt"),
+    "with another manifest": with_file(manifest.PATH),
+    "without a manifest": without(manifest.PATH),
+    "without its experiment": without(manifest.EXPERIMENT),
+    "another dataset": lambda: dataset(OTHER),
     "begun": begun,
     "begun in vain": without_a_shard,
     "another begun": lambda: begun(OTHER),
@@ -47,10 +80,23 @@ STATES = {
 REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
 BEGUN = "out: holds an unfinished run; --resume to go on with it"
 ANOTHER = "out: holds an unfinished run of another experiment; --overwrite to start again, or choose another"
+FILE = "out: is a file, not a folder; choose another --out"
+FOREIGN = "out: not a dataset of ibdata, left as it is; choose another --out"
+DAMAGED = "out: not a dataset of ibdata, left as it is ("
+NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
+LOST = "out/meta/experiment.yaml: missing; run ibdata repair "
 OUTCOMES = {  # without options, with --resume, with --overwrite
     "nothing": ("made", "made", "made"),
     "an empty folder": ("made", "made", "made"),
+    "a file": (FILE, FILE, FILE),
+    "a folder": (FOREIGN, FOREIGN, FOREIGN),
     "the dataset": ("there", "there", "replaced"),
+    "a link to it": ("there", "there", "replaced"),
+    "with a report": ("there", "there", "replaced"),
+    "with a note": ("there", "there", NOTE),
+    "with another manifest": (DAMAGED, DAMAGED, DAMAGED),
+    "without a manifest": (FOREIGN, FOREIGN, FOREIGN),
+    "without its experiment": (LOST, LOST, "replaced"),
     "another dataset": (REPLACE, REPLACE, "replaced"),
     "begun": (BEGUN, "goes on", "goes on"),
     "begun in vain": ("made", "made", "made"),
@@ -78,11 +124,6 @@ CASES = [
         strict=True,
     )
 ]
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -115,30 +156,33 @@ def made(monkeypatch):
     return numbers
 
 
+def preview(**options):
+    """What a preview says that `generate` would do."""
+    try:
+        return estimate(TINY, "out", workers=1, **options)["folder"]
+    except IbdataError as error:
+        return str(error)
+
+
 @pytest.mark.parametrize(("state", "options", "outcome"), CASES)
 def test_each_state_has_one_outcome(states, plain, made, files, capsys, state, options, outcome):
     """A run makes, replaces, resumes or refuses, as the table and a preview say, and leaves nothing else."""
-    shutil.copytree(states / state, ".", dirs_exist_ok=True)
+    shutil.copytree(states / state, ".", symlinks=True, dirs_exist_ok=True)
     before = contents()
-    refused = outcome not in SHARDS
-    if refused and outcome == ANOTHER and options:  # no other option of the command would help
-        with pytest.raises(UsageError, match="unfinished run of another experiment"):
-            estimate(TINY, "out", workers=1, **options)
-    else:
-        said = estimate(TINY, "out", workers=1, **options)["folder"]
-        assert (
-            said.startswith(f"generate would stop with: {outcome}") if refused else said == PREVIEWS[outcome]
-        )
+    said = preview(**options)
     assert contents() == before
-    if refused:
-        with pytest.raises(UsageError) as error:
+    if outcome not in SHARDS:
+        with pytest.raises(IbdataError) as error:
             ibdata.generate(TINY, "out", workers=1, **options)
-        assert str(error.value).startswith(outcome)
-        assert (error.value.exit_code, made, contents()) == (2, [], before)
+        assert outcome in str(error.value)
+        assert outcome in said
+        assert error.value.exit_code == (3 if outcome == LOST else 2)
+        assert (made, contents()) == ([], before)
         return
+    assert said == PREVIEWS[outcome]
     ibdata.generate(TINY, "out", workers=1, **options)
     assert len(made) == SHARDS[outcome]
-    assert is_right("out", plain.path, files)
+    assert outcome == "there" or is_right("out", plain.path, files)
     assert capsys.readouterr().err == SAID.get(outcome, "")
     assert (contents() == before) == (outcome == "there")
 
@@ -156,15 +200,6 @@ def test_a_finished_dataset_needs_no_writing(plain, monkeypatch, resume):
     monkeypatch.setattr("ibdata.generation.run.locked_part", None)
     shutil.copytree(plain.path, "out")
     assert ibdata.generate(TINY, "out", workers=1, resume=resume).content_root == plain.content_root
-
-
-def test_a_merged_dataset_is_another_one():
-    """`generate` over a merged dataset is refused, since no single experiment makes it."""
-    ibdata.generate(TINY, "a", workers=1)
-    ibdata.generate(OTHER, "b", workers=1)
-    ibdata.merge(["a", "b"], "out")
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
-        ibdata.generate(TINY, "out", workers=1, resume=True)
 
 
 def test_a_damaged_shard_of_a_part_is_made_again(plain, made, files):

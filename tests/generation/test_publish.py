@@ -14,7 +14,6 @@ from helpers.tiny import FOUR_SHARDS as TINY
 import ibdata
 from ibdata.errors import BusyError
 from ibdata.system import part
-from ibdata.system.exchange import exchanged
 from ibdata.system.files import write
 
 OTHER = TINY.model_copy(update={"seed": 1})
@@ -24,16 +23,9 @@ class Killed(BaseException):
     """Stands for a SIGKILL: no code of ibdata handles it."""
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("made")
-    return [ibdata.generate(each, folder / str(each.seed), workers=1) for each in (TINY, OTHER)]
-
-
 @pytest.fixture(autouse=True)
-def _beside_a_dataset(made, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(made[1].path, "out")
+def _beside_a_dataset(tiny):
+    shutil.copytree(tiny[1].path, "out")
 
 
 @pytest.fixture(params=[True, False], ids=["exchange", "renames"])
@@ -46,28 +38,6 @@ def exchange(request, monkeypatch):
 
 def replace(experiment=TINY):
     return ibdata.generate(experiment, "out", workers=1, overwrite=True)
-
-
-def test_replacing_leaves_the_new_dataset_only(made, files, exchange):
-    """After --overwrite, the folder holds the new dataset and nothing else, and no part is beside it."""
-    replace()
-    assert is_right("out", made[0].path, files)
-    assert os.listdir() == ["out"]
-
-
-def test_the_old_dataset_is_whole_until_the_exchange(made, files, monkeypatch):
-    """While the new dataset is made, and until both change places, the old one is there as it was."""
-    seen = []
-
-    def looking(a, b):
-        seen.append(files("out") == files(made[1].path))
-        done = exchanged(a, b)
-        seen.append(files("out") == files(made[0].path))
-        return done
-
-    monkeypatch.setattr(part, "exchanged", looking)
-    replace()
-    assert seen == [True, True]
 
 
 def test_no_two_runs_give_a_file_the_same_name():
@@ -124,22 +94,12 @@ def test_an_edited_card_is_kept_beside_the_new_one(exchange, capsys):
     assert ibdata.validate("out") == []
 
 
-def test_a_report_goes_with_the_dataset_that_it_describes():
-    """report.html is made by `ibdata card`, and does not describe the new dataset."""
-    Path("out/report.html").write_text("old")
-    replace()
-    assert not Path("out/report.html").exists()
-
-
 # --- killed while publishing
 
 
-def kill_at(monkeypatch, where):
-    """Let a run that replaces the dataset be killed at a place."""
+def kill_between_renames(monkeypatch):
+    """Let a run that replaces the dataset be killed where the folders cannot be exchanged."""
     calls, rename = iter(range(9)), Path.rename
-
-    def killed(*_):
-        raise Killed
 
     def second(path, target):
         if target == Path("out").resolve() and next(calls) == 0:
@@ -147,13 +107,8 @@ def kill_at(monkeypatch, where):
         return rename(path, target)
 
     with monkeypatch.context() as patched:
-        if where == "before the exchange":
-            patched.setattr(part, "exchanged", killed)
-        elif where == "between two renames":
-            patched.setattr(part, "exchanged", lambda a, b: False)
-            patched.setattr(Path, "rename", second)
-        else:
-            patched.setattr(part.Part, "clear", killed)
+        patched.setattr(part, "exchanged", lambda a, b: False)
+        patched.setattr(Path, "rename", second)
         with pytest.raises(Killed):
             replace()
 
@@ -168,42 +123,12 @@ NEXT = {
 
 
 @pytest.mark.parametrize("then", NEXT.values(), ids=NEXT)
-def test_a_kill_between_two_renames_is_settled(made, files, monkeypatch, then):
+def test_a_kill_between_two_renames_is_settled(tiny, files, monkeypatch, then):
     """Where the folders cannot be exchanged, whoever comes next gives the new dataset its name."""
-    kill_at(monkeypatch, "between two renames")
+    kill_between_renames(monkeypatch)
     assert not Path("out").exists()
     then()
-    assert is_right("out", made[0].path, files)
-
-
-@pytest.mark.parametrize("then", [NEXT["plain"], NEXT["finalize"]], ids=["generate", "finalize"])
-def test_a_kill_after_the_exchange_leaves_the_new_dataset(made, files, monkeypatch, then):
-    """A run that was killed before it removed its part has published its dataset, which is read as ever."""
-    shutil.rmtree("out")
-
-    def killed(self):
-        if Path("out").exists():
-            raise Killed
-        real(self)
-
-    real = part.Part.clear
-    with monkeypatch.context() as patched:
-        patched.setattr(part.Part, "clear", killed)
-        with pytest.raises(Killed):
-            ibdata.generate(TINY, "out", workers=1)
-    assert part_of("out").exists()
-    assert files("out") == files(made[0].path)
-    then()
-    assert files("out") == files(made[0].path)
-
-
-def test_a_kill_before_the_exchange_leaves_the_old_dataset(made, files, monkeypatch):
-    """A run that was killed before the exchange is gone on with, and makes no shard again."""
-    kill_at(monkeypatch, "before the exchange")
-    assert files("out") == files(made[1].path)
-    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
-    replace()
-    assert is_right("out", made[0].path, files)
+    assert is_right("out", tiny[0].path, files)
 
 
 # --- on the disk

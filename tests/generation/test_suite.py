@@ -15,11 +15,6 @@ from ibdata.experiment import suites
 PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 @pytest.fixture
 def two():
     folder = Path("two")
@@ -43,26 +38,17 @@ def test_a_shipped_suite_makes_valid_datasets(suite):
         assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
 
 
-def test_depeweg_has_a_training_and_a_test_set():
-    """The batch of Depeweg et al. is split by episode, seven to three."""
-    dataset = ibdata.generate("depeweg", workers=1, overrides=["steps=20"])
-    assert ibdata.validate(dataset.path) == []
-    rows = {name: len(dataset.to_pandas(["reward"], split=name)) for name in ("train", "test")}
-    assert rows == {"train": 10 * 7 * 20, "test": 10 * 3 * 20}
-
-
-def test_the_siemens_sets_have_a_validation_set():
-    """A tenth of the episodes is for validation; the rows are those of a set without splits."""
-    dataset = ibdata.generate("siemens-offline/bad-20", workers=1, overrides={"steps": 5})
-    assert {name: split["episodes"] for name, split in dataset.splits.items()} == {
-        "train": 90,
-        "validation": 10,
-    }
-    assert set(dataset.to_pandas(["episode"], split="validation")["episode"]) == set(range(90, 100))
-    plain = ibdata.generate(
-        "siemens-offline/bad-20", "plain", workers=1, overrides={"steps": 5, "splits": {}}
-    )
-    assert (plain.splits, plain.content_root) == ({}, dataset.content_root)
+@pytest.mark.parametrize(
+    ("name", "episodes"),
+    [("depeweg", {"train": 70, "test": 30}), ("siemens-offline/bad-20", {"train": 90, "validation": 10})],
+)
+def test_a_shipped_set_is_split_by_episode(name, episodes):
+    """The rows are those of a set without splits."""
+    made = ibdata.generate(name, workers=1, overrides={"steps": 5})
+    assert {name: split["episodes"] for name, split in made.splits.items()} == episodes
+    assert ibdata.validate(made.path) == []
+    plain = ibdata.generate(name, "plain", workers=1, overrides={"steps": 5, "splits": {}})
+    assert (plain.splits, plain.content_root) == ({}, made.content_root)
 
 
 def test_each_experiment_is_made_as_alone(two):
@@ -71,12 +57,7 @@ def test_each_experiment_is_made_as_alone(two):
     alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)
     assert made["b"].path == Path("out/b")
     assert made["b"].content_root == alone.content_root
-
-
-def test_a_single_experiment_is_made_where_generate_makes_it(two):
-    """A single experiment of a folder goes to data/<name>, or to the place itself."""
     assert ibdata.generate(two / "a.yaml", workers=1).path == Path("data/set-a")
-    assert ibdata.generate(two / "a.yaml", "out", workers=1).path == Path("out")
 
 
 def test_all_are_checked_before_the_first_is_made(two):

@@ -7,9 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -25,16 +23,6 @@ from ibdata.generation.workers import divide
 from ibdata.policies.custom import Custom
 
 slow = pytest.mark.slow  # a process starts in more than a second
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
-
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def spec_of(rows):
@@ -65,7 +53,7 @@ def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked
     assert divide(spec, spec.shards, asked) == expected
 
 
-def test_several_threads_make_the_files_of_one(plain, files, monkeypatch):
+def test_several_threads_make_the_files_of_one(tiny, files, monkeypatch):
     """On several processors, one process makes several shards at once, and their files are the same."""
     running, most, real = set(), [], make_shard.make_shard
 
@@ -79,15 +67,15 @@ def test_several_threads_make_the_files_of_one(plain, files, monkeypatch):
     monkeypatch.setattr(workers, "make_shard", counted)
     ibdata.generate(TINY, "several")
     assert max(most) > 1
-    assert is_right("several", plain.path, files)
+    assert is_right("several", tiny[0].path, files)
 
 
 @slow
 @pytest.mark.parametrize("number", [2, 3])
-def test_worker_processes_make_the_files_of_one(plain, files, number):
+def test_worker_processes_make_the_files_of_one(tiny, files, number):
     """Several worker processes make the files of a run in one."""
     ibdata.generate(TINY, "out", workers=number)
-    assert is_right("out", plain.path, files)
+    assert is_right("out", tiny[0].path, files)
 
 
 SCRIPT = f"""
@@ -106,7 +94,7 @@ WAYS = {
 
 @slow
 @pytest.mark.parametrize("way", WAYS)
-def test_a_script_needs_no_guard(plain, way):
+def test_a_script_needs_no_guard(tiny, way):
     """Code without `if __name__ == "__main__"` runs once with several workers, and loads no reader."""
     for path in ("plain.py", "package/module.py", "package/__main__.py"):
         Path(path).parent.mkdir(exist_ok=True)
@@ -115,19 +103,7 @@ def test_a_script_needs_no_guard(plain, way):
     child = subprocess.run(
         [sys.executable, "-W", "error", *WAYS[way]], input=given, capture_output=True, text=True, timeout=120
     )
-    assert (child.stdout, child.stderr) == (f"{plain.content_root}\n\n", "")
-
-
-@slow
-def test_a_daemonic_process_may_use_workers(plain):
-    """A process that multiprocessing allows no children, such as a loader's, may generate too."""
-    begin = "process = multiprocessing.get_context('fork').Process(target=main, daemon=True)"
-    body = textwrap.indent(SCRIPT, "    ")
-    Path("d.py").write_text(
-        f"import multiprocessing\ndef main():{body}\n{begin}\nprocess.start()\nprocess.join()"
-    )
-    child = subprocess.run([sys.executable, "d.py"], capture_output=True, text=True, timeout=120)
-    assert (child.stdout, child.stderr) == (f"{plain.content_root}\n\n", "")
+    assert (child.stdout, child.stderr) == (f"{tiny[0].content_root}\n\n", "")
 
 
 # --- a policy by which workers fail
@@ -219,27 +195,6 @@ def is_running(pid):
         return False
 
 
-@slow
-def test_workers_write_nothing_after_the_caller_failed(monkeypatch):
-    """An exception in the caller ends workers that are in the middle of shards."""
-
-    @contextmanager
-    def broken(*args):
-        def fail(units):
-            if units:
-                raise KeyboardInterrupt
-
-        yield fail
-
-    long = {**TINY.plain(), "steps": 5000, "output": {"shard_rows": 1}}
-    monkeypatch.setattr("ibdata.generation.run.bar", broken)
-    with pytest.raises(KeyboardInterrupt):
-        ibdata.generate(long, "out", workers=2)
-    left = contents()
-    time.sleep(0.5)
-    assert contents() == left
-
-
 def test_a_system_that_starts_no_worker_says_so(monkeypatch):
     """A process that cannot be started is an error of one line."""
 
@@ -261,7 +216,7 @@ ibdata.generate(experiment | {"policies": ["random"]}, "../again", workers=2)
 
 
 @slow
-def test_files_in_the_folder_of_a_dataset_do_not_run(plain, tmp_path):
+def test_files_in_the_folder_of_a_dataset_do_not_run(tiny, tmp_path):
     """Workers that are started in a folder import nothing from it, whatever its files are called."""
     (tmp_path / "script.py").write_text(REPAIR)
     made = ibdata.generate(TINY, "theirs", workers=1).path
@@ -272,31 +227,3 @@ def test_files_in_the_folder_of_a_dataset_do_not_run(plain, tmp_path):
     child = python(tmp_path / "script.py", cwd=made)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
-
-
-BEGIN = """
-import time
-import ibdata
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.worker import Worker
-experiment = ibdata.load({"name": "x", "setpoints": 70, "policies": ["random"]})
-worker = Worker(DatasetSpec.of(experiment))
-print(worker._process.pid, flush=True)
-time.sleep(600)
-"""
-
-
-@slow
-@pytest.mark.parametrize("after", [0.0, 0.3], ids=["importing", "waiting"])
-def test_a_worker_ends_with_its_parent(after):
-    """However the parent ends, and while the worker still imports."""
-    parent = subprocess.Popen([sys.executable, "-c", BEGIN], stdout=subprocess.PIPE, text=True)
-    process = int(parent.stdout.readline())
-    time.sleep(after)
-    parent.kill()
-    parent.wait()
-    parent.stdout.close()
-    until = time.monotonic() + 60
-    while is_running(process) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not is_running(process)

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pytest
 
 import ibdata
+from helpers.tiny import FOUR_SHARDS
 from ibdata import Dataset, Experiment
 from ibdata.writing.arrow import STATISTICS
 
@@ -70,6 +71,13 @@ def declared(describe) -> Experiment:
 @pytest.fixture(scope="session")
 def dataset(declared, tmp_path_factory) -> Dataset:
     return ibdata.generate(declared, tmp_path_factory.mktemp("dataset") / "small", workers=1)
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory) -> list[Dataset]:
+    """The datasets of FOUR_SHARDS of the seeds 0 and 1."""
+    folder = tmp_path_factory.mktemp("tiny")
+    return [ibdata.generate(FOUR_SHARDS, folder / str(seed), seed=seed, workers=1) for seed in (0, 1)]
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,8 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-FULL = os.environ.get("IBDATA_TESTS") == "full"
+from levels import FULL
+
 TIMEOUT = 60  # seconds until a run counts as hanging, and is killed by SIGALRM
 TINY = "name: t\nsetpoints: 50\npolicies: [random, safe]\nepisodes: 2\nsteps: 3\noutput: {shard_rows: 3}\n"
 

@@ -22,3 +22,12 @@ PLAIN = {
     "output": {"shard_rows": 40},
     "splits": {"source": {"setpoint": 20}},
 }
+MANY = {  # for splits
+    "name": "many",
+    "setpoints": [10.0, 30.0, 50.0, 75.0, 90.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 5,
+    "steps": 4,
+    "output": {"shard_rows": 40},
+    "splits": {"low": {"setpoint": [10, 30], "overlap": True}},
+}

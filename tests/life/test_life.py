@@ -39,12 +39,9 @@ def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
     return st.runner().flatmap(found)
 
 
-ANYWHERE = places(bool)
-HOLDS, EMPTY, PART, MINE = (
-    lambda place: place.holds, lambda place: not place.holds, lambda place: place.part,
-    lambda place: place.note or place.file,
-)  # fmt: skip
-DATASETS, OTHERS, PARTS_LEFT = places(HOLDS), places(EMPTY), places(PART)
+HOLDS, EMPTY = (lambda place: place.holds), (lambda place: not place.holds)
+PART, MINE = (lambda place: place.part), (lambda place: place.note or place.file)
+ANYWHERE, DATASETS, OTHERS, PARTS_LEFT = map(places, (bool, HOLDS, EMPTY, PART))
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
 OPTIONS = st.sampled_from(
     [(), ("--resume",), ("--overwrite",), ("--overwrite",), ("--resume", "--overwrite")]

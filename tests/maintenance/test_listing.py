@@ -18,7 +18,7 @@ EXPERIMENT = Experiment.model_validate(
 )
 
 
-def test_finished_unfinished_and_damaged_datasets_are_found_and_nothing_else(made_at, tmp_path, monkeypatch):
+def test_datasets_of_every_state_are_found(made_at, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = made_at(EXPERIMENT, "data/set/b")
     made_at(EXPERIMENT, "data/damaged")

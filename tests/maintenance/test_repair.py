@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.folders import contents
 from helpers.forging import seal
 from helpers.networks import weights
 from helpers.tiny import PLAIN
@@ -27,10 +27,6 @@ from ibdata.validation.validate import validate
 FILES = ["shard 0", "shard 3", "meta/dataset.json", "meta/episodes.parquet", "meta/statistics.json"]
 FILES += [manifest.EXPERIMENT]
 HOWS = ["missing", "cut", "flipped"] * 2  # one for each file
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def damage(path: Path, how: str) -> None:
@@ -50,19 +46,12 @@ def rewritten(path: Path, change: Callable[[pa.Table], pa.Table] = lambda table:
 @pytest.mark.parametrize(("what", "how"), list(zip(FILES, HOWS, strict=True)), ids=FILES)
 def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
     before, path = contents(copied), file(what)
+    (copied / path).chmod(0o640)
     damage(copied / path, how)
     assert repair(copied, workers=1) == [path]
     assert contents(copied) == before
+    assert how == "missing" or stat.S_IMODE((copied / path).stat().st_mode) == 0o640
     assert validate(copied) == []
-
-
-def test_several_files_are_made_again_at_once(copied, file):
-    before, paths = contents(copied), [file(what) for what in FILES]
-    for path in paths:
-        damage(copied / path, "missing")
-    assert sorted(repair(copied, workers=1)) == sorted(paths)
-    assert contents(copied) == before
-    assert os.listdir(copied.parent) == [copied.name]
 
 
 def test_a_whole_dataset_is_left_alone_and_may_be_read_only(copied):
@@ -77,7 +66,7 @@ def test_a_whole_dataset_is_left_alone_and_may_be_read_only(copied):
             path.chmod(0o755)
 
 
-def test_other_bytes_with_the_content_that_is_listed_only_change_the_manifest(copied, file, monkeypatch):
+def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monkeypatch):
     """As after a repair that was killed before it wrote the manifest."""
     monkeypatch.setattr("ibdata.maintenance.repair.run", None)  # nothing is simulated
     path = file("shard 1")
@@ -86,7 +75,7 @@ def test_other_bytes_with_the_content_that_is_listed_only_change_the_manifest(co
     assert [problem.rule for problem in validate(copied)] == ["hash"]
     assert repair(copied, workers=1) == [path]
     after = contents(copied)
-    assert {name for name in after if after[name] != before[name]} == {manifest.PATH}
+    assert {name for name in after if after[name] != before[name]} == {str(copied / manifest.PATH)}
     assert ibdata.open(copied).content_root == root
     assert validate(copied) == []
 
@@ -130,21 +119,6 @@ def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys, how):
     assert validate(copied) == []
 
 
-def test_mode_of_a_file_is_kept(copied, file):
-    for path in (file("shard 0"), "meta/statistics.json"):
-        (copied / path).chmod(0o640)
-        damage(copied / path, "cut")
-        assert repair(copied, workers=1) == [path]
-        assert stat.S_IMODE((copied / path).stat().st_mode) == 0o640
-
-
-def test_card_and_report_are_not_repaired(copied):
-    (copied / manifest.CARD).write_text("mine")
-    (copied / manifest.REPORT).write_text("mine")
-    assert repair(copied, workers=1) == []
-    assert validate(copied) == []
-
-
 def test_lost_weights_are_named_with_their_hash(tmp_path):
     (tmp_path / "x.safetensors").write_bytes(weights())
     network = {"kind": "network", "file": str(tmp_path / "x.safetensors")}
@@ -172,24 +146,7 @@ def test_without_a_manifest_the_dataset_can_be_generated_again(copied, made, tmp
     assert again.content_root == made.content_root
 
 
-def test_there_is_nothing_to_repair_where_no_dataset_is(tmp_path):
-    with pytest.raises(DatasetError, match=r"no finished dataset here: meta/manifest\.json is missing$"):
-        repair(tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_made_again_with_other_content_changes_nothing(copied, file):
-    """The manifest is of another seed than the rows."""
-    seal(copied, lambda listed: listed["experiments"][0].update(seed=1))
-    damage(copied / file("shard 0"), "cut")
-    before = contents(copied)
-    with pytest.raises(DatasetError, match="found other content when made again"):
-        repair(copied, workers=1)
-    assert contents(copied) == before
-    assert os.listdir(copied.parent) == [copied.name]
-
-
-def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copied, monkeypatch):
+def test_metadata_are_made_again_from_the_rows(copied, monkeypatch):
     """As on a machine with other bits, or with a custom policy that was changed since."""
     monkeypatch.setattr("ibdata.maintenance.repair.run", None)
     before = contents(copied)
@@ -199,7 +156,7 @@ def test_metadata_are_made_again_from_the_rows_and_never_from_a_simulation(copie
         assert contents(copied) == before
 
 
-def test_metadata_are_not_made_from_rows_that_fit_their_hash_but_not_their_digest(copied, file):
+def test_metadata_are_not_made_from_other_rows(copied, file):
     whole = (copied / file("shard 1")).read_bytes()
     rewritten(copied / file("shard 1"), lambda t: t.set_column(9, t.schema.field(9), t.column(10)))
     seal(copied)
@@ -209,18 +166,37 @@ def test_metadata_are_not_made_from_rows_that_fit_their_hash_but_not_their_diges
     assert validate(copied) == []
 
 
-def test_a_forged_plan_is_named_although_every_file_is_as_listed(copied):
-    seal(copied, lambda listed: listed["experiments"][0].update(steps=21))
-    with pytest.raises(DatasetError, match=r"experiments: .* see ibdata validate"):
-        repair(copied, workers=1)
+def of_another_seed(folder: Path) -> None:
+    seal(folder, lambda listed: listed["experiments"][0].update(seed=1))
+    damage(next((folder / "data").iterdir()), "cut")
 
 
-@pytest.mark.parametrize("name", ["data/part-00009.parquet", "data/.part-00000-aaaaaaaa.parquet"])
-def test_what_is_not_the_datasets_is_named_and_stays(copied, name):
-    (copied / name).write_bytes(b"mine")
-    with pytest.raises(UsageError, match=f"{re.escape(name)}: found a file that the manifest does not list"):
+def with_a_stranger(name: str) -> Callable[[Path], object]:
+    return lambda folder: (folder / name).write_bytes(b"mine")
+
+
+OTHERS = "found a file that the manifest does not list; move it away, then repair"
+REFUSED = {
+    "no dataset": (lambda d: [p.unlink() for p in d.rglob("*.*")], DatasetError, "no finished dataset here"),
+    "other content": (of_another_seed, DatasetError, "found other content when made again"),
+    "forged plan": (
+        lambda d: seal(d, lambda listed: listed["experiments"][0].update(steps=21)),
+        DatasetError,
+        "experiments: .* see ibdata validate",
+    ),
+    "stranger": (with_a_stranger("data/part-00009.parquet"), UsageError, OTHERS),
+    "hidden": (with_a_stranger("data/.part-00000-aaaaaaaa.parquet"), UsageError, OTHERS),
+}
+
+
+@pytest.mark.parametrize(("prepare", "error", "line"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_repaired_is_named_and_stays(copied, prepare, error, line):
+    prepare(copied)
+    before = contents(copied)
+    with pytest.raises(error, match=line):
         repair(copied, workers=1)
-    assert (copied / name).read_bytes() == b"mine"
+    assert contents(copied) == before
+    assert os.listdir(copied.parent) == [copied.name]
 
 
 def test_another_writer_is_waited_for_by_nobody(copied, file):

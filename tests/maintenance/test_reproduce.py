@@ -59,7 +59,7 @@ def test_a_difference_is_named(made, tmp_path, change, line):
 
 
 @pytest.mark.parametrize("damage", ["write", "remove"])
-def test_reproduce_names_the_file_of_its_episodes_that_is_changed_or_missing(copied, shard_file, damage):
+def test_reproduce_names_a_changed_or_missing_file(copied, shard_file, damage):
     path = shard_file(copied, 1)
     (copied / path).write_bytes(b"garbage") if damage == "write" else (copied / path).unlink()
     count, problems = reproduce(copied)

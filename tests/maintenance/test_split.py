@@ -8,43 +8,27 @@ from itertools import combinations
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from helpers.tiny import MANY
 
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import split_schemes
 from ibdata.maintenance import split_options
-from ibdata.maintenance.repair import repair
 from ibdata.system.part import locked_part
 
-SETPOINTS = [10.0, 30.0, 50.0, 75.0, 90.0]
+SETPOINTS = MANY["setpoints"]
 
 
 @pytest.fixture(scope="module")
 def experiment():
-    return Experiment.model_validate(
-        {
-            "name": "many",
-            "setpoints": SETPOINTS,
-            "policies": [{"kind": "random"}, {"kind": "safe"}],
-            "episodes": 5,
-            "steps": 4,
-            "output": {"shard_rows": 40},
-            "splits": {"low": {"setpoint": [10, 30], "overlap": True}},
-        }
-    )
+    return Experiment.model_validate(MANY)
 
 
 @pytest.fixture
 def made(made_at, experiment, tmp_path):
     return made_at(experiment, tmp_path / "many")
-
-
-@pytest.fixture(scope="module")
-def unchanged(made_at, experiment, tmp_path_factory):
-    """A dataset that no test changes."""
-    return made_at(experiment, tmp_path_factory.mktemp("unchanged") / "many")
 
 
 def members(dataset, name):
@@ -83,14 +67,6 @@ CASES = {
         {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1, 2}),
          "target-rest": ({75.0}, BOTH, {3, 4})},
     ),
-    "all shots": (
-        {"source": [50], "target": [75], "shots": 5},
-        {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, ALL)},
-    ),
-    "distance": (
-        {"scheme": "distance", "source": [50], "within": 25},
-        {"source": ({50.0}, BOTH, ALL), "near": ({30.0, 75.0}, BOTH, ALL), "far": ({10.0, 90.0}, BOTH, ALL)},
-    ),
     "episode": (
         {"by": "episode", "fractions": (0.6, 0.2, 0.2)},
         {"train": (set(SETPOINTS), BOTH, {0, 1, 2}), "validation": (set(SETPOINTS), BOTH, {3}),
@@ -115,7 +91,7 @@ def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expecte
     assert ibdata.validate(made.path) == []
 
 
-def test_close_setpoints_have_folds_of_their_own_and_are_told_apart(made_at, experiment, tmp_path):
+def test_close_setpoints_are_told_apart(made_at, experiment, tmp_path):
     close = {**experiment.plain(), "setpoints": [50.0000001, 50.0000002, 60.0], "splits": {}}
     made = made_at(close, tmp_path / "close")
     split = ibdata.split(made.path, scheme="leave-one-out")
@@ -153,7 +129,7 @@ def test_a_dataset_that_is_written_or_was_replaced_is_not_split(made, experiment
     assert list(ibdata.split(made.path, by="policy").splits) == ["low", "random", "safe"]
 
 
-def test_a_labelled_split_is_read_by_every_reader_and_no_other_row(made):
+def test_a_labelled_split_is_read_and_no_other_row(made):
     split = ibdata.split(made.path, source=[50], target=[75], shots=2)
     frame = split.to_pandas()
     expected = frame[frame["episode"].isin(members(split, "target"))]
@@ -172,7 +148,7 @@ def test_a_labelled_split_is_read_by_every_reader_and_no_other_row(made):
     assert split.statistics("target")["reward"]["mean"] == pytest.approx(expected["reward"].mean())
 
 
-def test_splits_that_were_made_together_with_replaced_ones_are_removed(made):
+def test_splits_made_together_are_replaced_together(made):
     """Else a rest of the earlier scheme would share episodes with the new splits."""
     ibdata.split(made.path, by="policy")
     kept = set(ibdata.open(made.path).splits)
@@ -186,16 +162,7 @@ def test_splits_that_were_made_together_with_replaced_ones_are_removed(made):
     assert "validation" not in found
 
 
-def test_splits_add_up_and_one_of_the_same_name_is_replaced(made):
-    ibdata.split(made.path, by="policy")
-    ibdata.split(made.path, source=[50], target=[75])
-    split = ibdata.split(made.path, source=[10], target=[90])
-    assert list(split.splits) == ["low", "random", "safe", "source", "target"]
-    assert conditions(split, "source")[0] == {10.0}
-    assert ibdata.validate(made.path) == []
-
-
-def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, tmp_path):
+def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
     ibdata.split(made.path, by="policy")
     copy = ibdata.split(made.path, source=[50], target=[75], shots=2, materialize=tmp_path / "copy")
     assert copy.content_root == made.content_root
@@ -211,79 +178,6 @@ def test_a_materialized_copy_has_the_same_root_and_splits_of_whole_files(made, t
     assert ibdata.reproduce(copy.path) == (50, [])
     again = ibdata.generate(copy.path / "meta/experiment.yaml", tmp_path / "again", workers=1)
     assert [s["content"] for s in again.manifest["shards"]] == [s["content"] for s in copy.manifest["shards"]]
-
-
-def test_the_labels_that_are_there_can_be_materialized_by_themselves(made, tmp_path):
-    ibdata.split(made.path, by="policy")
-    copy = ibdata.split(made.path, None, materialize=tmp_path / "copy")
-    assert copy.splits["safe"]["declared"]
-
-
-@pytest.mark.parametrize(
-    ("call", "line"),
-    [
-        ({"source": [50], "target": [50]}, "found 50 as source and target, expected different"),
-        ({"source": [50]}, "found none as source and target"),
-        ({"source": [50], "target": [70]}, "found setpoint 70, expected one of 10, 30, 50, 75, 90"),
-        (
-            {"source": [50], "target": [75], "shots": 6},
-            "found a budget of 6 episodes, expected at most 5, the episodes of each policy at",
-        ),
-        ({"source": [50], "target": [75], "shots": 0}, "found 0 shots, expected at least 1"),
-        (
-            {"source": [50], "target": [75], "transitions": 3},
-            "found 3 transitions, expected at least 4, those of an episode",
-        ),
-        ({"source": [50], "target": [75], "shots": 1, "transitions": 9}, "expected one of them"),
-        ({"scheme": "distance", "source": [50]}, "needs both --source and --within"),
-        ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
-        ({"scheme": "nearest"}, "found the scheme 'nearest', expected one of transfer"),
-        ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
-        ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
-        ({"by": "episode", "fractions": (1.1, -0.1)}, "found fractions 1.1, -0.1"),
-        ({"by": "episode", "fractions": 0.8}, "found fractions 0.8, expected 2 or 3"),
-        ({"by": "colour"}, "found 'colour', expected by setpoint, episode or policy"),
-        ({"by": None}, "found nothing, expected by setpoint"),
-        ({}, "found nothing, expected by setpoint"),
-        ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
-        (
-            {"by": "policy", "scheme": "transfer"},
-            "found --scheme, but a split by policy uses no other option",
-        ),
-        ({"by": "episode", "shots": 1}, "found --shots, but a split by episode uses only --fractions"),
-        (
-            {"source": [50], "fractions": (0.5, 0.5)},
-            "found --fractions, but the scheme transfer uses only --source",
-        ),
-        ({"scheme": "leave-one-out", "target": [50]}, "but the scheme leave-one-out uses no other option"),
-        (
-            {"scheme": "distance", "source": [50], "within": 25, "shots": 1},
-            "found --shots, but the scheme distance uses only --source, --within",
-        ),
-        ({"by": "policy", "prefix": "No"}, "found the name 'No-random', expected at most 64 of a-z"),
-        (
-            {"by": "policy", "names": {"saef": "x"}},
-            "found 'saef' to be renamed, expected one of random, safe; did",
-        ),
-        ({"by": "policy", "names": {"safe": "random"}}, "found one name for two splits"),
-        ({"prefix": "a"}, "found nothing, expected by setpoint"),
-        ({"remove": ["x"], "prefix": "a"}, "found a name or a prefix, but no splits to make"),
-        ({"remove": ["x"]}, "found 'x' to be removed, expected no name: no splits were made later"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused_and_changes_nothing(unchanged, call, line):
-    before = files_below(unchanged.path)
-    with pytest.raises(UsageError, match=r"^split: ") as error:
-        ibdata.split(unchanged.path, **call)
-    assert line in str(error.value)
-    assert files_below(unchanged.path) == before
-
-
-def test_a_name_of_a_declared_split_is_refused(made_at, experiment, tmp_path):
-    plain = {**experiment.plain(), "splits": {"train": {"setpoint": [10.0]}}}
-    made_at(plain, tmp_path / "x")
-    with pytest.raises(UsageError, match="train is a declared split"):
-        ibdata.split(tmp_path / "x", scheme="interpolation")
 
 
 def test_the_budget_is_that_of_the_target_in_a_merged_dataset(tmp_path):
@@ -303,7 +197,7 @@ def test_the_budget_is_that_of_the_target_in_a_merged_dataset(tmp_path):
         ibdata.split(made.path, source=[50], target=[75], shots=3)
 
 
-def test_several_schemes_live_together_under_names_of_their_own(made, shard_file, tmp_path):
+def test_several_schemes_live_together_under_names_of_their_own(made, tmp_path):
     ibdata.split(made.path, source=[50], target=[75], shots=2, prefix="near")
     ibdata.split(made.path, source=[50], target=[90], names={"source": "at-50", "target": "at-90"})
     split = ibdata.split(made.path, by="episode", fractions=(0.6, 0.4), prefix="x", names={"test": "last"})
@@ -312,13 +206,6 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
     assert conditions(split, "near-target") == ({75.0}, BOTH, {0, 1})
     assert conditions(split, "last") == (set(SETPOINTS), BOTH, {3, 4})
     assert ibdata.validate(made.path) == []
-    for file in ("meta/statistics.json", shard_file(made.path, 1)):
-        path = made.path / file
-        whole = path.read_bytes()
-        path.write_bytes(whole[: len(whole) // 2])
-        assert repair(made.path, workers=1) == [file]
-        assert path.read_bytes() == whole
-    assert ibdata.reproduce(made.path) == (50, [])
     other = {**ibdata.load(made.path / "meta/experiment.yaml").plain(), "seed": 1}
     ibdata.generate(Experiment.model_validate(other), tmp_path / "other", workers=1)
     merged = ibdata.merge([made.path, tmp_path / "other"], tmp_path / "both")
@@ -328,7 +215,7 @@ def test_several_schemes_live_together_under_names_of_their_own(made, shard_file
     assert ibdata.validate(merged.path) == []
 
 
-def test_a_declared_split_and_a_later_one_live_together_in_labels_and_in_files(made_at, experiment, tmp_path):
+def test_declared_and_later_splits_live_together(made_at, experiment, tmp_path):
     plain = {**experiment.plain(), "splits": {"source": {"setpoint": 50}, "target": {"setpoint": 75}}}
     made = made_at(plain, tmp_path / "x")
     with pytest.raises(UsageError, match=r"source is a declared split, .* with --prefix or --name"):
@@ -354,22 +241,7 @@ def test_later_splits_are_removed_and_others_made_in_one_go(made, tmp_path):
     assert ibdata.validate(made.path) == []
 
 
-def test_one_setpoint_and_one_name_need_no_list(made):
-    assert ibdata.split(made.path, source=50, target=np.int64(75)).splits.keys() > {"source", "target"}
-    assert "source" not in ibdata.split(made.path, remove="source").splits
-
-
 def test_every_scheme_has_a_function_with_its_options():
     for scheme, options in split_options.SCHEMES.items():
         taken = signature(split_schemes.SCHEMES[scheme]).parameters
         assert tuple(taken) == ("spec", *options)
-
-
-def test_rows_that_are_not_those_listed_are_not_copied(made, shard_file, tmp_path):
-    path = made.path / shard_file(made.path, 1)
-    table = pq.read_table(path)
-    pq.write_table(table.take(list(range(len(table)))[::-1]), path)
-    before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(DatasetError, match="found other content than it lists; see ibdata validate"):
-        ibdata.split(made.path, by="policy", materialize=tmp_path / "copy")
-    assert sorted(tmp_path.rglob("*")) == before

@@ -45,7 +45,7 @@ def test_the_compilers_settings_do_not_change_the_data(row, matrix, check):
     check(matrix.result(row), row)
 
 
-def test_the_interpreted_run_writes_the_files_of_the_compiled_one(matrix):
+def test_the_interpreted_run_writes_the_same_files(matrix):
     results = [matrix.result(Row(name, **ROWS[name]))["results"] for name in (INTERPRETED, "numba on, tiny")]
     assert results[0] == results[1]
 

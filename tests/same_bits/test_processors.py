@@ -47,7 +47,7 @@ def test_numpy_has_features_to_turn_off():
 
 
 @pytest.mark.parametrize("name", NUMPY)
-def test_turning_numpys_features_off_changes_what_numpy_itself_computes(name, matrix, unmodified):
+def test_features_turned_off_change_what_numpy_computes(name, matrix, unmodified):
     """Without this the rows show nothing. Of AVX-512 there is nothing to turn off where it is missing."""
     facts = matrix.result(Row(name, **NUMPY[name]))["facts"]
     assert facts["numpy on"] == [x for x in DISPATCHED if x not in NUMPY[name]["spec"]["expect"]["off"]]

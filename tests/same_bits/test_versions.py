@@ -60,7 +60,7 @@ def test_the_lowest_versions_make_the_same_data(matrix, lowest, check):
     check(result, lowest)
 
 
-def test_the_lowest_and_the_pinned_versions_find_each_others_datasets_valid(matrix, lowest, unmodified):
+def test_lowest_and_pinned_versions_validate_each_other(matrix, lowest, unmodified):
     names = matrix.result(lowest)["results"]
     for maker, python in ((UNMODIFIED, lowest.python), (lowest, sys.executable)):
         for name in names:

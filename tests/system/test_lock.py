@@ -18,7 +18,6 @@ from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.errors import BusyError, IbdataError
-from ibdata.generation import make_shard
 from ibdata.maintenance.card import card
 from ibdata.system import part as parts
 from ibdata.system.lock import locked
@@ -40,16 +39,10 @@ WRITERS = {
 NO_LOCKS = [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK] * 3  # one for each writer
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("made")
-    return [ibdata.generate(each, folder / str(each.seed), workers=1).path for each in (TINY, OTHER)]
-
-
 @pytest.fixture(autouse=True)
-def _beside_two_datasets(made, tmp_path, monkeypatch):
+def _beside_two_datasets(tiny, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name, path in zip("abc", [*made, made[0]], strict=True):
+    for name, path in zip("abc", [tiny[0].path, tiny[1].path, tiny[0].path], strict=True):
         shutil.copytree(path, name)
     next(Path("c/data").iterdir()).write_bytes(b"")  # for `repair`
     monkeypatch.setattr(parts, "PATIENCE", 0.05)
@@ -148,25 +141,6 @@ def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
 
     monkeypatch.setattr(origin, "warm_up", slow)
     assert ibdata.generate(TINY, "new", shards="1/2", workers=1).missing == 0
-
-
-@pytest.mark.parametrize("shards", [0, 1])
-def test_a_part_is_hidden_and_removed_with_its_lock(monkeypatch, shards):
-    """A part is beside the dataset while it is made, and stays only if a shard is finished."""
-    real, seen = make_shard.make_shard, []
-
-    def failing(spec, shard, *rest):
-        seen.append(os.listdir("deep"))
-        if len(seen) > shards:
-            raise OSError(28, "No space left on device")
-        real(spec, shard, *rest)
-
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)
-    monkeypatch.setattr("ibdata.generation.workers.make_shard", failing)
-    with pytest.raises(IbdataError, match="No space left"):
-        ibdata.generate(TINY, "deep/new", workers=1)
-    assert seen[0] == [".new.part"]
-    assert Path("deep").exists() == bool(shards)
 
 
 def test_refusals_of_the_system_name_the_place():

@@ -92,12 +92,6 @@ def test_linux_exchanges_folders(tmp_path):
     assert [path.name for name in ("a", "b") for path in (tmp_path / name).iterdir()] == ["of-b", "of-a"]
 
 
-def test_a_system_without_either_call_exchanges_nothing(monkeypatch, tmp_path):
-    """A C library with neither call is no error."""
-    monkeypatch.setattr(ctypes, "CDLL", lambda name, use_errno: object())
-    assert not exchanged(tmp_path / "a", tmp_path / "b")
-
-
 def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
     """Where no room can be reserved, a file that is too large for the disk is still refused."""
     monkeypatch.delattr(os, "posix_fallocate")

@@ -82,12 +82,6 @@ def test_an_error_made_of_the_signal_does_not_hide_it():
         work()
 
 
-def test_other_errors_stay_as_they_are():
-    """Without a signal, errors pass."""
-    with pytest.raises(OSError, match="full"), stoppable():
-        raise OSError("full")
-
-
 def test_a_signal_that_is_ignored_stays_so():
     """Under nohup, SIGHUP is ignored, and a run goes on."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -110,21 +104,3 @@ def test_other_threads_install_no_handlers():
     thread.start()
     thread.join()
     assert found == [signal.getsignal(signal.SIGTERM)]
-
-
-def test_a_signal_while_handlers_are_installed_leaves_none(monkeypatch):
-    """A signal that arrives after the first of three handlers is installed restores all."""
-    install, installed = signal.signal, []
-
-    def installing(number, handler):
-        before = install(number, handler)
-        installed.append(number)
-        if len(installed) == 1:
-            arrive(number)
-        return before
-
-    with monkeypatch.context() as late:
-        late.setattr(signal, "signal", installing)
-        with pytest.raises(Interrupted), stoppable():
-            pass
-    assert len(installed) == 1 + 2 * len(STOPPING)

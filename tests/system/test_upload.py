@@ -29,11 +29,6 @@ def cache(url, tmp_path, monkeypatch):
     return folder
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    return ibdata.generate(TINY, tmp_path_factory.mktemp("plain") / "out", workers=1)
-
-
 def interrupted(monkeypatch, url, puts, torn=False):
     """An upload that ends after so many files, perhaps with a part of the next one."""
     calls = iter(range(puts))
@@ -53,13 +48,13 @@ def interrupted(monkeypatch, url, puts, torn=False):
             made(url)
 
 
-def test_the_same_files_are_there_as_in_a_folder(url, plain, cache, files):
+def test_the_same_files_are_there_as_in_a_folder(url, tiny, cache, files):
     """A dataset at a URL has the files of one in a folder, and nothing stays on this machine."""
     dataset = made(url)
-    assert files("there") == files(plain.path)
+    assert files("there") == files(tiny[0].path)
     assert len(files("there")) == FILES
-    assert dataset.table().equals(plain.table())
-    assert (dataset.place, dataset.content_root) == (url, plain.content_root)
+    assert dataset.table().equals(tiny[0].table())
+    assert (dataset.place, dataset.content_root) == (url, tiny[0].content_root)
     assert not contents(cache)
 
 
@@ -77,7 +72,7 @@ def test_the_manifest_is_uploaded_last(url, monkeypatch):
 
 
 @pytest.mark.parametrize(("puts", "torn"), list(itertools.product((0, 1, 7, FILES - 1), (False, True))))
-def test_a_broken_upload_is_repeated(url, plain, monkeypatch, files, puts, torn, capsys):
+def test_a_broken_upload_is_repeated(url, tiny, monkeypatch, files, puts, torn, capsys):
     """An upload that failed is refused without --resume, and repeated in full with it."""
     interrupted(monkeypatch, url, puts, torn)
     before = contents("there")
@@ -87,7 +82,7 @@ def test_a_broken_upload_is_repeated(url, plain, monkeypatch, files, puts, torn,
         assert contents("there") == before
     monkeypatch.setattr("ibdata.generation.workers.make_shard", None)  # no shard is made again
     made(url, resume=True)
-    assert files("there") == files(plain.path)
+    assert files("there") == files(tiny[0].path)
     assert ibdata.validate(url) == []
     assert capsys.readouterr().err == ""
 
@@ -106,7 +101,7 @@ def test_another_experiment_is_refused(url, monkeypatch):
 
 @pytest.mark.parametrize("path", ["notes.txt", "meta/own.json", "data/own.parquet"])
 @pytest.mark.parametrize("begun", [False, True])
-def test_other_files_are_named_and_left_alone(url, plain, monkeypatch, files, path, begun):
+def test_other_files_are_named_and_left_alone(url, tiny, monkeypatch, files, path, begun):
     """Files that no upload of this machine has put are refused, also with --resume."""
     if begun:
         interrupted(monkeypatch, url, 4)
@@ -119,7 +114,7 @@ def test_other_files_are_named_and_left_alone(url, plain, monkeypatch, files, pa
     assert contents("there") == before
     Path("there", path).unlink()
     made(url, resume=True)
-    assert files("there") == files(plain.path)
+    assert files("there") == files(tiny[0].path)
 
 
 @pytest.mark.parametrize("options", [{}, {"resume": True}])
@@ -137,7 +132,7 @@ def test_a_dataset_at_a_url_is_not_replaced(url):
         ibdata.generate(TINY, dataset.place, workers=1, seed=1, overwrite=True)
 
 
-def test_a_signal_stops_an_upload(url, plain, monkeypatch, files):
+def test_a_signal_stops_an_upload(url, tiny, monkeypatch, files):
     """A signal ends an upload between two files, and --resume repeats it."""
 
     def stopping(self, source, path):
@@ -150,7 +145,7 @@ def test_a_signal_stops_an_upload(url, plain, monkeypatch, files):
             made(url)
     assert len(files("there")) == 1
     made(url, resume=True)
-    assert files("there") == files(plain.path)
+    assert files("there") == files(tiny[0].path)
 
 
 def test_a_url_inside_a_dataset_is_refused(url, tmp_path):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 import shutil
 import sys
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -85,14 +85,6 @@ def everything_in(dataset):
     return dataset.info, dataset.episodes, dataset.table()
 
 
-def test_threads_may_read_one_dataset(url):
-    """A dataset at a URL that several threads read at once gives each all rows."""
-    dataset = made(url)
-    with ThreadPoolExecutor(8) as threads:
-        tables = [threads.submit(dataset.table) for _ in range(24)]
-    assert {len(table.result()) for table in tables} == {20}
-
-
 @pytest.mark.slow
 def test_another_process_may_read_a_dataset(url):
     """A dataset at a URL can be pickled, as for the workers of a data loader."""
@@ -101,23 +93,6 @@ def test_another_process_may_read_a_dataset(url):
         table = pool.submit(Dataset.table, dataset).result()
     assert table.equals(dataset.table())
     assert pickle.loads(pickle.dumps(dataset)).place == url
-
-
-def test_the_scheme_of_a_url_may_be_in_capitals(url):
-    """The scheme of a URL has no case."""
-    made(url)
-    assert len(ibdata.open(url.replace("file", "FILE", 1))) > 0
-
-
-@pytest.mark.parametrize(("mark", "code"), [("#", "%23"), ("?", "%3F")])
-def test_a_part_that_would_be_passed_over_is_refused(mark, code, url):
-    """pyarrow passes over # and ?, so that another place would be read; the error says how to write them."""
-    made(url)
-    line = rf"/there\{mark}x: found \{mark}, .*; expected {code} where it belongs"
-    with pytest.raises(UsageError, match=line):
-        ibdata.open(f"{url}{mark}x")
-    made(f"{url}{code}x")
-    assert Path(f"there{mark}x/data").is_dir()
 
 
 # --- credentials
@@ -232,29 +207,3 @@ def test_functions_that_take_no_url_say_so(url):
     with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; make"):
         ibdata.merge([url, url], "merged")
     assert contents() == before
-
-
-COMMANDS = {
-    "split": ("split", "here", "--by", "policy", "--materialize"),
-    "export": ("export", "here", "--to", "npz", "--out"),
-    "merge": ("merge", "here", "here", "--out"),
-    "plot": ("plot", "here", "--out"),
-    "figure": ("figure", "landscape", "--out"),
-    "init": ("init",),
-    "card": ("card",),
-    "repair": ("repair",),
-    "reproduce": ("reproduce",),
-    "diff": ("diff", "here"),
-    "ls": ("ls",),
-}
-
-
-@pytest.mark.parametrize("args", COMMANDS.values(), ids=COMMANDS)
-def test_commands_that_take_no_url_say_so(args, tmp_path, monkeypatch, capsys):
-    """Commands that need a path refuse a URL in one line without credentials, and write nothing."""
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main([*args, "s3://user:secret@bucket/name"])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err == "s3://…@bucket/name: found a URL, expected a path on this machine\n"
-    assert contents() == {}

@@ -15,18 +15,12 @@ import pytest
 from helpers.datasets import AS_WRITTEN
 from helpers.forging import seal
 
-import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError
 from ibdata.maintenance.repair import repair
 from ibdata.validation.rows import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.metadata import as_json
-
-
-@pytest.fixture
-def copied(dataset, tmp_path) -> Path:
-    return Path(shutil.copytree(dataset.path, tmp_path / "copied"))
 
 
 @pytest.fixture
@@ -151,7 +145,7 @@ def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what, quick):
 
 
 @pytest.mark.slow
-def test_a_dataset_of_symbolic_links_is_valid_and_there_is_nothing_to_repair(copied, ibdata, tmp_path):
+def test_a_dataset_of_symbolic_links_is_valid(copied, ibdata, tmp_path):
     """As Hugging Face's cache, DVC and git-annex keep what was downloaded."""
     blobs = tmp_path / "blobs"
     blobs.mkdir()
@@ -192,17 +186,7 @@ def test_statistics_that_are_not_those_of_the_rows_are_named(copied, sign, key, 
     assert f"reward: {key}: found " in problem.message
 
 
-@pytest.mark.parametrize("key", ["rows", "episodes", "shards"])
-def test_counts_that_are_not_those_of_the_episodes_are_named(copied, sign, key):
-    path = copied / "meta/dataset.json"
-    info = json.loads(path.read_bytes())
-    info["counts"][key] += 1
-    path.write_text(json.dumps(info))
-    sign(copied, "meta/dataset.json")
-    assert [(p.path, p.rule) for p in validate(copied)] == [("meta/dataset.json", "counts")]
-
-
-def test_a_content_root_that_is_not_that_of_the_episodes_is_named(copied):
+def test_another_content_root_is_named(copied):
     listed = json.loads((copied / manifest.PATH).read_bytes())
     listed["content_root"] = "0" * 64
     listed["checksum"] = manifest.checksum(listed)
@@ -222,14 +206,8 @@ def test_many_broken_rows_are_one_problem_that_counts_them(copied, shard, sign):
     )
 
 
-def test_validating_never_imports_what_a_config_names(copied, monkeypatch):
-    """A dataset says nothing that is run: only ibdata's own modules are there."""
-    assert validate(copied) == []
-    assert ibdata.open(copied).manifest["experiments"][0]["name"] == "small"
-
-
 @pytest.mark.parametrize("name", [".part-00000-aaaaaaaa.parquet", ".Part.PARQUET", ".h/part.parquet", ".h"])
-def test_hidden_parquet_and_folders_in_data_are_problems_for_some_readers_take_them(copied, shard, name):
+def test_hidden_parquet_and_folders_in_data_are_named(copied, shard, name):
     path = copied / "data" / name
     if name == ".h":
         path.mkdir()
@@ -242,7 +220,7 @@ def test_hidden_parquet_and_folders_in_data_are_problems_for_some_readers_take_t
     assert "that the manifest does not list; move it away" in problem.message
 
 
-def test_a_dataset_that_is_replaced_while_it_is_read_is_said_to_be_busy(copied, monkeypatch):
+def test_a_dataset_that_is_replaced_meanwhile_is_busy(copied, monkeypatch):
     def replacing(*arguments):
         seal(copied, lambda listed: listed.update(versions={"ibdata": "another"}))
         return check_shard(*arguments)

@@ -34,7 +34,7 @@ def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
     assert sorted(files(dataset.path)) == sorted(["README.md", *shards, *META])
 
 
-def test_the_manifest_lists_data_and_metadata_with_size_and_hash(either):
+def test_the_manifest_lists_all_files_with_size_and_hash(either):
     listed = {file["path"]: file for file in either.manifest["files"]}
     found = files(either.path)
     assert set(listed) == set(found) - {"README.md", "meta/manifest.json", "meta/splits.json"}
@@ -43,7 +43,7 @@ def test_the_manifest_lists_data_and_metadata_with_size_and_hash(either):
         assert (file["bytes"], file["sha256"]) == (len(data), hashlib.sha256(data).hexdigest()), name
 
 
-def test_the_checksum_of_the_manifest_is_that_of_its_sorted_json(dataset):
+def test_the_checksum_is_that_of_the_sorted_manifest(dataset):
     manifest = read(dataset, "meta/manifest.json")
     stated = manifest.pop("checksum")
     assert hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest() == stated
@@ -62,7 +62,7 @@ def test_the_manifest_counts_the_rows_with_a_clipped_action(large):
     assert large.manifest["clipped_actions"] == (np.abs(actions) == 1.0).any(axis=0).sum() > 0
 
 
-def test_the_shards_of_the_manifest_are_whole_episodes_cut_where_splits_begin(dataset, plain_digests):
+def test_shards_are_whole_episodes_cut_where_splits_begin(dataset, plain_digests):
     shards = dataset.manifest["shards"]
     assert [tuple(shard["episodes"]) for shard in shards] == SHARDS
     assert sum(shard["rows"] for shard in shards) == dataset.manifest["rows"] == 480
@@ -86,14 +86,6 @@ def test_info_describes_counts_and_columns(dataset):
     table = dataset.table()
     assert [column["name"] for column in info["columns"]] == table.column_names
     assert list(info["columns"][0]) == ["name", "role", "dtype", "unit", "low", "high", "description"]
-
-
-def test_the_file_of_splits_counts_the_declared_ones(dataset, moving):
-    assert read(dataset, "meta/splits.json") == {
-        "source": {"episodes": 6, "rows": 240, "declared": True},
-        "target": {"episodes": 4, "rows": 160, "declared": True},
-    }
-    assert read(moving, "meta/splits.json") == {}
 
 
 def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
@@ -152,17 +144,7 @@ def test_stats_are_those_of_the_rows(request, name):
                 assert np.all(np.array(strictly) < np.array(probabilities) + 0.01)
 
 
-@pytest.mark.parametrize("name", ["dataset", "moving", "large"])
-def test_the_stored_experiment_is_the_one_that_made_the_dataset(request, declared, name):
-    dataset = request.getfixturevalue(name)
-    stored = ibdata.load(dataset.path / "meta/experiment.yaml")
-    assert [cell.digest.hex() for cell in stored.cells] == list(dict.fromkeys(dataset.episodes["cell"]))
-    assert stored.rows == len(dataset)
-    if name == "dataset":
-        assert stored == declared
-
-
-def test_the_card_opens_with_front_matter_that_names_the_files_of_every_split(dataset):
+def test_the_front_matter_names_the_files_of_every_split(dataset):
     opening, front, text = (dataset.path / "README.md").read_text().split("---\n", 2)
     matter = YAML(typ="safe", pure=True).load(front)
     assert opening == ""
@@ -200,13 +182,6 @@ def test_row_groups_have_at_most_a_hundred_thousand_rows(large):
     assert counts == [100_000, 20_000]
 
 
-def test_nothing_is_null_nor_may_be(either):
-    for path in (either.path / "data").iterdir():
-        table = pq.read_table(path)
-        assert not any(field.nullable for field in table.schema)
-        assert all(column.null_count == 0 for column in table.columns)
-
-
 def test_page_checksums_notice_every_flipped_bit_of_a_page(copied, shard_file):
     path = copied / shard_file(copied, 0)
     whole = path.read_bytes()
@@ -217,29 +192,3 @@ def test_page_checksums_notice_every_flipped_bit_of_a_page(copied, shard_file):
         path.write_bytes(whole[:position] + bytes([whole[position] ^ 1]) + whole[position + 1 :])
         with pytest.raises(OSError, match=r"CRC|crc|could not verify"):
             pq.read_table(path, page_checksum_verification=True)
-
-
-# --- what the rows say about each other
-
-
-def test_a_next_observation_is_the_next_observation_within_an_episode_only(either):
-    rows = either.to_pandas()
-    following = rows["episode"].to_numpy()[:-1] == rows["episode"].to_numpy()[1:]
-    observations = rows.filter(regex="^obs_").to_numpy()
-    after = rows.filter(regex="^next_obs_").to_numpy()
-    same = (after[:-1] == observations[1:]).all(axis=1)
-    assert same.tolist() == following.tolist()
-
-
-def test_the_reward_is_that_of_the_next_observation(either):
-    rows = either.to_pandas().astype({"reward": np.float64})
-    c, f = (rows[f"next_obs_{name}"].to_numpy(np.float64) for name in ("consumption", "fatigue"))
-    r = rows["reward"].to_numpy()
-    assert (np.abs(r + c + 3.0 * f) <= 2.0**-23 * (np.abs(c) + 3.0 * f + np.abs(r))).all()
-
-
-def test_only_the_last_row_of_an_episode_is_truncated_and_none_terminated(either):
-    rows = either.to_pandas(["episode", "step", "terminated", "truncated"])
-    assert not rows["terminated"].any()
-    assert rows["truncated"].tolist() == [step == 39 for step in rows["step"]]
-    assert rows.groupby("episode")["truncated"].sum().tolist() == [1] * 12

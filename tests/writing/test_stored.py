@@ -11,7 +11,7 @@ from ibdata.writing import stored
 PART = 400  # rows
 
 
-def test_no_more_rows_are_held_at_a_time_than_were_simulated_at_a_time(describe, tmp_path, monkeypatch):
+def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 10)
     monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", PART)
     made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)

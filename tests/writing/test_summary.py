@@ -96,7 +96,7 @@ def assert_moments(found, table):
         np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-6)
 
 
-def test_a_shard_whose_context_ends_with_an_error_leaves_nothing(made, tmp_path):
+def test_a_shard_that_ends_with_an_error_leaves_nothing(made, tmp_path):
     spec, whole = made
     (tmp_path / "data").mkdir()
 
