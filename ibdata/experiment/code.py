@@ -162,16 +162,17 @@ def _version(package: str) -> str | None:
     return version if isinstance(version, str) else None
 
 
-def found_again(spec: DatasetSpec, began: Sequence[Code]) -> list[Code]:
-    """A record's files as they are here, as far as they are found without importing anything."""
+def changed_here(spec: DatasetSpec, began: Sequence[Code]) -> list[str]:
+    """The files of a record that are other ones here, as far as they are found without importing anything."""
     beside = [Path(), *(Path(code.target.partition(":")[0]).parent for code in began)]
     folders = [*(place / each for place in places_of(spec) for each in beside), *map(Path, sys.path)]
-    files = {}
-    for name in _hashes(began):
-        paths = [folder / each for folder in folders for each in _files_of(name)]
-        if found := next(filter(Path.is_file, paths), None):
-            files[name] = file_sha256(found)
-    return [Code(target="", version=None, sha256=None, files=files)]
+    names = []
+    for name, recorded in _hashes(began).items():
+        paths = (folder / each for folder in folders for each in _files_of(name))
+        found = next(filter(Path.is_file, paths), None)
+        if found is not None and file_sha256(found) != recorded:
+            names.append(name)
+    return names
 
 
 def _files_of(name: str) -> list[str]:

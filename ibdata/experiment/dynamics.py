@@ -12,7 +12,7 @@ from ibdata.experiment.scalars import WHOLE, Real, by_form
 from ibdata.policies.base import FrozenModel
 
 
-class Overrides(FrozenModel):
+class ReplacedFields(FrozenModel):
     """Base of `CustomDynamics`, which adds an optional field for each field of `Variant`."""
 
     base: Literal["siemens", "paper"]
@@ -46,7 +46,7 @@ def _strict(hint: Any) -> Any:
 
 CustomDynamics = create_model(
     "CustomDynamics",
-    __base__=Overrides,
+    __base__=ReplacedFields,
     __doc__="A published variant with single fields replaced.",
     **{
         name: (

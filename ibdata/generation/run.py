@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed, customs, found_again
+from ibdata.experiment.code import changed_here, customs
 from ibdata.experiment.code import listed as names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -69,7 +69,7 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
     listed = present(target, place, experiment, overwrite)
     if listed is None:
         return False
-    names = changed(listed.code, found_again(DatasetSpec.of(experiment), listed.code))
+    names = changed_here(DatasetSpec.of(experiment), listed.code)
     if names and not resume:
         raise TakenError(
             f"{place}: holds the dataset of this experiment with other code, in {names_of(names)}; "

@@ -13,7 +13,7 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.code import changed, consented_spec, found_again
+from ibdata.experiment.code import changed_here, consented_spec
 from ibdata.experiment.code import listed as names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -60,7 +60,7 @@ def reproduce(
     problems = list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
     problems += changed_files(storage(path), listed, {listed.shards[part.number].path for part in asked})
-    names = changed(listed.code, found_again(spec, listed.code))
+    names = changed_here(spec, listed.code)
     if names:
         found = f"ibdata: {path}: was made with other code than is here, in {names_of(names)}"
         print(found, file=sys.stderr, flush=True)

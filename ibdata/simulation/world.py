@@ -16,7 +16,6 @@ from ibdata.numerics.random import Purpose, slots, uniforms
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
-from ibdata.simulation.start import Start, burn_in_steps, steerings
 
 Floats = npt.NDArray[np.float64]
 Float32s = npt.NDArray[np.float32]
@@ -24,6 +23,8 @@ Ints = npt.NDArray[np.int64]
 # (lanes, purpose, step, steps, slots) -> the integers (steps, slots, lanes) of `steps` steps from `step` on.
 # A lane is the number of one of the episodes that are simulated side by side.
 Draw = Callable[[Ints, Purpose, int, int, int], Raw]
+# "default": velocity, gain and shift 50 each; "uniform" on [0, 100]; or the fewest and the most random steps.
+Start = str | tuple[int, int]
 
 NO_RECORD = np.empty((0, 0, 0))
 NO_DRIFT = np.empty((0, DRIFT_SLOTS, 0), dtype=np.uint64)
@@ -86,7 +87,8 @@ class World:
         u = np.empty((n, 3))
         if self.start != "default":
             u = draw_uniforms(draw, lanes, Purpose.START, 0, 1, 3)[0]
-        state = initial_state(setpoints, *steerings(self.start, u), drifting=self.drifting)
+        v, g, h = (100.0 * u if self.start == "uniform" else np.full((n, 3), 50.0)).T
+        state = initial_state(setpoints, v, g, h, drifting=self.drifting)
         zeros = np.zeros((1, n, 3), dtype=np.float32)
         self.advance(state, zeros, *self.integers(draw, lanes, 0, 1))
         past = Past.of(state, history)
@@ -139,6 +141,15 @@ class World:
     ) -> None:
         """Advance every lane by actions (steps, n, 3), in place; see `kernel.simulate` for the arguments."""
         kernel.simulate(*state, actions, raw, drift, self.parameters, *past, record, rows, first)
+
+
+def burn_in_steps(fewest: int, most: int, u: Floats) -> Ints:
+    """Numbers of steps (n,) of the burn-in, uniform on fewest … most, from the first column of u (n, 3).
+
+    >>> burn_in_steps(15, 64, np.array([[0.0, 0, 0], [0.999, 0, 0]])).tolist()
+    [15, 64]
+    """
+    return fewest + np.floor((most - fewest + 1) * u[:, 0]).astype(np.int64)
 
 
 def draw_uniforms(draw: Draw, lanes: Ints, purpose: Purpose, step: int, steps: int, draws: int) -> Floats:

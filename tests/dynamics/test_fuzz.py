@@ -103,9 +103,7 @@ def noise_of(u):
     action=st.tuples(actions, actions, actions),
     u=st.lists(uniforms, min_size=12, max_size=12),
 )
-def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
-    variant, seed, walk, starts, drifting, action, u
-):
+def test_any_step_from_any_state_gives_a_valid_state(variant, seed, walk, starts, drifting, action, u):
     drawn = tape.draw(seed, walk, LANES)
     lanes = [np.full(LANES, x) for x in starts]
     state = tape.play(initial_state(*lanes, drifting=drifting), drawn, variant)[-1]
@@ -115,37 +113,13 @@ def test_any_step_from_any_state_of_a_random_walk_gives_a_valid_state(
     assert_followed(state, after)
 
 
-@pytest.mark.slow
-@variants
-@tries(60)
-@given(
-    starts=st.tuples(percents, percents, percents, percents),
-    action=st.tuples(actions, actions, actions),
-    u=st.lists(uniforms, min_size=12, max_size=12),
-)
-def test_the_same_extreme_step_over_and_over_stays_valid(variant, starts, action, u):
-    """Two lanes, one with a moving setpoint, and a noise that repeats itself for 40 steps."""
-    state = initial_state(*(np.full(2, x) for x in starts))
-    state.drift_left[1] = 0
-    noise, action = noise_of(np.tile(np.array(u)[:, None], 2)), np.tile(action, (2, 1))
-    for _ in range(40):
-        before, state = state, step(state, action, noise, variant)
-        assert_valid(state, variant)
-        assert_followed(before, state)
-
-
 @variants
 def test_the_tape_reaches_every_branch(variant):
     """Otherwise the tests that play it would prove less than they say."""
     s = tape.stack(tape.play(tape.start(32, "half"), tape.draw(2017, 300, 32), variant))
     drawn_anew = np.maximum(s.mu_v, s.mu_g) >= variant.alpha_threshold
     assert set(np.unique(s.direction)) == set(range(-6, 7))
-    assert {(d, r) for d, r in zip(s.domain.ravel(), s.response.ravel(), strict=True)} == {
-        (1, 1),
-        (1, -1),
-        (-1, 1),
-        (-1, -1),
-    }
+    assert len(set(zip(s.domain.ravel(), s.response.ravel(), strict=True))) == 4
     for mu, effective in ((s.mu_v, s.effective_velocity), (s.mu_g, s.effective_gain)):
         counts = [(mu >= 1.2).sum(), (mu == 5.0).sum(), (effective <= 0.05).sum(), (effective >= 0.999).sum()]
         assert min(counts) >= 10, counts

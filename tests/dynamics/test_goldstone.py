@@ -69,14 +69,11 @@ def test_the_tables_are_the_rounded_values_of_the_appendix(phi):
     factor = (2 - r_min) / (2 - r_opt) ** exponent
     table = [t[phi] for t in (RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR)]
     assert table == [float(x) for x in (rho_s, r_opt, r_min, exponent, factor)]
-
-
-def test_every_table_has_seven_entries():
-    assert {len(table) for table in (RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR)} == {7}
+    assert {len(t) for t in (RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR)} == {7}
 
 
 @pytest.mark.parametrize("phi", range(7))
-def test_the_radius_of_least_penalty_is_a_root_of_the_derivative(phi):
+def test_the_radius_of_least_penalty_is_a_root(phi):
     """dm/dω = -2 α ω + 4 β ω³ + κ ρˢ = 0 at |r_min|, whatever branch it came from."""
     alpha, beta, kappa = constants()
     rho_s, _, r_min = radii(phi)
@@ -84,24 +81,11 @@ def test_the_radius_of_least_penalty_is_a_root_of_the_derivative(phi):
 
 
 @pytest.mark.parametrize("phi", PHIS)
-def test_the_radius_takes_the_optimal_shift_to_the_least_penalty_and_2_to_2(phi):
+def test_the_radius_takes_the_optimal_shift_to_its_own(phi):
     r_opt, r_min = R_OPT[abs(phi)], R_MIN[abs(phi)]
     assert radius(phi, r_opt) == pytest.approx(r_min, rel=1e-15)
     assert radius(phi, 0.5 * r_opt) == pytest.approx(0.5 * r_min, rel=1e-15)  # linear up to there
     assert radius(phi, 2.0) == pytest.approx(2.0, rel=1e-15)
-
-
-def test_the_radius_beyond_the_optimum_is_a_power():
-    # φ = 6: r_opt = 1, r_min = 1.2048930, exponent 1 / 0.7951070 = 1.2576924, factor 0.7951070 / 1;
-    # at hᵉ = 1.5: 1.2048930 + 0.7951070 · 0.5^1.2576924 = 1.2048930 + 0.7951070 · 0.4182124 = 1.5374166.
-    assert radius(6, 1.5) == pytest.approx(1.5374166, abs=1e-7)
-
-
-@examples
-@given(phis, shifts, shifts)
-def test_the_radius_grows_with_the_shift(phi, a, b):
-    low, high = sorted((a, b))
-    assert radius(phi, low) <= radius(phi, high)
 
 
 @pytest.mark.parametrize("phi", PHIS)
@@ -112,17 +96,8 @@ def test_the_radius_is_continuous_at_the_optimum(phi):
     assert radius(phi, -above) == pytest.approx(radius(phi, -r_opt), abs=1e-15)
 
 
-AT_LARGEST = [1.2303, 1.2062, 1.1297, 0.9953, 0.8058, 0.5732, 0.2947]  # φ = -6 … 0
-AT_LARGEST += [0.0581, -0.1877, -0.4049, -0.5770, -0.6887, -0.7276]  # φ = 1 … 6
-
-
-@pytest.mark.parametrize(("phi", "m"), list(zip(PHIS, AT_LARGEST, strict=True)))
-def test_the_penalty_at_the_largest_shift_falls_with_the_direction(phi, m):
-    assert round(penalty(phi, 1.5), 4) == m
-
-
 @pytest.mark.parametrize("phi", PHIS)
-@pytest.mark.parametrize("he", [-1.5, -0.9, -0.4, -0.05, 0.2, 0.7, 1.1, 1.4])
+@pytest.mark.parametrize("he", [-1.5, -0.9, -0.4, -0.05, 0.0, 0.2, 0.7, 1.1, 1.5])
 def test_the_penalty_is_that_of_the_appendix(phi, he):
     """Eqs. (17), (18) and (40) to (47) at 60 digits, with the sign of φ kept in ρˢ."""
     alpha, beta, kappa = constants()
@@ -141,20 +116,11 @@ def test_the_penalty_is_that_of_the_appendix(phi, he):
 @pytest.mark.parametrize(
     ("size", "m"), list(enumerate((-0.2925, -0.4627, -0.6301, -0.7799, -0.8982, -0.9739, -1.0)))
 )
-def test_the_least_penalty_lies_at_the_optimal_shift_on_the_side_of_the_direction(size, m):
+def test_the_least_penalty_lies_at_the_optimal_shift(size, m):
     for phi, sign in ((size, 1.0), (-size, -1.0)):
         least = penalty(phi, sign * R_OPT[size])
         assert round(least, 4) == m
         assert least <= min(penalty(phi, he) for he in GRID) + 1e-15
-
-
-def test_a_direction_of_zero_has_two_equal_optima():
-    assert penalty(0, R_OPT[0]) == penalty(0, -R_OPT[0])
-
-
-@pytest.mark.parametrize("phi", PHIS)
-def test_there_is_no_penalty_at_no_shift(phi):
-    assert penalty(phi, 0.0) == 0.0
 
 
 @examples

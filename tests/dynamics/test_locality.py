@@ -1,26 +1,26 @@
-"""A field of a variant changes the outputs that are listed for it, and no bit of any other."""
+"""A field of a variant, or a draw, changes the outputs that are listed for it, and no bit of any other."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 from helpers import tape
 
-from ibdata.dynamics import PAPER, SIEMENS, Variant
+from ibdata.dynamics import PAPER, SIEMENS, Noise, Variant
 from ibdata.dynamics.state import FIELDS
 
 STEPS, LANES = 300, 32
-
 COST = {"consumption", "reward"}
 SEEN_COST = {"expected_consumption"} | COST
 FATIGUE = {"alpha", "fatigue", "reward"}
 LATENT_FATIGUE = {"mu_v", "mu_g"} | FATIGUE
-# A setpoint moves all but the steerings, what follows from them alone, and the length of its segments.
-STEERED = {"velocity", "gain", "shift", "basic_fatigue", "drift_left"}
-SETPOINT = set(FIELDS) - STEERED
+# A setpoint moves all but the steerings and what follows from them alone.
+SETPOINT = set(FIELDS) - {"velocity", "gain", "shift", "basic_fatigue"}
+RATE = SETPOINT - {"drift_left"}
 
-MOVES = {
+FIELD_MOVES = {
     "eta_mean": LATENT_FATIGUE,
     "eta_squash": LATENT_FATIGUE,
     "effective_velocity_ends": {"effective_velocity", "mu_v"} | FATIGUE,
@@ -29,12 +29,20 @@ MOVES = {
     "convolution_weights": {"convolved_cost"} | SEEN_COST,
     "consumption_offset": SEEN_COST,
     "consumption_noise": COST,
-    "drift_rate": SETPOINT,
-    "drift_length": SETPOINT | {"drift_left"},
-    "drift_flip": SETPOINT,
+    "drift_rate": RATE,
+    "drift_length": SETPOINT,
+    "drift_flip": RATE,
 }
-# For constant setpoints the fields of the moving one do nothing.
-MOVES_AT_REST = MOVES | {"drift_rate": set(), "drift_length": set(), "drift_flip": set()}
+DRAW_MOVES = {
+    **{f"{name}_v": {"mu_v"} | FATIGUE for name in ("exp", "bernoulli", "uniform")},
+    **{f"{name}_g": {"mu_g"} | FATIGUE for name in ("exp", "bernoulli", "uniform")},
+    "normal_alpha": FATIGUE,
+    "normal_consumption": COST,
+    "uniform_drift_length": SETPOINT,
+    **{f"uniform_drift_{name}": RATE for name in ("rate", "zero", "flip")},
+}
+variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
+moving = pytest.mark.parametrize("drifting", ["all", "none"])
 
 
 @pytest.fixture(scope="module")
@@ -45,30 +53,36 @@ def drawn():
 @pytest.fixture(scope="module")
 def unchanged(drawn):
     """The states of both variants as they are shipped, with moving and with constant setpoints."""
-    return {
-        (base, drifting): tape.stack(tape.play(tape.start(LANES, drifting), drawn, base))
-        for base in (SIEMENS, PAPER)
-        for drifting in ("all", "none")
-    }
+    return {(base, drifting): states(drawn, base, drifting)
+            for base in (SIEMENS, PAPER) for drifting in ("all", "none")}  # fmt: skip
 
 
-@pytest.mark.parametrize("drifting", ["all", "none"])
-@pytest.mark.parametrize(("base", "donor"), [(SIEMENS, PAPER), (PAPER, SIEMENS)], ids=["siemens", "paper"])
-@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(Variant)])
-def test_one_field_of_the_other_variant_changes_the_listed_outputs_only(
-    drawn, unchanged, field, base, donor, drifting
-):
-    variant = dataclasses.replace(base, **{field: getattr(donor, field)})
-    states = tape.stack(tape.play(tape.start(LANES, drifting), drawn, variant))
-    expected = MOVES if drifting == "all" else MOVES_AT_REST
-    assert tape.changed(unchanged[base, drifting], states) == expected[field]
+def states(drawn, variant, drifting):
+    return tape.stack(tape.play(tape.start(LANES, drifting), drawn, variant))
 
 
-def test_all_fields_of_the_other_variant_are_the_other_variant(drawn, unchanged):
-    fields = {field.name: getattr(PAPER, field.name) for field in dataclasses.fields(Variant)}
-    states = tape.stack(tape.play(tape.start(LANES, "all"), drawn, dataclasses.replace(SIEMENS, **fields)))
-    assert tape.changed(unchanged[PAPER, "all"], states) == set()
+@moving
+@variants
+@pytest.mark.parametrize("field", FIELD_MOVES)
+def test_a_field_of_the_other_variant_moves_the_listed_only(drawn, unchanged, field, variant, drifting):
+    """Those of the moving setpoint move nothing where it is constant."""
+    other = PAPER if variant is SIEMENS else SIEMENS
+    changed = dataclasses.replace(variant, **{field: getattr(other, field)})
+    expected = set() if drifting == "none" and field.startswith("drift") else FIELD_MOVES[field]
+    assert tape.changed(unchanged[variant, drifting], states(drawn, changed, drifting)) == expected
 
 
-def test_the_table_of_outputs_names_every_field_of_a_variant():
-    assert list(MOVES) == [field.name for field in dataclasses.fields(Variant)]
+@moving
+@variants
+@pytest.mark.parametrize("name", DRAW_MOVES)
+def test_a_draw_moves_the_listed_only(drawn, unchanged, name, variant, drifting):
+    """Over a tape in which that one draw is made anew at every step."""
+    other = tape.noise(np.random.default_rng(24), STEPS, LANES)
+    changed = tape.Tape(drawn.actions, drawn.noise._replace(**{name: getattr(other, name)}))
+    expected = set() if drifting == "none" and "drift" in name else DRAW_MOVES[name]
+    assert tape.changed(unchanged[variant, drifting], states(changed, variant, drifting)) == expected
+
+
+def test_the_tables_name_every_field_and_every_draw():
+    assert list(FIELD_MOVES) == [field.name for field in dataclasses.fields(Variant)]
+    assert set(DRAW_MOVES) == set(Noise._fields)

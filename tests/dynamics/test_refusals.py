@@ -1,4 +1,4 @@
-"""Errors of `step`, with the place, the found value and the expected one."""
+"""Errors of `initial_state` and `step`, with the place, the found value and the expected one."""
 
 from __future__ import annotations
 
@@ -10,17 +10,32 @@ from ibdata.dynamics import Noise, State, initial_state, step
 from ibdata.dynamics.state import FIELDS
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
+NAN, INF = np.nan, np.inf
+ZERO = np.zeros((2, 3))
 BAD_ACTIONS = [
-    (np.zeros(3), r"step: action: found shape \(3,\), expected \(2, 3\)"),
-    (np.zeros((3, 2)), r"step: action: found shape \(3, 2\), expected \(2, 3\)"),
-    (np.zeros((1, 3)), r"step: action: found shape \(1, 3\), expected \(2, 3\)"),
+    (np.zeros(3), r"found shape \(3,\), expected \(2, 3\)"),
+    (np.zeros((3, 2)), r"found shape \(3, 2\), expected \(2, 3\)"),
+    (np.zeros((1, 3)), r"found shape \(1, 3\), expected \(2, 3\)"),
+    ([[0.0, 0.0, 0.0], [0.0, NAN, 1.0]], r"found \[ 0. nan  1.\] in lane 1, expected finite"),
+    ([[INF, 0.0, 0.0], [0.0, 0.0, 1.0]], r"found \[inf  0.  0.\] in lane 0, expected finite"),
+]
+BAD_STATES = [
+    *((name, wrong) for name in FIELDS if name not in INTEGERS for wrong in (NAN, INF)),
+    *(("setpoint", -0.1), ("setpoint", 100.1), ("velocity", 1e9), ("operational_cost", -1.0)),
+    *(("domain", 2), ("response", -2), ("direction", -7), ("direction", 7), ("direction", -(2**63))),
+    *(("mu_v", -0.1), ("mu_g", 5.1), ("drift_rate", 1e300), ("drift_left", -2)),
+]
+BAD_STARTS = [
+    ({"setpoint": 100.5}, r"setpoint: found 100.5, expected numbers in \[0, 100\]"),
+    ({"setpoint": -0.1}, r"setpoint: found -0.1, expected numbers in \[0, 100\]"),
+    ({"setpoint": NAN}, r"setpoint: found nan, expected numbers in \[0, 100\]"),
+    ({"setpoint": 50.0, "velocity": INF}, "velocity: found inf, expected numbers in"),
+    ({"setpoint": 50.0, "gain": [1.0, 101.0]}, r"gain: found \[  1. 101.\], expected numbers in"),
+    ({"setpoint": 50.0, "shift": -1.0}, "shift: found -1.0, expected numbers in"),
+    ({"setpoint": [[50.0]]}, r"setpoint: found shape \(1, 1\), expected a number or \(n,\)"),
     (
-        [[0.0, 0.0, 0.0], [0.0, np.nan, 1.0]],
-        r"step: action: found \[ 0. nan  1.\] in lane 1, expected finite",
-    ),
-    (
-        [[np.inf, 0.0, 0.0], [0.0, 0.0, 1.0]],
-        r"step: action: found \[inf  0.  0.\] in lane 0, expected finite",
+        {"setpoint": [1.0, 2.0], "gain": [1.0, 2.0, 3.0]},
+        r"found setpoint \(2,\), velocity \(\), gain \(3,\), .*, expected equal",
     ),
 ]
 
@@ -32,98 +47,57 @@ def noise():
 
 @pytest.fixture
 def state(noise):
-    return step(initial_state([20.0, 80.0]), np.zeros((2, 3)), noise)
+    return step(initial_state([20.0, 80.0]), ZERO, noise)
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_STARTS)
+def test_a_start_out_of_range_or_shape_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=f"^initial_state: {message}"):
+        initial_state(**arguments)
 
 
 @pytest.mark.parametrize(("action", "message"), BAD_ACTIONS)
-def test_an_action_that_is_not_finite_or_of_another_shape_is_refused(state, noise, action, message):
-    with pytest.raises(ValueError, match=message):
+def test_an_action_that_is_none_is_refused(state, noise, action, message):
+    with pytest.raises(ValueError, match=f"^step: action: {message}"):
         step(state, action, noise)
 
 
 @pytest.mark.parametrize("name", Noise._fields)
-@pytest.mark.parametrize("wrong", [[0.5], [0.5, 0.5, 0.5], 0.5, [[0.5], [0.5]], [0.5, np.nan], [np.inf, 0.5]])
-def test_noise_that_is_not_finite_or_of_another_shape_is_refused(state, noise, name, wrong):
-    with pytest.raises(
-        ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
-    ):
-        step(state, np.zeros((2, 3)), noise._replace(**{name: np.array(wrong)}))
-
-
-@pytest.mark.parametrize("name", Noise._fields)
-def test_noise_beyond_the_range_of_its_distribution_is_refused(state, noise, name):
+def test_noise_of_another_shape_or_law_is_refused(state, noise, name):
     low, high = {"exp": (0.0, 745.2), "normal": (-40.0, 40.0)}.get(name.split("_")[0], (0.0, 1.0 - 2.0**-53))
-    for value in (np.nextafter(low, -np.inf), np.nextafter(high, np.inf)):
-        with pytest.raises(
-            ValueError, match=rf"(?s)step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
-        ):
-            step(state, np.zeros((2, 3)), noise._replace(**{name: np.array([0.5, value])}))
-    for value in (low, high):
-        step(state, np.zeros((2, 3)), noise._replace(**{name: np.array([0.5, value])}))
+    outside = ([0.5, np.nextafter(low, -INF)], [0.5, np.nextafter(high, INF)], [0.5, NAN], [INF, 0.5])
+    for wrong in ([0.5], [0.5, 0.5, 0.5], 0.5, [[0.5], [0.5]], *outside):
+        message = rf"(?s)^step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
+        with pytest.raises(ValueError, match=message):
+            step(state, ZERO, noise._replace(**{name: np.array(wrong)}))
+    step(state, ZERO, noise._replace(**{name: np.array([low, high])}))
 
 
-@pytest.mark.parametrize("name", FIELDS)
-def test_a_state_field_of_another_length_is_refused(state, name):
-    with pytest.raises(ValueError, match=rf"(?s)state.{name}: found .*, expected \(2,"):
-        state.replace(**{name: getattr(state, name)[:1]})
+@pytest.mark.parametrize(("name", "wrong"), BAD_STATES)
+def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
+    getattr(state, name)[1] = wrong
+    with pytest.raises(ValueError, match=rf"(?s)^step: state.{name}: found .*, expected numbers in \["):
+        step(state, ZERO, noise)
 
 
 @pytest.mark.parametrize("part", ["floats", "integers"])
 def test_a_state_of_other_arrays_is_refused(state, noise, part):
     parts = state._asdict()
     for wrong in (parts[part][:-1], parts[part][:, :1]):
-        with pytest.raises(ValueError, match=r"step: state: found shapes .*, expected "):
-            step(State(**(parts | {part: wrong})), np.zeros((2, 3)), noise)
+        with pytest.raises(ValueError, match=r"^step: state: found shapes .*, expected "):
+            step(State(**(parts | {part: wrong})), ZERO, noise)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_replaced_field_must_have_its_length_and_type(state, name):
+    with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected \(2,"):
+        state.replace(**{name: getattr(state, name)[:1]})
+    for wrong in (0.5, NAN) if name in INTEGERS else ():
+        field = np.array([getattr(state, name)[0], wrong])
+        with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected whole numbers"):
+            state.replace(**{name: field})
 
 
 def test_a_state_says_which_variables_it_has(state):
     with pytest.raises(AttributeError, match=r"no variable 'speed'; it has setpoint, velocity, .*"):
         _ = state.speed
-
-
-@pytest.mark.parametrize("name", [name for name in FIELDS if name not in INTEGERS])
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_a_state_that_is_not_finite_is_refused(state, noise, name, wrong):
-    getattr(state, name)[1] = wrong
-    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected numbers in"):
-        step(state, np.zeros((2, 3)), noise)
-
-
-OUT_OF_RANGE = [
-    ("setpoint", -0.1),
-    ("setpoint", 100.1),
-    ("velocity", 1e9),
-    ("operational_cost", -1.0),
-    ("domain", 2),
-    ("response", -2),
-    ("direction", -7),
-    ("direction", 7),
-    ("direction", -(2**63)),
-    ("mu_v", -0.1),
-    ("mu_g", 5.1),
-    ("drift_rate", 1e300),
-    ("drift_left", -2),
-]
-
-
-@pytest.mark.parametrize(("name", "wrong"), OUT_OF_RANGE)
-def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
-    getattr(state, name)[1] = wrong
-    with pytest.raises(ValueError, match=rf"(?s)step: state.{name}: found .*, expected numbers in \["):
-        step(state, np.zeros((2, 3)), noise)
-
-
-@pytest.mark.parametrize("name", sorted(INTEGERS))
-@pytest.mark.parametrize("wrong", [0.5, np.nan])
-def test_a_whole_number_of_the_state_that_is_none_is_refused(state, name, wrong):
-    field = getattr(state, name).astype(np.float64)
-    field[1] = wrong
-    with pytest.raises(ValueError, match=rf"(?s)state.{name}: found .*, expected whole numbers"):
-        state.replace(**{name: field})
-
-
-def test_a_name_that_is_no_variant_is_refused(state, noise):
-    with pytest.raises(
-        ValueError, match="variant: found 'java', expected one of siemens, paper or a Variant"
-    ):
-        step(state, np.zeros((2, 3)), noise, "java")

@@ -1,4 +1,4 @@
-"""`initial_state` and `step`: shapes, purity, independent lanes, identities between fields, refusals."""
+"""`initial_state` and `step`: shapes, purity, independent lanes, and what a step depends on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def played():
     return {v: tape.stack([start, *tape.play(start, drawn, v)]) for v in (SIEMENS, PAPER)}
 
 
-def test_the_initial_state_is_the_configured_steering_and_nothing_else():
+def test_the_initial_state_is_its_steerings_and_nothing_else():
     state = initial_state([10.0, 20.0], gain=30.0, shift=[1.0, 2.0])
     assert state.setpoint.tolist() == [10.0, 20.0]
     assert state.velocity.tolist() == [50.0, 50.0]
@@ -34,21 +34,14 @@ def test_the_initial_state_is_the_configured_steering_and_nothing_else():
     assert state.drift_left.tolist() == [-1, -1]
     given = {"setpoint", "velocity", "gain", "shift", "domain", "response", "drift_left"}
     assert not any(getattr(state, name).any() for name in set(FIELDS) - given)
-
-
-def test_a_moving_setpoint_starts_without_a_segment():
-    assert initial_state(50.0, drifting=True).drift_left.tolist() == [0]
-
-
-def test_the_initial_state_shares_no_memory_with_its_arguments_or_between_fields():
-    p = np.array([10.0, 20.0])
-    state = initial_state(p, p, p, p)
-    state.velocity[0] = 99.0
-    assert p.tolist() == state.setpoint.tolist() == state.gain.tolist() == [10.0, 20.0]
+    assert initial_state(50.0, drifting=True).drift_left.tolist() == [0]  # no segment yet
+    shared = initial_state(p := np.array([10.0, 20.0]), p, p, p)
+    shared.velocity[0] = 99.0
+    assert p.tolist() == shared.setpoint.tolist() == shared.gain.tolist() == [10.0, 20.0]
 
 
 @pytest.mark.parametrize("n", [0, 1, 7])
-def test_every_field_has_its_shape_and_type_before_and_after_a_step(n):
+def test_every_field_has_its_shape_and_type(n):
     start = initial_state(np.full(n, 50.0))
     after = step(start, np.zeros((n, 3)), tape.noise(np.random.default_rng(0), n))
     for state in (start, after):
@@ -58,7 +51,7 @@ def test_every_field_has_its_shape_and_type_before_and_after_a_step(n):
             assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
 
 
-def test_the_zero_action_step_fills_the_history_with_its_own_cost():
+def test_the_zero_action_step_fills_the_history():
     state = step(initial_state(50.0), np.zeros((1, 3)), tape.noise(np.random.default_rng(0), 1))
     assert np.round(state.operational_cost, 3).tolist() == [[70.105] * 10]  # e^4.25
     # θᶜ = 70.105412 · 0.99999 (the weights of the authors' code sum to 0.99999).
@@ -66,7 +59,7 @@ def test_the_zero_action_step_fills_the_history_with_its_own_cost():
     assert (state.velocity[0], state.gain[0], state.shift[0]) == (50.0, 50.0, 50.0)
 
 
-def test_the_zero_action_step_of_a_moving_setpoint_fills_the_history_after_the_setpoint_moved():
+def test_the_zero_action_step_moves_the_setpoint_first():
     quiet = tape.noise(np.random.default_rng(0), 1)
     half = np.array([0.5])
     noise = quiet._replace(uniform_drift_length=half, uniform_drift_rate=half + 0.25, uniform_drift_zero=half)
@@ -124,46 +117,12 @@ def test_the_order_of_the_lanes_does_not_matter(played, variant):
     assert tape.changed(states, tape.take(played[variant], (slice(1, None), order))) == set()
 
 
-@variants
-def test_an_action_of_7_acts_as_an_action_of_1(variant):
-    noise = tape.noise(np.random.default_rng(2), 8)
-    signs = np.array([[i, j, k] for i in (-1.0, 1.0) for j in (-1.0, 1.0) for k in (-1.0, 1.0)])
-    states = [step(initial_state(np.full(8, 50.0)), size * signs, noise, variant) for size in (1.0, 7.0)]
-    assert tape.changed(*states) == set()
-
-
 def test_a_variant_may_be_named():
     noise = tape.noise(np.random.default_rng(3), 2)
     start, action = initial_state([30.0, 70.0]), np.ones((2, 3))
     assert tape.changed(step(start, action, noise, "paper"), step(start, action, noise, PAPER)) == set()
     assert tape.changed(step(start, action, noise), step(start, action, noise, SIEMENS)) == set()
     assert tape.changed(step(start, action, noise), step(start, action, noise, PAPER)) != set()
-
-
-@variants
-def test_the_derived_values_obey_their_equations(played, variant):
-    s = tape.take(played[variant], slice(1, None))
-    close = {"rtol": 1e-14, "atol": 1e-12}
-    np.testing.assert_array_equal(s.reward, -s.consumption - 3.0 * s.fatigue)
-    np.testing.assert_allclose(
-        s.expected_consumption, s.convolved_cost + 25.0 * (s.penalty + variant.consumption_offset), **close
-    )
-    np.testing.assert_allclose(s.fatigue, s.basic_fatigue * (1.0 + 2.0 * s.alpha) / 3.0, **close)
-    lags = s.operational_cost[..., 4::-1]  # θ[t-5] … θ[t-9]
-    np.testing.assert_allclose(s.convolved_cost, lags @ np.array(variant.convolution_weights), **close)
-    exponent = (2.0 * s.setpoint + 4.0 * s.velocity + 2.5 * s.gain) / 100.0
-    np.testing.assert_allclose(s.operational_cost[..., 9], np.exp(exponent), **close)
-    he = np.clip(s.shift / 20.0 - s.setpoint / 50.0 - 1.5, -1.5, 1.5)
-    np.testing.assert_allclose(s.effective_shift, he, **close)
-    basic = np.maximum(0.0, 30000.0 / (5.0 * s.velocity + 100.0) - 0.01 * s.gain**2)
-    np.testing.assert_allclose(s.basic_fatigue, basic, **close)
-
-
-@variants
-def test_the_history_of_costs_moves_by_one_each_step(played, variant):
-    history = played[variant].operational_cost[1:]
-    np.testing.assert_array_equal(history[1:, :, :9], history[:-1, :, 1:])
-    assert not np.array_equal(history[1:, :, 9], history[:-1, :, 9])
 
 
 @variants
@@ -184,27 +143,3 @@ def test_the_next_state_depends_on_the_markov_state_only(played, variant):
     action, noise = rng.uniform(-1.0, 1.0, (LANES, 3)), tape.noise(rng, LANES)
     other = step(state.replace(operational_cost=history, **scrambled), action, noise, variant)
     assert tape.changed(step(state, action, noise, variant), other) == set()
-
-
-BAD_START = [
-    ({"setpoint": 100.5}, r"initial_state: setpoint: found 100.5, expected numbers in \[0, 100\]"),
-    ({"setpoint": -0.1}, r"initial_state: setpoint: found -0.1, expected numbers in \[0, 100\]"),
-    ({"setpoint": np.nan}, r"initial_state: setpoint: found nan, expected numbers in \[0, 100\]"),
-    ({"setpoint": 50.0, "velocity": np.inf}, "initial_state: velocity: found inf, expected numbers in"),
-    (
-        {"setpoint": 50.0, "gain": [1.0, 101.0]},
-        r"initial_state: gain: found \[  1. 101.\], expected numbers in",
-    ),
-    ({"setpoint": 50.0, "shift": -1.0}, "initial_state: shift: found -1.0, expected numbers in"),
-    ({"setpoint": [[50.0]]}, r"initial_state: setpoint: found shape \(1, 1\), expected a number or \(n,\)"),
-    (
-        {"setpoint": [1.0, 2.0], "gain": [1.0, 2.0, 3.0]},
-        r"initial_state: found setpoint \(2,\), velocity \(\), gain \(3,\), .*, expected equal",
-    ),
-]
-
-
-@pytest.mark.parametrize(("arguments", "message"), BAD_START)
-def test_an_initial_state_out_of_range_or_shape_is_refused_by_name(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        initial_state(**arguments)

@@ -9,7 +9,7 @@ from ibdata.experiment.catalogue import catalogue, description
 from ibdata.experiment.shipped import shipped, suites
 
 
-def test_every_shipped_experiment_is_listed_with_its_rows_and_a_sentence():
+def test_every_shipped_experiment_is_listed():
     found = {each.name: each for each in catalogue()}
     assert set(found) == {*shipped(), *(f"{suite}/" for suite in suites())}
     assert found["random"].rows == 10_000
@@ -18,7 +18,7 @@ def test_every_shipped_experiment_is_listed_with_its_rows_and_a_sentence():
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_the_first_line_of_the_comment_says_by_itself_what_the_experiment_is(name):
+def test_the_first_line_of_the_comment_is_a_sentence(name):
     said = description(shipped()[name])
     assert said[0].isupper()
     assert said.endswith(".")

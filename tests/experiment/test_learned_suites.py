@@ -17,7 +17,7 @@ MADE = Path(__file__).resolve().parents[2] / "docs/figures/learned-policies.json
 
 
 @pytest.mark.parametrize("name", NEORL)
-def test_the_return_of_a_neorl_like_behaviour_is_within_three_percent_of_theirs(name):
+def test_returns_like_neorls_are_within_three_percent(name):
     """Over 100 episodes, the standard error is below 0.5 %."""
     [policy] = load(f"neorl-like/{name}").policies
     [found] = ibdata.evaluate(policy, 70, steps=1000, discount=1.0, episodes=100).results
@@ -26,7 +26,7 @@ def test_the_return_of_a_neorl_like_behaviour_is_within_three_percent_of_theirs(
 
 
 @pytest.mark.parametrize("suite", SUITES)
-def test_a_suite_needs_no_file_beside_it_and_every_set_has_its_size(suite):
+def test_every_set_of_a_suite_has_its_size(suite):
     made = load_all(suite)
     assert len(made) == SUITES[suite]
     rows = {each.name.removeprefix(f"{suite}-"): each.rows for each in made}
@@ -37,7 +37,7 @@ def test_a_suite_needs_no_file_beside_it_and_every_set_has_its_size(suite):
         assert set(rows.values()) == {1_000_000}
 
 
-def test_half_trained_networks_are_a_third_of_the_way_to_the_expert():
+def test_half_trained_networks_are_between_random_and_expert():
     for suite in ("d4rl-like", "d4rl-like-all"):
         policies = {name: load(f"{suite}/{name}").policies[0] for name in ("random", "medium", "expert")}
         points = [cell.setpoint for cell in load(f"{suite}/random").cells]
@@ -46,7 +46,7 @@ def test_half_trained_networks_are_a_third_of_the_way_to_the_expert():
         assert 0.2 < (medium - random) / (expert - random) < 0.5
 
 
-def test_the_shipped_networks_are_those_of_the_recorded_runs_and_small():
+def test_the_shipped_networks_are_recorded_and_small():
     shipped = json.loads(MADE.read_text())["shipped"]
     files = sorted(SHIPPED.glob("*.safetensors"))
     assert {path.stem for path in files} == {each["file"] for each in shipped.values()}

@@ -74,27 +74,6 @@ def test_an_override_that_does_not_fit_names_its_key(problems, with_lines, overr
     assert problems(with_lines(), [override]) == [f"override {problem}"]
 
 
-def test_what_an_override_leaves_out_names_it_too(problems, with_lines):
-    found = problems(with_lines(), ["setpoints.start=3"])
-    assert [problem.split(": ")[0] for problem in found] == [
-        "override setpoints.stop",
-        "override setpoints.step",
-    ]
-
-
-def test_problems_of_the_file_and_of_the_overrides_are_told_at_once(problems, with_lines):
-    assert problems(with_lines("episodes: 0"), ["steps=0", "output.dtype=float64"]) == [
-        "x.yaml:1:11: episodes: found 0, expected a whole number of at least 1",
-        "override steps: found 0, expected a whole number of at least 1",
-    ]
-
-
-def test_the_last_override_of_a_key_is_the_one_that_is_named(problems, with_lines):
-    assert problems(with_lines(), ["steps=0", "steps=-1"]) == [
-        "override steps: found -1, expected a whole number of at least 1"
-    ]
-
-
 @pytest.mark.parametrize(("override", "message"), REFUSED.items(), ids=REFUSED)
 def test_an_override_that_cannot_be_meant_is_refused(loaded, with_lines, override, message):
     with pytest.raises(UsageError) as caught:
@@ -111,11 +90,18 @@ def test_no_override_ends_in_anything_but_an_error_for_users(loaded, with_lines,
         loaded(with_lines(), [override])
 
 
+def test_problems_of_file_overrides_and_seed_are_told_at_once(problems, with_lines):
+    """Of several overrides with one key, the last one counts; what one leaves out names it too."""
+    overrides = ["steps=0", "steps=-1", "setpoints.start=3", "output.dtype=float64"]
+    assert problems(with_lines("episodes: 0"), overrides, seed=-1) == [
+        "override setpoints.stop: missing, expected a value",
+        "override setpoints.step: missing, expected a value",
+        "x.yaml:1:11: episodes: found 0, expected a whole number of at least 1",
+        "override steps: found -1, expected a whole number of at least 1",
+        "seed: found -1, expected a whole number of at least 0",
+    ]
+
+
 def test_the_seed_given_wins_over_file_and_overrides(loaded, with_lines):
-    assert loaded(with_lines("seed: 3"), ["seed=4"], seed=2**64 - 1).seed == 2**64 - 1
-    assert loaded(with_lines("seed: 3"), ["seed=4"]).seed == 4
-    assert loaded(with_lines("seed: 3"), seed=0).seed == 0
-
-
-def test_the_seed_given_is_checked(problems, with_lines):
-    assert problems(with_lines(), seed=-1) == ["seed: found -1, expected a whole number of at least 0"]
+    found = [loaded(with_lines("seed: 3"), ["seed=4"], seed).seed for seed in (2**64 - 1, 0, None)]
+    assert found == [2**64 - 1, 0, 4]

@@ -33,13 +33,16 @@ forms = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 
 
 @forms
-def test_every_form_is_the_same_experiment_also_with_overrides_and_seed(form):
+def test_every_form_is_the_same_experiment(form):
     expected = Experiment(**{**PLAIN, "steps": 2, "seed": 5})
     for overrides in (["steps=2"], {"steps": 2}):
         assert load(form(), overrides, seed=5) == expected
         assert load_all(form(), overrides, seed=5) == [expected]
         assert estimate(form(), overrides=overrides, seed=5)["rows"] == expected.rows
-    assert load(form()) == Experiment(**PLAIN)
+    given = form()
+    assert load(given) == Experiment(**PLAIN)
+    assert load(given, {"output.dtype": "float64", "policies.0.name": "a"}) is not given
+    assert load(given) == Experiment(**PLAIN)  # what is given does not change
 
 
 @forms
@@ -55,14 +58,6 @@ def test_every_form_makes_the_same_dataset(form):
 def test_a_single_experiment_that_is_no_file_goes_to_data():
     assert ibdata.generate(PLAIN, workers=1).path == Path("data/x")
     assert estimate({**PLAIN, "name": "y"})["out"] == "data/y"
-
-
-def test_what_is_given_does_not_change():
-    given = {**PLAIN, "output": {"latent": False}}
-    load(given, {"output.dtype": "float64", "policies.0.name": "a"}, seed=3)
-    assert given == {**PLAIN, "output": {"latent": False}}
-    made = Experiment(**PLAIN)
-    assert load(made) is not made
 
 
 def test_bare_names_are_blocks_and_leave_no_trace():
@@ -104,10 +99,7 @@ def test_the_types_of_python_and_numpy_are_those_of_yaml():
              "epsilon": 0.5},
         ),
         ({"policies.0": {"kind": "random"}}, "policies.0", {"kind": "random"}),
-        ({"policies": ["bad"]}, "policies.0", {"kind": "bad"}),
-        ({"start": {"burn_in": [1, 2]}}, "start", {"burn_in": [1, 2]}),
         ({"splits.b": {"setpoint": 30}}, "splits", {"a": {"setpoint": 20.0}, "b": {"setpoint": 30.0}}),
-        ({"splits": {"b": {"setpoint": 30}}}, "splits", {"b": {"setpoint": 30.0}}),
         ({"splits": {}}, "splits", {}),
         ({"output": {}}, "output", {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}),
         ({}, "steps", 3),
@@ -137,11 +129,8 @@ def test_an_override_replaces_the_value_at_its_key(overrides, key, value):
         ({"steps": 0}, {}, "steps: found 0, expected a whole number of at least 1"),
         ({"epsiodes": 1}, {}, "epsiodes: no such option; did you mean 'episodes'?"),
         ({"policies": ["rndom"]}, {}, f"policies.0: found 'rndom', expected one of {', '.join(POLICIES)}"),
-        ({"setpoints": (20, 101)}, {}, "setpoints.1: found 101, expected a number of at most 100"),
         ({}, {"steps": 0}, "override steps: found 0, expected a whole number of at least 1"),
         ({}, {"output": {"dtyp": 1}}, "override output.dtyp: no such option; did you mean 'dtype'?"),
-        ({}, ["output.dtyp=1"], "override output.dtyp: no such option; did you mean"),
-        ({}, {"policies.7.name": "a"}, "override policies.7.name: there is no item 7"),
         ({}, {"a..b": 1}, "override: found the key 'a..b', expected names joined by dots"),
         ({}, "steps=1", "overrides: found 'steps=1', expected a list of texts key=value, or a mapping"),
         ({}, [1], "override: found 1, expected key=value"),
@@ -164,7 +153,7 @@ def test_the_constructor_tells_all_mistakes_as_the_loader_does():
     assert error.value.__suppress_context__
 
 
-def test_an_object_of_a_class_that_ibdata_does_not_know_is_recorded_as_such():
+def test_an_object_of_an_unknown_class_is_live():
     class Mine(POLICIES["safe"]):
         """A policy that ibdata does not know."""
 

@@ -35,17 +35,14 @@ def problems(*args):
     return list(caught.value.problems)
 
 
-def test_the_experiments_of_a_folder_come_in_the_order_of_its_files(folder):
+def test_a_folder_is_loaded_in_the_order_of_its_files(folder):
     assert [experiment.name for experiment in load_all(folder)] == ["second", "first"]
     assert load_all(folder / "a.yaml") == [load(folder / "a.yaml")]
-
-
-def test_overrides_and_seed_go_to_each(folder):
     made = load_all(folder, ["steps=3"], seed=4)
     assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
 
 
-def test_a_suite_is_shipped_under_its_name_and_each_of_its_files_under_both():
+def test_a_suite_and_its_files_are_shipped_by_name():
     assert find("siemens-offline") == find("siemens-offline/") == suites()["siemens-offline"]
     assert find("siemens-offline/bad-20.yaml") == shipped()["siemens-offline/bad-20"]
     assert load("siemens-offline/bad-20").name == "siemens-offline-bad-20"
@@ -59,7 +56,7 @@ def test_the_name_of_a_folder_without_experiments_is_free(folder):
     assert find("random") == Path("random")
 
 
-def test_the_problems_of_all_files_are_told_at_once_with_their_files(folder):
+def test_the_problems_of_all_files_are_told_at_once(folder):
     (folder / "a.yaml").write_text("name: A\nsetpoints: 70\npolicies: [{kind: random}]\n")
     (folder / "b.yaml").write_text("name: b\nsetpoints: 101\npolicies: [{kind: random}]\n")
     first, second = problems(folder)
@@ -72,13 +69,7 @@ def test_a_problem_of_an_override_is_told_once(folder):
     assert problems(folder, ["policies.1.kind=safe"]) == ["override policies.1.kind: there is no item 1"]
 
 
-def test_two_experiments_may_have_one_name(folder):
-    """Their datasets are named by the files."""
-    (folder / "b.yaml").write_text(TEXT.format(name="second"))
-    assert [experiment.name for experiment in load_all(folder)] == ["second", "second"]
-
-
-def test_a_folder_where_one_experiment_is_meant_is_told_with_an_example(folder):
+def test_a_folder_where_one_file_is_meant_is_refused(folder):
     with pytest.raises(UsageError) as caught:
         load(folder)
     assert str(caught.value) == (
@@ -92,8 +83,3 @@ def test_what_is_no_experiment_is_refused(config):
         UsageError, match=f"^config: found {re.escape(repr(config))}, expected a file, the name"
     ):
         load(config)
-
-
-def test_overrides_that_are_no_list_are_refused():
-    with pytest.raises(UsageError, match=r"^overrides: found 3, expected a list of texts key=value"):
-        load("random", 3)

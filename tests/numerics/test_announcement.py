@@ -46,7 +46,7 @@ def test_without_a_cache_folder_the_line_says_why(places, capsys):
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
 
 
-def test_a_terminal_shows_how_many_are_compiled_and_then_nothing(monkeypatch, capsys):
+def test_a_terminal_shows_how_many_are_compiled(monkeypatch, capsys):
     """So the line is free again for what is printed next."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     said = announcement.Announcement()

@@ -59,13 +59,9 @@ def changed(copy, path, old, new):
     file.write_text(text.replace(old, new))
 
 
-def test_a_second_process_compiles_nothing(code):
-    """What one process has compiled, the next one finds."""
+def test_a_second_process_and_a_clone_compile_nothing(code, copy):
+    """What one process has compiled, the next one finds, also for a copy in another folder."""
     assert run(IBDATA_CACHE_DIR=code) == ("60.0", False)
-
-
-def test_a_copy_in_another_folder_compiles_nothing(code, copy):
-    """Clones share their machine code."""
     assert run(package=copy, IBDATA_CACHE_DIR=code) == ("60.0", False)
 
 

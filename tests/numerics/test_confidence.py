@@ -42,7 +42,7 @@ def test_degrees_of_freedom_are_welch_and_satterthwaites():
     assert found.interval[1] - found.mean == pytest.approx(t_quantile(2) * found.standard_error)
 
 
-def test_equal_values_have_no_error_and_one_value_an_unknown_one():
+def test_equal_values_have_no_error_one_value_an_unknown_one():
     assert estimate([np.full(5, 0.1)]) == (0.1, 0.0, (0.1, 0.1))
     assert estimate([np.array([3.0])]) == (3.0, None, None)
     assert estimate([np.array([3.0]), np.array([1.0, 2.0])])[1:] == (None, None)

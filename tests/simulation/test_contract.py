@@ -112,12 +112,9 @@ def test_the_last_observations_and_actions_come_newest_first(questions):
             assert (given["actions"][:, t, k] == before).all()
 
 
-def test_the_step_counts_from_zero(questions):
-    assert (questions[2]["step"] == np.arange(STEPS)).all()
-
-
-def test_memory_is_what_was_returned_and_zero_at_the_start_of_every_episode(questions):
+def test_memory_is_what_was_returned_and_zero_at_the_start(questions):
     _, made, given = questions
+    assert (given["step"] == np.arange(STEPS)).all()
     assert (given["memory"][:, 0] == 0.0).all()
     assert (given["memory"][:, :, 0] == np.arange(STEPS)).all()
     totals = np.cumsum(made["act_velocity"], axis=1)
@@ -125,7 +122,7 @@ def test_memory_is_what_was_returned_and_zero_at_the_start_of_every_episode(ques
     assert len(np.unique(given["memory"][:, -1, 1])) == 8
 
 
-def test_random_numbers_of_an_episode_are_those_at_its_own_address_at_every_step(questions):
+def test_random_numbers_of_an_episode_are_at_its_address(questions):
     experiment, _, given = questions
     assert (given["episode_uniforms"] == given["episode_uniforms"][:, :1]).all()
     for i, found in enumerate(given["episode_uniforms"][:, 0]):
@@ -134,7 +131,7 @@ def test_random_numbers_of_an_episode_are_those_at_its_own_address_at_every_step
         assert found.tolist() == [((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw]
 
 
-def test_an_episode_is_the_same_alone_in_any_block_and_after_any_other(questions):
+def test_an_episode_is_the_same_alone_and_in_any_block(questions):
     experiment, made, _ = questions
     for first, stop in ((5, 6), (2, 8), (0, 1)):
         some = played(experiment, first, stop)
@@ -155,7 +152,7 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
 
 
 @pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}], ids=str)
-def test_densities_are_replayed_from_the_rows_as_they_were_played(monkeypatch, start):
+def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
     monkeypatch.setattr("ibdata.experiment.replay.CHUNK", 4)
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 4)
     experiment = described(Recalling(), start=start)

@@ -46,72 +46,36 @@ def described(latent, drifting, dtype="float32", **changes):
     return Experiment.model_validate({**plain, **changes})
 
 
-@drifting
-@latent
-def test_the_names_and_their_order_follow_the_latent_setting(latent, drifting):
-    hidden = [*HIDDEN, *(MOVING if drifting else [])] if latent else []
-    expected = [
-        *(name for role in list(ROLES)[:6] for name in ROLES[role]),
-        *(f"latent_{name}" for name in hidden),
-        *(f"latent_{name}" for name in DERIVED if latent == "full"),
-        *(f"next_latent_{name}" for name in hidden if latent == "next"),
-        "policy",
-        "action_log_prob",
-    ]
-    assert [column.name for column in columns(described(latent, drifting))] == expected
-
-
-@drifting
-@latent
-def test_the_role_of_a_column_is_that_of_its_group(latent, drifting):
-    for column in columns(described(latent, drifting)):
-        known = [role for role, names in ROLES.items() if column.name in names]
-        assert [column.role] == (known or ["latent" if column.name.startswith("latent_") else "next_latent"])
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@latent
-def test_all_but_indices_flags_and_texts_have_the_type_of_the_output(latent, dtype):
-    for column in columns(described(latent, True, dtype)):
-        assert column.dtype == TYPES.get(column.name, dtype)
-
-
 @drifting
 @latent
-def test_every_column_has_a_meaning_a_unit_and_a_name_of_its_own(latent, drifting):
-    made = columns(described(latent, drifting))
-    assert len({column.name for column in made}) == len(made)
-    for column in made:
+def test_names_roles_and_types_follow_the_output(latent, drifting, dtype):
+    hidden = [*HIDDEN, *(MOVING if drifting else [])] if latent else []
+    groups = dict(ROLES)
+    last = {role: groups.pop(role) for role in ("policy", "log_prob")}
+    groups["latent"] = [f"latent_{name}" for name in [*hidden, *(DERIVED if latent == "full" else [])]]
+    groups["next_latent"] = [f"next_latent_{name}" for name in hidden if latent == "next"]
+    expected = [
+        (name, role, TYPES.get(name, dtype)) for role, names in {**groups, **last}.items() for name in names
+    ]
+    made = columns(described(latent, drifting, dtype))
+    assert [(column.name, column.role, column.dtype) for column in made] == expected
+
+
+def test_every_column_is_described_with_its_unit_and_its_moment():
+    assert tuple(VARIABLES)[: len(OBSERVED)] == of_role("observation") == OBSERVED
+    by_name = {column.name: column for column in columns(described("next", True))}
+    for name, column in by_name.items():
         assert len(column.description) > 8
         assert column.unit in ("1", "cost", "1/step", "steps")
         assert column.low is None or column.high is None or column.low < column.high
-
-
-def test_values_at_two_moments_are_described_as_such():
-    described_as = {column.name: column.description for column in columns(described("next", True))}
-    for name in described_as:
         if name.startswith("next_"):
-            assert described_as[name].endswith("at t + 1")
-            assert described_as[name.removeprefix("next_")].endswith("at t")
-
-
-def test_the_variables_that_policies_observe_are_the_first_of_the_table():
-    assert tuple(VARIABLES)[: len(OBSERVED)] == of_role("observation") == OBSERVED
-
-
-def test_a_column_knows_its_variable_and_whether_it_is_taken_later():
-    by_name = {column.name: column for column in columns(described("next", True))}
-    for name in ("obs_gain", "latent_mu_v", "latent_theta_3"):
-        now, after = by_name[name], by_name[f"next_{name}"]
-        assert now.variable == after.variable == name.partition("_")[2]
-        assert (now.later, after.later) == (False, True)
-    assert (by_name["reward"].variable, by_name["reward"].later) == ("reward", True)
-    assert by_name["act_gain"].variable is by_name["policy"].variable is None
-
-
-def test_a_lag_is_the_number_of_steps_that_its_description_says():
-    assert VARIABLES["theta_1"].meaning.endswith(", 1 step ago")
-    assert VARIABLES["theta_9"].meaning.endswith(", 9 steps ago")
+            now = by_name[name.removeprefix("next_")]
+            assert now.description.replace(", at t", ", at t + 1") == column.description
+            assert now.variable == column.variable == name.removeprefix("next_").partition("_")[2]
+            assert (now.later, column.later) == (False, True)
+    assert by_name["reward"].later
+    assert by_name["latent_theta_9"].description.endswith(", 9 steps ago, at t")
 
 
 @pytest.mark.parametrize("start", ["default", "uniform"])
@@ -134,7 +98,7 @@ def test_generated_values_keep_the_documented_bounds(drifting, dynamics, start):
             assert high is None or values.max() <= high, (name, values.max())
 
 
-def test_the_documented_bounds_are_reached_where_they_are_meant_to_be():
+def test_the_documented_bounds_are_reached():
     experiment = described(
         "full", False, start="uniform", episodes=20, steps=150,
         policies=[{"kind": "constant", "action": [sign, sign, sign]} for sign in (-1.0, 1.0)],
