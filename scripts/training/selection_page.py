@@ -54,7 +54,7 @@ def covered(lines: Sequence[Line], estimator: str) -> str:
 
 
 def weights(lines: Sequence[Line]) -> str:
-    """What becomes of the weights, a row for each set: median effective numbers of episodes, and the intervals."""
+    """What becomes of the weights of each set: median effective numbers of episodes, and the intervals."""
     rows = []
     for name in SETS:
         if own := of(lines, name):

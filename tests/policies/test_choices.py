@@ -78,7 +78,7 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
         alone, mine = POLICIES[block["kind"]](), which == number
         memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
-            # One draw of an episode chooses the policy; the next is that of prbs, the only one that needs any.
+            # One draw of an episode chooses the policy; the next is that of prbs, which alone needs any.
             own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
                 alone.needs
             )
