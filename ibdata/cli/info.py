@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
     from ibdata.dataset.returns import Returns
 
-SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "score")
+SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "reference_score")
 
 
 @click.command("info")
@@ -71,5 +71,5 @@ def _returns(returns: Returns) -> str:
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
     if returns["scale"]:
-        lines.append(f"score: {returns['scale']}")
+        lines.append(f"reference score: {returns['scale']}")
     return "\n".join(lines)

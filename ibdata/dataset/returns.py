@@ -26,7 +26,7 @@ class Result(TypedDict):
     standard_error: float | None  # of the mean; None for one episode
     interval: tuple[float, float] | None  # of 95 % confidence
     mean_reward: float  # per step
-    score: float | None
+    reference_score: float | None
 
 
 class Returns(TypedDict):
@@ -45,7 +45,7 @@ class Average(NamedTuple):
     mean_return: float
     standard_error: float | None
     mean_reward: float
-    score: float | None
+    reference_score: float | None
 
 
 def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
@@ -83,7 +83,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "standard_error": found.standard_error,
                 "interval": found.interval,
                 "mean_reward": found.mean / steps,
-                "score": scale.score(setpoint, found.mean) if scale else None,
+                "reference_score": scale.score(setpoint, found.mean) if scale else None,
             }
         )
     return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
@@ -113,7 +113,7 @@ def _average(policy: str | None, results: Sequence[Result]) -> Average:
     n = len(results)
     mean = math.fsum(r["mean_return"] for r in results) / n
     errors = [r["standard_error"] for r in results if r["standard_error"] is not None]
-    scores = [r["score"] for r in results if r["score"] is not None]
+    scores = [r["reference_score"] for r in results if r["reference_score"] is not None]
     return Average(
         policy,
         sum(r["episodes"] for r in results),

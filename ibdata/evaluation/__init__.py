@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from ibdata.dataset import reference_returns
-from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.errors import ConfigError, UsageError
-from ibdata.evaluation.against import baselines_of, results_of
+from ibdata.evaluation.against import baselines_of, compared
 from ibdata.evaluation.baselines import SETTINGS
-from ibdata.evaluation.discount import checked_discount
-from ibdata.evaluation.notes import notes
-from ibdata.evaluation.play import Played, episodes_of
+from ibdata.evaluation.play import checked_discount, episodes_of
 from ibdata.evaluation.policies import Acting, policies_of
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
+from ibdata.evaluation.results import differences_of, results_of
+from ibdata.evaluation.scores import SCALE, notes, scores, with_references
 from ibdata.experiment import Experiment, validated
 from ibdata.experiment.plain import plain
-from ibdata.numerics.confidence import Estimate, estimate
+from ibdata.policies import Policy
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import view_options
 
-Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
@@ -56,7 +48,8 @@ def evaluate(
     """Simulate new episodes with one or several policies and compare their returns.
 
     The environment uses the same random numbers for all policies, so their differences are paired, episode by
-    episode. The return of an episode is the sum over t of discountᵗ times the reward.
+    episode. The return of an episode is the sum over t of discountᵗ times the reward. The policies `random`,
+    `optimized` and `expert`, which scores need, are simulated in the same episodes.
 
     Args:
         policy: one of the following, a mapping of labels to them, or a list of both: a kind such as
@@ -66,7 +59,7 @@ def evaluate(
             for actions (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may
             remember and draw as a custom policy may (docs/policies.md).
         setpoint: one or several numbers, by default 70; "drifting", or {"drifting": [50, 70]} for
-            the values at the start. There is no score for drifting setpoints.
+            the values at the start.
         steps: steps per episode.
         discount: the discount factor, in [0, 1].
         episodes: episodes per policy and setpoint, by default 100, or 200 with `against`.
@@ -94,118 +87,53 @@ def evaluate(
     """
     discount = checked_discount(discount)
     policies = policies_of(policy, history, allow_code)
+    if not policies:
+        raise UsageError("policy: found no policy, expected at least one")
     view = view_options(observe, actions, reward, imperfections=imperfections)
     if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
         raise UsageError(
             "observe: found a view, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"
         )
-    if not policies:
-        raise UsageError("policy: found no policy, expected at least one")
-    setpoint, start, steps, episodes, seed = plain([setpoint, start, steps, episodes, seed])
     if episodes is None:
         episodes = 100 if against is None else SETTINGS["episodes"]
-    if isinstance(episodes, int):
-        refuse_too_much("episodes", RETURN_BYTES * len(policies) * episodes)
-    described = {
-        "name": "evaluate",
-        "setpoints": setpoint,
-        "dynamics": dynamics,
-        "policies": [{"kind": "random"}],
-    }
-    settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
+    classic = view.reward.kind == "classic"
+    played, references = with_references([*policies.values()]) if classic else ([*policies.values()], [])
+    settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed, "dynamics": dynamics}
+    experiment = _experiment(setpoint, settings, list(policies), played)
+    baselines = [] if against is None else baselines_of(against, experiment, discount, view)
+    with bar(progress, experiment.rows, "steps") as advance:
+        found = episodes_of(experiment, discount, advance, view)
+
+    labels, own = list(policies), found.first(len(policies))
+    points = [cell.setpoint for cell in experiment.cells[: own.clipped.shape[1]]]
+    scored = scores(own.discounted, found.discounted[references])
+    return Evaluation(
+        results_of(labels, points, own, scored, steps),
+        differences_of(labels, points, own.discounted),
+        SCALE if any(each.score is not None for each in scored[0]) else None,
+        own.discounted,
+        steps,
+        discount,
+        list(notes(experiment.episodes, points, scored[0], classic)),
+        compared(baselines, labels, own.discounted[:, 0]),
+    )
+
+
+def _experiment(
+    setpoint: Any, settings: dict[str, Any], labels: list[str], policies: list[Policy]
+) -> Experiment:
+    """The experiment whose cells are played, with policies of any class."""
+    setpoint, settings = plain([setpoint, settings])
+    if isinstance(settings["episodes"], int):
+        refuse_too_much("episodes", RETURN_BYTES * len(policies) * settings["episodes"])
+    described = {"name": "evaluate", "setpoints": setpoint, "policies": [{"kind": "random"}], **settings}
     try:
-        options = validated({**described, **settings}).options()
+        options = validated(described).options()
     except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
         lines = str(error).split("\n")
         raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None
-    labels = tuple(policies)
-    experiment = Experiment.model_construct(
-        **{**options, "policies": list(policies.values())}
-    )  # of any class
-    vars(experiment)["labels"] = labels
-    baselines = [] if against is None else baselines_of(against, experiment, discount, view)
-    with bar(progress, experiment.rows, "steps") as advance:
-        played = episodes_of(experiment, discount, advance, view)
-    scale = None
-    if not experiment.drifting and view.reward.kind == "classic":
-        scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
-    points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
-    results: list[Result] = []
-    for i, label in enumerate(labels):
-        rows = [_result(label, p, played, (i, j), steps, scale) for j, p in enumerate(points)]
-        results += rows
-        if len(rows) > 1:
-            results.append(_overall(label, rows, played.discounted[i]))
-    differences = [
-        _difference(labels[b], labels[a], p, played.discounted[b, part] - played.discounted[a, part])
-        for a, b in combinations(range(len(labels)), 2)
-        for p, part in _parts(points)
-    ]
-    differences += [
-        _difference(name, line.label, points[0], played.discounted[i] - line.values)
-        for i, name in enumerate(labels)
-        for line in baselines
-        if line.values is not None
-    ]
-    text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
-    known = results_of(baselines)
-    return Evaluation(results, differences, text, played.discounted, steps, discount, missing, known)
-
-
-def _parts(setpoints: list[float]) -> list[tuple[float | None, slice]]:
-    """Each setpoint and, if there are several, None for all, with its slice."""
-    every: list[tuple[float | None, slice]] = [(p, slice(j, j + 1)) for j, p in enumerate(setpoints)]
-    return every if len(every) == 1 else [*every, (None, slice(None))]
-
-
-def _result(
-    label: str,
-    setpoint: float,
-    played: Played,
-    cell: tuple[int, int],
-    steps: int,
-    scale: reference_returns.Scale | None,
-) -> Result:
-    values = played.discounted[cell]
-    found = estimate([values])
-    reward = estimate([played.undiscounted[cell] / steps]).mean
-    p10, clipped = float(np.quantile(values, 0.1)), float(played.clipped[cell])
-    scores = _score(setpoint, found, scale)
-    return Result(label, setpoint, values.size, *found, p10, reward, *scores, clipped)
-
-
-def _score(
-    setpoint: float, found: Estimate, scale: reference_returns.Scale | None
-) -> tuple[float | None, float | None, float | None]:
-    """The score, its standard error, and the expert score."""
-    if scale is None:
-        return None, None, None
-    score, expert = (scale.score(setpoint, found.mean, top) for top in (HUNDRED, EXPERT))
-    ends = scale.ends([setpoint])
-    if ends is None or found.standard_error is None:
-        return score, None, expert
-    return score, 100.0 * found.standard_error / (ends[1] - ends[0]), expert
-
-
-def _overall(label: str, rows: list[Result], values: Floats) -> Result:
-    """The result over all setpoints. Its scores are the means of their scores, if each has one."""
-    scores, experts = [row.score for row in rows], [row.expert_score for row in rows]
-    errors = [row.score_error for row in rows if row.score_error is not None]
-    error = math.hypot(*errors) / len(rows) if len(errors) == len(rows) else None
-    reward, clipped = (
-        sum(getattr(row, name) for row in rows) / len(rows) for name in ("mean_reward", "clipped")
-    )
-    p10 = float(np.quantile(values, 0.1))
-    both = _mean(scores), error, _mean(experts)
-    return Result(label, None, values.size, *estimate(list(values)), p10, reward, *both, clipped)
-
-
-def _mean(scores: list[float | None]) -> float | None:
-    """The mean of scores; None if one is missing."""
-    known = [score for score in scores if score is not None]
-    return sum(known) / len(scores) if len(known) == len(scores) else None
-
-
-def _difference(label: str, less: str, setpoint: float | None, values: Floats) -> Difference:
-    return Difference(label, less, setpoint, *estimate(list(values)))
+    experiment: Experiment = Experiment.model_construct(**{**options, "policies": policies})
+    names = [*labels, *(policy.label for policy in policies[len(labels) :])]
+    vars(experiment)["labels"] = tuple(names)
+    return experiment

@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from ibdata.errors import UsageError, suggestion
 from ibdata.evaluation.baselines import SETTINGS, Baseline, shipped_baselines
 from ibdata.experiment import Experiment
+from ibdata.numerics.confidence import estimate
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ViewOptions
 
+Floats = npt.NDArray[np.float64]
 
-class BaselineResult(NamedTuple):
-    """The returns of a policy that an algorithm learned from a set, or of the set's behaviour (seed None).
 
-    As in `Result`, they are discounted and unscaled. They are None if the policy failed.
+class Comparison(NamedTuple):
+    """A policy against those that an algorithm learned from a set, or the set's behaviour.
+
+    `mean_return` is over the seeds whose policy did not fail, `lowest` and `highest` are the mean returns of
+    single seeds; all are discounted and unscaled. `mean_difference` is the return of `policy` minus the mean
+    over the seeds, paired by episodes; its errors are those of the episodes, for these trained policies.
     """
 
     set: str
     algorithm: str
-    seed: int | None
+    seeds: int
     mean_return: float | None
+    lowest: float | None
+    highest: float | None
+    policy: str
+    mean_difference: float | None
     standard_error: float | None
-    p10: float | None
+    interval: tuple[float, float] | None
 
 
 def baselines_of(name: str, experiment: Experiment, discount: float, view: ViewOptions) -> list[Baseline]:
@@ -46,9 +58,25 @@ def baselines_of(name: str, experiment: Experiment, discount: float, view: ViewO
     return [line for line in lines if line.set == found]
 
 
-def results_of(lines: list[Baseline]) -> list[BaselineResult]:
-    """What is shown of baselines."""
-    return [BaselineResult(*(getattr(line, name) for name in BaselineResult._fields)) for line in lines]
+def compared(lines: list[Baseline], labels: list[str], returns: Floats) -> list[Comparison]:
+    """Compare policies, by their returns (policies, episodes), with each algorithm in the lines of a set."""
+    algorithms = dict.fromkeys(line.algorithm for line in lines)
+    return [
+        _comparison([line for line in lines if line.algorithm == algorithm], label, own)
+        for label, own in zip(labels, returns, strict=True)
+        for algorithm in algorithms
+    ]
+
+
+def _comparison(lines: list[Baseline], policy: str, returns: Floats) -> Comparison:
+    """Compare a policy with one algorithm, whose seeds have these lines."""
+    name, algorithm = lines[0].set, lines[0].algorithm
+    values = [line.values for line in lines if line.values is not None]
+    if not values:
+        return Comparison(name, algorithm, 0, None, None, None, policy, None, None, None)
+    means = [float(each.mean()) for each in values]
+    mean, difference = sum(means) / len(means), estimate([returns - np.mean(values, axis=0)])
+    return Comparison(name, algorithm, len(values), mean, min(means), max(means), policy, *difference)
 
 
 def _refuse_other_episodes(experiment: Experiment, discount: float) -> None:

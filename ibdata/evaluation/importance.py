@@ -12,9 +12,9 @@ import numpy.typing as npt
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
-from ibdata.evaluation.discount import checked_discount
 from ibdata.evaluation.mean_weights import notes_on_mean_weights
 from ibdata.evaluation.overlap import Ratios, log_ratios, refuse_remembered_draws
+from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, recorded_in
 from ibdata.evaluation.states import Source

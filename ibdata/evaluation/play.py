@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.errors import UsageError
 from ibdata.evaluation.policies import Acting, loaded
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
+from ibdata.experiment.messages import shown
+from ibdata.experiment.plain import plain
 from ibdata.experiment.rollout import blocks, cells_of
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed
@@ -31,6 +35,19 @@ class Played(NamedTuple):
     discounted: Floats  # returns
     undiscounted: Floats  # returns
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
+
+    def first(self, count: int) -> Played:
+        """What the first policies got."""
+        return Played(*(part[:count] for part in self))
+
+
+def checked_discount(given: Any) -> float:
+    """The discount factor as a float. Raises UsageError if it is not a number in [0, 1]."""
+    number = plain(given)
+    is_number = isinstance(number, Real) and not isinstance(number, bool)
+    if not is_number or not 0 <= number <= 1:
+        raise UsageError(f"discount: found {shown(number)}, expected a number in [0, 1]")
+    return float(number)
 
 
 def episodes_of(
@@ -72,16 +89,16 @@ def returns_of(
     wanted = ["reward"] if view.reward.kind == "classic" else list(COSTS)
     record = np.empty((len(wanted), chunk + 1, run.n))
     actions = np.empty((chunk, run.n, 3), dtype=np.float32)
-    discounted, plain, weight, total = np.zeros(run.n), np.zeros(run.n), 1.0, 0
+    discounted, undiscounted, weight, total = np.zeros(run.n), np.zeros(run.n), 1.0, 0
     played = run.play(record, record_rows(wanted), actions, None, observe, first_actions)
     for _, count, clipped in played:
         total += clipped
         for reward in _rewards(record[:, : count + 1], view):
             discounted += weight * reward
-            plain += reward
+            undiscounted += reward
             weight *= discount
         advance(count * run.n)
-    return discounted, plain, total
+    return discounted, undiscounted, total
 
 
 def _lanes(experiment: Experiment, numbers: Ints) -> Lanes:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.evaluation.against import BaselineResult
+from ibdata.evaluation.against import Comparison
+from ibdata.evaluation.play import Played
+from ibdata.evaluation.scores import Scores, overall
+from ibdata.numerics.confidence import estimate
 from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
@@ -22,10 +27,10 @@ class Result(NamedTuple):
     """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
 
     `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
-    are discounted and unscaled. `mean_reward` is per step and undiscounted. `Evaluation.scale` explains
-    `score`, which is 100 for `optimized`, and `expert_score`, which is 100 for `expert`; `score_error` is the
-    standard error of `score`, without that of the scale. `clipped` is the share of the actions that were
-    clipped to [-1, 1]. Errors are None for one episode.
+    are discounted and unscaled. `mean_reward` is per step and undiscounted. `score` is 0 for `random` and
+    100 for `optimized` in the same episodes, `expert_score` is 100 for `expert`; `score_error` is the
+    standard error of `score`, with that of the scale. `clipped` is the share of the actions that were clipped
+    to [-1, 1]. Errors are None for one episode.
     """
 
     policy: str
@@ -57,8 +62,8 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `notes` says why errors or scores are missing, a line for each reason. `baselines` are those of the set
-    that the policies are compared with.
+    `scale` says what scores mean, and `notes` why errors or scores are missing, a line for each reason.
+    `baselines` compares the policies with the shipped results on a set.
     """
 
     results: list[Result]
@@ -68,14 +73,14 @@ class Evaluation(Tabular):
     steps: int
     discount: float
     notes: list[str]
-    baselines: list[BaselineResult] = dataclasses.field(default_factory=list)
+    baselines: list[Comparison] = dataclasses.field(default_factory=list)
 
     def tables(self) -> list[Table]:
         """The results and, if there are several policies, their differences."""
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
         shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
         if self.baselines:
-            shown.append(Table(BaselineResult._fields, self.baselines))
+            shown.append(Table(Comparison._fields, self.baselines))
         if self.differences:
             shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
         return shown
@@ -103,3 +108,39 @@ def _with_all(row: Result | Difference) -> Result | Difference:
     """A row as tables show it: with the exact setpoint, or "all" for a result over all setpoints."""
     shown: Any = "all" if row.setpoint is None else exact(row.setpoint)
     return row._replace(setpoint=shown)
+
+
+def results_of(
+    labels: Sequence[str],
+    setpoints: Sequence[float],
+    played: Played,
+    scored: Sequence[Sequence[Scores]],
+    steps: int,
+) -> list[Result]:
+    """The result of each policy at each setpoint and, if there are several, over all."""
+    found = []
+    for i, label in enumerate(labels):
+        returns, rewards, clipped = (part[i] for part in played)
+        parts: list[tuple[float | None, list[int], Scores]] = [
+            (p, [j], scored[i][j]) for j, p in enumerate(setpoints)
+        ]
+        if len(setpoints) > 1:
+            parts.append((None, list(range(len(setpoints))), overall(scored[i])))
+        for p, own, score in parts:
+            values = list(returns[own])
+            p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[own] / steps)).mean
+            size, share = returns[own].size, float(clipped[own].mean())
+            found.append(Result(label, p, size, *estimate(values), p10, reward, *score, share))
+    return found
+
+
+def differences_of(labels: Sequence[str], setpoints: Sequence[float], returns: Floats) -> list[Difference]:
+    """The paired differences of every two policies at each setpoint and, if there are several, over all."""
+    parts: list[tuple[float | None, list[int]]] = [(p, [j]) for j, p in enumerate(setpoints)]
+    if len(setpoints) > 1:
+        parts.append((None, list(range(len(setpoints)))))
+    return [
+        Difference(labels[b], labels[a], p, *estimate(list(returns[b, own] - returns[a, own])))
+        for a, b in combinations(range(len(labels)), 2)
+        for p, own in parts
+    ]

@@ -13,8 +13,7 @@ from ibdata.dataset.reader import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.branching import Points, keys, returns
-from ibdata.evaluation.discount import checked_discount
-from ibdata.evaluation.play import Floats
+from ibdata.evaluation.play import Floats, checked_discount
 from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated

@@ -124,12 +124,14 @@ def _returns(dataset: Dataset) -> Iterable[str]:
     found = dataset.returns()
     rows = [
         (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
-         None if r["score"] is None else round(r["score"], 1))
+         None if r["reference_score"] is None else round(r["reference_score"], 1))
         for r in found["results"]
     ]  # fmt: skip
-    yield _table(("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score"), rows)
+    yield _table(
+        ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "reference score"), rows
+    )
     if found["scale"]:
-        yield f"<p>score: {escape(found['scale'])}</p>"
+        yield f"<p>reference score: {escape(found['scale'])}</p>"
 
 
 def _quality(dataset: Dataset) -> Iterable[str]:

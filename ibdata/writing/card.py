@@ -149,11 +149,11 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     """The returns of the behaviour, by policy."""
     found = behaviour_returns(episodes, described)
     yield "## Behaviour\n"
-    yield "| policy | episodes | steps | return | ± s.e. | reward/step | score |"
+    yield "| policy | episodes | steps | return | ± s.e. | reward/step | reference score |"
     yield "|---|---|---|---|---|---|---|"
     for a in averages(found["results"]):
         error = "-" if a.standard_error is None else f"{a.standard_error:.0f}"
-        score = "-" if a.score is None else f"{a.score:.1f}"
+        score = "-" if a.reference_score is None else f"{a.reference_score:.1f}"
         policy = "all policies" if a.policy is None else a.policy
         yield (
             f"| {policy} | {a.episodes} | {a.steps} | {a.mean_return:.0f} | {error} | {a.mean_reward:.2f} "
@@ -161,7 +161,7 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
     if found["scale"]:
-        yield f"Score: {found['scale']}."
+        yield f"Reference score: {found['scale']}."
     yield ""
 
 

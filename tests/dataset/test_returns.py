@@ -26,7 +26,7 @@ def test_returns_are_by_policy_and_setpoint(dataset):
         assert r["mean_return"] == pytest.approx(rows.mean())
         assert r["standard_error"] == pytest.approx(rows.std() / np.sqrt(3))
         assert r["mean_reward"] == pytest.approx(rows.mean() / 40)
-        assert r["score"] is None
+        assert r["reference_score"] is None
     assert found["scale"] is None
 
 
@@ -39,10 +39,10 @@ def whole(describe, tmp_path_factory):
 
 def test_whole_episodes_from_the_default_start_have_a_score(whole):
     found = whole.returns()
-    assert [r["score"] is None for r in found["results"]] == [True, False]  # no reference at 69
-    assert found["results"][1]["score"] == pytest.approx(100.0, abs=3.0)
+    assert [r["reference_score"] is None for r in found["results"]] == [True, False]  # no reference at 69
+    assert found["results"][1]["reference_score"] == pytest.approx(100.0, abs=3.0)
     made = scale("siemens", "default", 1000, 1.0)
-    assert found["results"][1]["score"] == made.score(70.0, found["results"][1]["mean_return"])
+    assert found["results"][1]["reference_score"] == made.score(70.0, found["results"][1]["mean_return"])
     assert found["scale"] == made.text
 
 
@@ -54,7 +54,7 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
 def test_other_episodes_have_none(describe, tmp_path, changes):
     experiment = describe(**{"setpoints": [70], "steps": 1000, "episodes": 1, **changes})
     found = library.generate(experiment, tmp_path / "made", workers=1).returns()
-    assert [r["score"] for r in found["results"]] == [None, None]
+    assert [r["reference_score"] for r in found["results"]] == [None, None]
     assert found["scale"] is None
 
 
@@ -79,7 +79,7 @@ def test_of_a_merged_dataset_each_result_has_the_steps_of_its_own_episodes(mixed
         rows = frame[3 * i : 3 * i + 3]
         assert r["mean_return"] == pytest.approx(rows["return"].mean())
         assert r["mean_reward"] == pytest.approx((rows["return"] / rows["length"]).mean())
-    assert [r["score"] is None for r in found["results"]] == [True, False, True, True]
+    assert [r["reference_score"] is None for r in found["results"]] == [True, False, True, True]
     assert found["results"][2]["mean_reward"] > found["results"][1]["mean_reward"]  # fatigue is to come
 
 
@@ -111,7 +111,7 @@ def test_info_tells_close_setpoints_apart(describe, tmp_path, ibdata):
 
 def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdata):
     text = ibdata("info", str(whole.path)).stdout
-    assert "score: 0 = random, 100 = optimized" in text
+    assert "reference score: 0 = random, 100 = optimized" in text
     assert json.loads(ibdata("info", str(whole.path), "--json").stdout)["returns"]["scale"] in text
     code = (
         "import sys\nfrom ibdata.cli import main\ntry:\n    main(sys.argv[1:])\nexcept SystemExit:\n"
@@ -125,7 +125,7 @@ def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdat
 
 def test_averages_are_those_of_a_policy_over_its_setpoints_and_of_all_policies(dataset):
     made = averages(dataset.returns()["results"])
-    assert [(a.policy, a.episodes, a.steps, a.score) for a in made] == [
+    assert [(a.policy, a.episodes, a.steps, a.reference_score) for a in made] == [
         ("random", 6, 40, None), ("calm", 6, 40, None), (None, 12, 40, None)
     ]  # fmt: skip
     frame = dataset.episodes
@@ -139,10 +139,10 @@ def test_averages_are_those_of_a_policy_over_its_setpoints_and_of_all_policies(d
 
 def test_averages_of_two_lengths_are_apart_and_a_score_is_that_of_every_setpoint(whole, mixed):
     long, short = averages(mixed.returns()["results"])
-    assert (long.steps, short.steps, long.score, short.score) == (1000, 40, None, None)
+    assert (long.steps, short.steps, long.reference_score, short.reference_score) == (1000, 40, None, None)
     [_, at_70] = whole.returns()["results"]  # there is no reference at 69
     [own] = averages([at_70])
-    assert own.score == at_70["score"]
-    twice = {**at_70, "score": at_70["score"] + 10.0}
-    assert averages([at_70, twice])[0].score == pytest.approx(own.score + 5.0)
+    assert own.reference_score == at_70["reference_score"]
+    twice = {**at_70, "reference_score": at_70["reference_score"] + 10.0}
+    assert averages([at_70, twice])[0].reference_score == pytest.approx(own.reference_score + 5.0)
     assert averages([at_70, {**at_70, "standard_error": None}])[0].standard_error is None

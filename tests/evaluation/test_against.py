@@ -22,7 +22,8 @@ def baseline(name: str, algorithm: str, seed: int | None, returns) -> Baseline:
 def shipped(monkeypatch):
     lines = [
         baseline("siemens-offline/optimized-40", "behaviour", None, OWN - 100.0),
-        baseline("siemens-offline/optimized-40", "bc", 2, OWN),
+        baseline("siemens-offline/optimized-40", "bc", 1, OWN),
+        baseline("siemens-offline/optimized-40", "bc", 2, OWN + 20.0),
         baseline("siemens-offline/optimized-40", "cql", 0, None),
         baseline("d4rl-like/medium", "bc", 0, OWN),
         baseline("neorl-like/medium", "bc", 0, OWN),
@@ -30,36 +31,26 @@ def shipped(monkeypatch):
     monkeypatch.setattr(against, "shipped_baselines", lambda: lines)
 
 
-def test_differences_are_those_of_the_returns_of_equal_episodes(shipped):
+def test_an_algorithm_has_a_line_over_its_seeds(shipped):
     found = ibdata.evaluate(["safe", "optimized"], against="optimized-40")
     assert found.returns.shape == (2, 1, 200)
-    assert [(each.algorithm, each.seed) for each in found.baselines] == [
-        ("behaviour", None),
-        ("bc", 2),
-        ("cql", 0),
-    ]
-    assert found.baselines[1].mean_return == pytest.approx(-6000.0)
-    assert found.baselines[2].mean_return is None
-    assert [(d.policy, d.less) for d in found.differences] == [
-        ("optimized", "safe"),
-        ("safe", "behaviour"),
-        ("safe", "bc seed 2"),
-        ("optimized", "behaviour"),
-        ("optimized", "bc seed 2"),
-    ]
-    expected = found.returns[1, 0] - OWN
-    assert found.differences[-1].mean_difference == pytest.approx(expected.mean(), abs=0.01)
-    assert found.differences[-1].standard_error == pytest.approx(
-        expected.std(ddof=1) / np.sqrt(200), rel=1e-4
-    )
+    assert [(d.policy, d.less) for d in found.differences] == [("optimized", "safe")]
+    shown = [(each.policy, each.algorithm, each.seeds) for each in found.baselines]
+    lines = [("behaviour", 1), ("bc", 2), ("cql", 0)]
+    assert shown == [(policy, *line) for policy in ("safe", "optimized") for line in lines]
+    behaviour, bc, cql = found.baselines[3:]
+    assert behaviour[3:6] == pytest.approx([-6100.0] * 3)
+    assert bc[3:6] == pytest.approx([-5990.0, -6000.0, -5980.0])
+    assert cql[3:6] == cql[7:] == (None, None, None)
+    expected = found.returns[1, 0] - (OWN + 10.0)
+    assert bc.mean_difference == pytest.approx(expected.mean(), abs=0.01)
+    assert bc.standard_error == pytest.approx(expected.std(ddof=1) / np.sqrt(200), rel=1e-4)
 
 
 def test_the_shipped_behaviour_does_not_differ_from_itself():
-    (difference,) = [
-        d for d in ibdata.evaluate("optimized", against="optimized-0").differences if d.less == "behaviour"
-    ]
-    assert abs(difference.mean_difference) < 0.001
-    assert difference.standard_error < 0.001
+    behaviour, *_ = ibdata.evaluate("optimized", against="optimized-0").baselines
+    assert abs(behaviour.mean_difference) < 0.001
+    assert behaviour.standard_error < 0.001
 
 
 def test_baselines_are_shown_and_in_the_plain_data_only_if_they_are_asked_for(shipped):
@@ -102,7 +93,7 @@ def test_a_view_of_observations_is_compared_but_not_another_reward(shipped):
         return np.zeros((len(observations), 3))
 
     found = ibdata.evaluate(still, against="optimized-40", actions=True)
-    assert len(found.differences) == 2
+    assert len(found.baselines) == 3
     with pytest.raises(
         IbdataError, match="--reward: found delta, expected classic: --against compares with it"
     ):

@@ -9,7 +9,6 @@ import pytest
 from helpers.evaluating import returns
 
 from ibdata import evaluate
-from ibdata.dataset.reference_returns import scale
 
 FEW_STEPS = {"burn_in": [1, 2]}
 
@@ -51,31 +50,46 @@ def test_one_episode_has_no_standard_error():
     assert result.standard_error is result.interval is None
 
 
-def test_the_score_is_that_of_the_scale_where_there_is_one():
-    found = evaluate(["optimized", "mediocre"], [70.0, 50.0])
-    assert [r.score for r in found.results[:3]] == pytest.approx([100.0] * 3, abs=2.0)
-    assert all(r.score < 0.0 for r in found.results[3:])
-    assert found.results[2].score == (found.results[0].score + found.results[1].score) / 2.0
-    assert found.scale.startswith("0 = random, 100 = optimized, or expert for the expert score, at the same")
-    for other in ({"steps": 99}, {"discount": 1.0}, {"start": FEW_STEPS}, {"dynamics": {"base": "paper"}}):
-        unscaled = evaluate("optimized", **{"episodes": 2, **other})
-        assert (unscaled.scale, unscaled.results[0].score) == (None, None)
-    assert [r.score for r in evaluate("optimized", [70.0, 71.0], episodes=2).results][1:] == [None, None]
+SETTINGS = [
+    {},
+    {"setpoint": 71},
+    {"setpoint": "drifting"},
+    {"start": FEW_STEPS},
+    {"dynamics": {"base": "paper", "eta_mean": 0.1}},
+    {"steps": 30, "discount": 1.0},
+]
 
 
-@pytest.mark.parametrize("start", ["uniform", {"burn_in": [15, 64]}], ids=str)
-def test_the_score_is_that_of_the_start(start):
-    found, known = evaluate("optimized", 75.0, start=start), scale("siemens", start, 100, 0.97)
-    assert found.results[0].score == known.score(75.0, found.results[0].mean_return)
-    assert found.scale == known.text
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_random_scores_0_and_the_top_100_without_error(settings):
+    found = evaluate(["random", "safe", "optimized", "expert"], episodes=30, **settings)
+    random, safe, optimized, expert = found.results
+    assert (random.score, random.score_error, random.expert_score) == (0.0, 0.0, 0.0)
+    assert (optimized.score, optimized.score_error, expert.expert_score) == (100.0, 0.0, 100.0)
+    assert safe.score_error > 0.1
+    assert found.scale == (
+        "0 = random, 100 = optimized, or expert for the expert score, simulated in the same episodes"
+    )
+    assert found.notes == []
+    [alone] = evaluate("safe", episodes=30, **settings).results
+    assert alone == safe
 
 
-def test_the_error_of_a_score_is_that_of_its_return_on_the_scale():
-    low, high, overall = evaluate("safe", [10.0, 70.0], episodes=10).results
-    for r in (low, high):
-        [other] = evaluate("optimized", r.setpoint, episodes=2).results
-        slope = (other.score - r.score) / (other.mean_return - r.mean_return)
-        assert r.score_error == pytest.approx(slope * r.standard_error)
+def test_a_score_is_a_ratio_of_means_with_its_error():
+    """The error is that of the jackknife, computed by leaving out each episode in turn."""
+    found = evaluate(["random", "safe", "optimized"], [10.0, 70.0], episodes=40)
+    random, safe, optimized = found.returns[:, 1]
+
+    def score(own):
+        low = random[own].mean()
+        return 100.0 * (safe[own].mean() - low) / (optimized[own].mean() - low)
+
+    every = np.arange(40)
+    without = np.array([score(every != i) for i in every])
+    low, high, overall = found.results[3:6]
+    assert high.score == pytest.approx(score(every))
+    assert high.score_error == pytest.approx(np.sqrt(39.0 * without.var()), rel=0.05)
+    assert overall.score == pytest.approx((low.score + high.score) / 2.0)
     assert overall.score_error == pytest.approx(np.hypot(low.score_error, high.score_error) / 2.0)
 
 
@@ -84,26 +98,17 @@ def test_the_error_of_a_score_is_that_of_its_return_on_the_scale():
     [
         ({}, []),
         ({"episodes": 1}, ["no standard error: one episode per policy and setpoint has none"]),
-        ({"setpoint": "drifting"}, ["no score: drifting setpoints have none"]),
         (
-            {"steps": 7},
+            {"setpoint": [50, 100], "steps": 3},
             [
-                "no score: there are reference returns only for the dynamics siemens, paper; the starts "
-                "default, uniform, {burn_in: [15, 64]}; 100 steps with discount 0.97, 1000 steps with "
-                "discount 1"
-            ],
-        ),
-        (
-            {"setpoint": [71, 70]},
-            [
-                "no score at setpoint 71, and so none over all setpoints: there are reference returns at "
-                "0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 65, 70, 75, 80, 85, 90, 95, 100"
+                "no score at setpoint 100, and so none over all setpoints: "
+                "optimized is not clearly better than random in these episodes"
             ],
         ),
     ],
 )
 def test_what_is_missing_has_a_reason(arguments, notes):
-    found = evaluate("constant", **{"episodes": 2, **arguments})
+    found = evaluate("constant", **{"episodes": 20, **arguments})
     assert found.notes == notes
     missing = any(None in (r.score, r.score_error, r.standard_error) for r in found.results)
     assert missing == bool(notes)
@@ -127,10 +132,8 @@ def test_plain_is_json():
     assert json.loads(json.dumps(plain))["results"][1]["policy"] == "safe"
 
 
-def test_a_moving_setpoint_begins_where_it_says_and_has_no_score():
+def test_a_moving_setpoint_begins_where_it_says():
     one, two = (evaluate("safe", p, episodes=20) for p in ("drifting", {"drifting": [50, 80]}))
     assert [result.setpoint for result in two.results] == [50.0, 80.0, None]
     assert one.results[0] == two.results[0]
     assert evaluate("safe", 50, episodes=20).results[0].mean_return != one.results[0].mean_return
-    assert {result.score for result in (*one.results, *two.results)} == {None}
-    assert (one.scale, two.scale) == (None, None)

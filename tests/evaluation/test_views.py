@@ -61,7 +61,7 @@ def test_rewards_are_weighted_as_in_a_dataset():
     rewards = -(0.5 * costs[:, :, 5] + 2 * costs[:, :, 4]).astype(np.float32)
     assert found.returns[0, 0] == pytest.approx(rewards.sum(axis=0, dtype=float), rel=1e-12)
     assert found.results[0].score is None
-    assert found.notes == ["no score: there are reference returns only for the classic reward"]
+    assert found.notes == ["no score: optimized is made for the classic reward"]
     change = ibdata.evaluate(Watcher(), **shorter, reward="delta").returns[0, 0]
     cost = frames[[0, -1], :, 0, 5].astype(float) + 3.0 * frames[[0, -1], :, 0, 4]
     assert change == pytest.approx(cost[0] - cost[1], abs=1e-4)

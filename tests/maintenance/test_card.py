@@ -150,9 +150,11 @@ def test_the_report_has_the_returns_and_the_scores(plain, tmp_path):
     for result in found["results"]:
         row = [result["policy"], f"{result['setpoint']:g}", str(result["episodes"])]
         row += [f"{result[key]:,.6g}" for key in ("mean_return", "standard_error", "mean_reward")]
-        row.append("–" if result["score"] is None else f"{round(result['score'], 1):,.6g}")
+        row.append(
+            "–" if result["reference_score"] is None else f"{round(result['reference_score'], 1):,.6g}"
+        )
         assert row in [cells[at : at + 7] for at in range(len(cells))]
-    assert f"score: {found['scale']}" in page.texts["p"]
+    assert f"reference score: {found['scale']}" in page.texts["p"]
 
 
 def test_without_matplotlib_only_the_card_is_written(ibdata, plain, tmp_path):

@@ -84,11 +84,11 @@ def test_the_behaviour_has_its_returns_and_its_scores(long):
         of_policy = [r for r in long.returns()["results"] if r["policy"] == policy]
         mean = frame[frame["policy"] == policy]["return"].mean()
         error = sum(r["standard_error"] ** 2 for r in of_policy) ** 0.5 / 2
-        score = sum(r["score"] for r in of_policy) / 2
+        score = sum(r["reference_score"] for r in of_policy) / 2
         row = f"| {policy} | 4 | 1000 | {mean:.0f} | {error:.0f} | {mean / 1000:.2f} | {score:.1f} |"
         assert row in lines
     assert any(line.startswith("| all policies | 8 | 1000 | ") for line in lines)
-    assert f"Score: {long.returns()['scale']}." in lines
+    assert f"Reference score: {long.returns()['scale']}." in lines
 
 
 def test_the_card_says_how_to_cite_as_the_documents_do(small):

@@ -104,7 +104,7 @@ def test_a_normalized_score_is_that_of_ibdata(root, tmp_path, start):
         name="one", setpoints=75, policies=policies, episodes=5, steps=1000, start=start
     )
     scores, dataset = normalized(experiment, tmp_path, reward_scale=0.01)
-    expected = [result["score"] / 100 for result in dataset.returns()["results"]]
+    expected = [result["reference_score"] / 100 for result in dataset.returns()["results"]]
     assert scores.reshape(3, 5).mean(axis=1) == pytest.approx(expected, rel=1e-5, abs=1e-5)
     assert scores.reshape(3, 5).mean(axis=1)[[0, 2]] == pytest.approx([0.0, 1.0], abs=0.25)
 
