@@ -88,6 +88,6 @@ def command(
         points if len(points) > 1 else points[0],
         start=yaml_value("--start", start),
         dynamics=yaml_value("--dynamics", dynamics),
-        reward=yaml_value("--reward", reward),
+        view={"reward": yaml_value("--reward", reward)},
         **settings,
     )

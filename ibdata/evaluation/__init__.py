@@ -28,7 +28,7 @@ from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import Estimate, estimate
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
-from ibdata.views.options import view_options
+from ibdata.views.options import View, view_of
 
 Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
@@ -48,10 +48,7 @@ def evaluate(
     allow_code: bool = False,
     against: str | None = None,
     progress: bool | None = False,
-    observe: str | Sequence[str] = "classic",
-    actions: bool = False,
-    reward: str | Mapping[str, float] = "classic",
-    imperfections: Mapping[str, Any] | None = None,
+    view: View = None,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -79,11 +76,9 @@ def evaluate(
         against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
             with the policies. The other arguments but `policy` must be the default ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
-        observe: what objects see in place of the six observed variables; this and the following are options
-            of a view (docs/views.md). Policies of other kinds always see those variables.
-        actions: whether objects also see the action of the step before.
-        reward: the reward; there are scores only for the classic one.
-        imperfections: how imperfectly the values that objects see are measured.
+        view: what objects see, and the reward, as the options of a view (docs/views.md), without
+            `reward_scale`. Policies of other kinds always see the six observed variables; there are scores
+            only for the classic reward.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -94,10 +89,12 @@ def evaluate(
     """
     discount = checked_discount(discount)
     policies = policies_of(policy, history, allow_code)
-    view = view_options(observe, actions, reward, imperfections=imperfections)
-    if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
+    options = view_of(view)
+    if options.reward_scale != 1.0:
+        raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
+    if not options.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
         raise UsageError(
-            "observe: found a view, but no object that could see it: policies of ibdata see the six observed "
+            "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"
         )
     if not policies:
@@ -115,20 +112,18 @@ def evaluate(
     }
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed}
     try:
-        options = validated({**described, **settings}).options()
+        given = validated({**described, **settings}).options()
     except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
         lines = str(error).split("\n")
         raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None
     labels = tuple(policies)
-    experiment = Experiment.model_construct(
-        **{**options, "policies": list(policies.values())}
-    )  # of any class
+    experiment = Experiment.model_construct(**{**given, "policies": list(policies.values())})  # of any class
     vars(experiment)["labels"] = labels
-    baselines = [] if against is None else baselines_of(against, experiment, discount, view)
+    baselines = [] if against is None else baselines_of(against, experiment, discount, options)
     with bar(progress, experiment.rows, "steps") as advance:
-        played = episodes_of(experiment, discount, advance, view)
+        played = episodes_of(experiment, discount, advance, options)
     scale = None
-    if not experiment.drifting and view.reward.kind == "classic":
+    if not experiment.drifting and options.reward.kind == "classic":
         scale = reference_returns.scale(experiment.dynamics, experiment.cells[0].start, steps, discount)
     points = [cell.setpoint for cell in experiment.cells[: played.clipped.shape[1]]]
     results: list[Result] = []
@@ -148,7 +143,7 @@ def evaluate(
         for line in baselines
         if line.values is not None
     ]
-    text, missing = scale.text if scale else None, list(notes(experiment, points, scale, view))
+    text, missing = scale.text if scale else None, list(notes(experiment, points, scale, options))
     known = results_of(baselines)
     return Evaluation(results, differences, text, played.discounted, steps, discount, missing, known)
 

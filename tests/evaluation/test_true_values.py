@@ -52,7 +52,7 @@ def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
     """The return of a branch, by single steps with the noise of the documented addresses."""
     experiment = by_hand.experiment_of(ds)
     digest = hashlib.sha256(form(ds, episode, step).encode()).digest()
-    state, total = state_at(ds, episode, step), 0.0
+    state, total = state_at(ds, (episode, step)), 0.0
     for t, action in enumerate(actions):
         noise = by_hand.noise(seed, digest, branch, t + 1, experiment.drifting)
         state = by_hand.moved(state, action, noise, experiment.variant)

@@ -85,8 +85,8 @@ VIEWS = [
 @pytest.mark.parametrize("view", VIEWS, ids=["classic", "scaled", "markov", "troubles"])
 @pytest.mark.parametrize("history", [1, 4])
 def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history, view):
-    made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=history, **view)
-    holds(made, dataset, one_setpoint(to), history, **view)
+    made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=history, view=view)
+    holds(made, dataset, one_setpoint(to), history, view=view)
 
 
 def test_blocks_of_any_size_give_the_same_values(dataset, tmp_path, to, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_split_may_be_named_or_not_known(dataset, tmp_path, to):
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
     out = tmp_path / "new" / "folder" / "made"
-    made = ibdata.export(dataset, to, out, split=one_setpoint(to), reward_scale=0.5)
+    made = ibdata.export(dataset, to, out, split=one_setpoint(to), view={"reward_scale": 0.5})
     assert (made.format, made.reward_scale) == (to, 0.5)
     assert (made.rows, made.episodes) == ((160, 4) if to == "neorl" else (480, 12))
     assert made.history == (30 if to == "neorl" else 1)
@@ -148,9 +148,14 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
     [
         ({"to": "mnari"}, "format: found 'mnari', expected one of csv, .*did you mean 'minari'"),
         ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
-        ({"reward_scale": 0.0}, "reward_scale: found 0.0, expected a finite number above 0"),
-        ({"reward_scale": float("nan")}, "reward_scale: found nan"),
-        ({"reward_scale": 1e300}, "reward: found weights or a scale .1e.300. that make rewards infinite"),
+        ({"view": {"reward_scale": 0.0}}, "reward_scale: found 0.0, expected a finite number above 0"),
+        ({"view": {"reward_scale": float("nan")}}, "reward_scale: found nan"),
+        (
+            {"view": {"reward_scale": 1e300}},
+            "reward: found weights or a scale .1e.300. that make rewards infinite",
+        ),
+        ({"view": {"obsreve": 1}}, "view: found 'obsreve', expected one of .*did you mean 'observe'"),
+        ({"view": "markov"}, "view: found 'markov', expected a mapping such as {'observe': 'markov'"),
         ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
     ],
 )

@@ -25,9 +25,15 @@ ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 LANES, STEPS = 3, 7
 SETTINGS = (
     {"setpoint": 70},
-    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
+    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
-    {"actions": True, "reward": "delta", "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True}},
+    {
+        "view": {
+            "actions": True,
+            "reward": "delta",
+            "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True},
+        }
+    },
 )
 
 
@@ -201,7 +207,7 @@ def test_training_gives_the_same_network_as_over_their_loop(kind):
     small = {"policy_kwargs": {"net_arch": [16]}, "batch_size": 32, "seed": 1, "device": "cpu"}
     small |= {"n_steps": 32, "n_epochs": 2} if kind is PPO else {"learning_starts": 60, "train_freq": 4}
     learned = []
-    for env in both(setpoint=70, history=2, reward_scale=0.01):
+    for env in both(setpoint=70, history=2, view={"reward_scale": 0.01}):
         model = kind("MlpPolicy", VecMonitor(env), **small)
         first = next(model.policy.parameters()).detach().clone()
         model.learn(200)

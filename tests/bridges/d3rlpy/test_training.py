@@ -21,7 +21,7 @@ def fitted(config, folder: Path, source: str, steps: int):
     dataset = ibdata.generate(
         CONFIGS / f"{source}.yaml", folder / "data", workers=1, overrides=["episodes=10"]
     )
-    ibdata.export(dataset, "d3rlpy", folder / "x.h5", history=HISTORY, reward_scale=0.01)
+    ibdata.export(dataset, "d3rlpy", folder / "x.h5", history=HISTORY, view={"reward_scale": 0.01})
     with (folder / "x.h5").open("rb") as file:
         replay = ReplayBuffer.load(file, InfiniteBuffer())
     torch.set_num_threads(1)

@@ -24,7 +24,7 @@ SETTINGS = (
     {},
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 3},
-    {"dynamics": {"base": "paper", "eta_mean": 0.1}, "start": "uniform", "reward_scale": 0.01},
+    {"dynamics": {"base": "paper", "eta_mean": 0.1}, "start": "uniform", "view": {"reward_scale": 0.01}},
     {"dynamics": PAPER, "setpoint": {"drifting": 99}},
 )
 
@@ -213,7 +213,7 @@ def test_it_goes_on_from_the_state_of_a_row(made):
     rows = made.to_pandas().query("episode == 2 and step >= 25").reset_index(drop=True)
     env = gymnasium.make(ID, setpoint=10, history=2)
     env.reset(seed=0)
-    seen, info = env.unwrapped.set_state(ibdata.state_at(made, 2, 25))
+    seen, info = env.unwrapped.set_state(ibdata.state_at(made, (2, 25)))
     stored = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy()
     np.testing.assert_array_equal(seen, np.tile(stored[0], 2))
     assert set(info) == {f"latent_{name}" for name in hidden(False)}
@@ -231,7 +231,7 @@ def test_the_returns_of_its_episodes_are_the_true_values(made):
     env = gymnasium.make(ID, setpoint=70)
     env.reset(seed=0)
     for row, result in zip([5, 55, 110], truth.results, strict=True):
-        state, returns = ibdata.state_at(made, *divmod(row, 40)), np.zeros(300)
+        state, returns = ibdata.state_at(made, divmod(row, 40)), np.zeros(300)
         for i in range(300):
             seen, _ = env.unwrapped.set_state(state)
             for t in range(30):

@@ -106,8 +106,8 @@ def test_through_a_view_a_replay_shows_what_the_arrays_show(played, view):
     """The views of one dataset are equal whether its rows are read or its episodes are simulated again."""
     ds, given, episodes = played
     history = 3
-    arrays = ds.arrays(history, **view)
-    env = gymnasium.make(ID, **{**given, "history": history, **view})
+    arrays = ds.arrays(history, view=view)
+    env = gymnasium.make(ID, **{**given, "history": history, "view": view})
     for number in range(len(episodes)):
         own = {name: array[arrays["episode"] == number] for name, array in arrays.items()}
         seen, _ = env.reset(options={"dataset": ds, "episode": number})
@@ -149,7 +149,7 @@ def test_a_given_state_ends_the_replay(played):
     env, other = (gymnasium.make(ID, **given).unwrapped for _ in range(2))
     env.reset(seed=4, options={"dataset": ds, "episode": 1})
     other.reset(seed=4, options={"dataset": ds, "episode": 0})
-    state = ibdata.state_at(ds, 1, 0)
+    state = ibdata.state_at(ds, (1, 0))
     for each in (env, other):
         each.set_state(state)
     replayed = gymnasium.make(ID, **given).unwrapped
@@ -251,12 +251,12 @@ def test_lanes_begin_in_given_states_as_single_environments_do(played):
         for env, action in zip(alone, actions, strict=True):
             env.step(action)
     episodes, steps = [3, 1, 2], [7, 60, 0]
-    some = many.set_state(ibdata.state_at(ds, episodes[:2], steps[:2]), lanes=[2, 0])
-    rest = many.set_state(ibdata.state_at(ds, episodes[2], steps[2]), lanes=1)
+    some = many.set_state(ibdata.state_at(ds, (episodes[:2], steps[:2])), lanes=[2, 0])
+    rest = many.set_state(ibdata.state_at(ds, (episodes[2], steps[2])), lanes=1)
     for (seen, info), lanes in ((some, [0, 2]), (rest, [1])):
         for lane in lanes:
             row = {2: 0, 0: 1, 1: 2}[lane]
-            own, hidden_state = alone[lane].set_state(ibdata.state_at(ds, episodes[row], steps[row]))
+            own, hidden_state = alone[lane].set_state(ibdata.state_at(ds, (episodes[row], steps[row])))
             np.testing.assert_array_equal(seen[lane], own)
             assert info["latent_mu_v"][lane] == hidden_state["latent_mu_v"]
         assert np.flatnonzero(info["_latent_mu_v"]).tolist() == lanes
@@ -270,7 +270,7 @@ def test_lanes_begin_in_given_states_as_single_environments_do(played):
 def test_all_lanes_may_begin_in_states_without_a_reset(played):
     ds, given, _ = played
     many = IndustrialBenchmarkVectorEnv(LANES, **given)
-    seen, _ = many.set_state(ibdata.state_at(ds, [0, 1, 2], 5))
+    seen, _ = many.set_state(ibdata.state_at(ds, ([0, 1, 2], 5)))
     np.testing.assert_array_equal(
         seen[:, :6], columns(ds.to_pandas().query("step == 5 and episode < 3"), "obs")
     )

@@ -17,9 +17,9 @@ STEPS = 7
 LANES = 3
 SETTINGS = (
     {"setpoint": 70},
-    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
+    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper"},
-    {"reward": "delta", "actions": True},
+    {"view": {"reward": "delta", "actions": True}},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 

@@ -32,7 +32,7 @@ def equal(found, expected):
 
 @pytest.mark.parametrize(("split", "history", "scale"), [(None, 1, 1.0), ("target", 4, 0.01)])
 def test_every_value_is_there_again(dataset, root, split, history, scale):
-    options = {"split": split, "history": history, "reward_scale": scale}
+    options = {"split": split, "history": history, "view": {"reward_scale": scale}}
     made = ibdata.export(dataset, "minari", root, **options)
     assert made.path == str(root / "ibdata" / "small-v0")
     found = minari.load_dataset("ibdata/small-v0")
@@ -59,9 +59,9 @@ def test_every_value_is_there_again(dataset, root, split, history, scale):
 
 @pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 def test_a_view_is_read_as_the_arrays_show_it(dataset, root, view):
-    ibdata.export(dataset, "minari", root, history=3, **view)
+    ibdata.export(dataset, "minari", root, history=3, view=view)
     found = minari.load_dataset("ibdata/small-v0")
-    arrays = dataset.arrays(history=3, **view)
+    arrays = dataset.arrays(history=3, view=view)
     assert found.total_steps == len(arrays["rewards"])
     for i, episode in enumerate(found):
         rows = slice(25 * i, 25 * i + 25)
@@ -70,7 +70,7 @@ def test_a_view_is_read_as_the_arrays_show_it(dataset, root, view):
         equal(episode.rewards, arrays["rewards"][rows])
         assert found.observation_space.contains(episode.observations[0])
     said = json.loads(found.storage.metadata["view"])
-    assert tuple(said["frame"]) == dataset.windows(**view).frame
+    assert tuple(said["frame"]) == dataset.windows(view=view).frame
     environment = found.recover_environment()
     assert environment.observation_space.shape == found.observation_space.shape
     environment.reset(seed=1)
@@ -103,7 +103,7 @@ def test_a_normalized_score_is_that_of_ibdata(root, tmp_path, start):
     experiment = ibdata.Experiment(
         name="one", setpoints=75, policies=policies, episodes=5, steps=1000, start=start
     )
-    scores, dataset = normalized(experiment, tmp_path, reward_scale=0.01)
+    scores, dataset = normalized(experiment, tmp_path, view={"reward_scale": 0.01})
     expected = [result["score"] / 100 for result in dataset.returns()["results"]]
     assert scores.reshape(3, 5).mean(axis=1) == pytest.approx(expected, rel=1e-5, abs=1e-5)
     assert scores.reshape(3, 5).mean(axis=1)[[0, 2]] == pytest.approx([0.0, 1.0], abs=0.25)
@@ -149,7 +149,7 @@ def test_there_is_no_normalized_score_for_other_returns_than_those_of_the_scale(
     """The last: rows without a next hidden state are left out, so the returns are those of 999 steps."""
     experiment = ibdata.Experiment(name="other", setpoints=75, policies=[{"kind": "random"}], steps=1000)
     with pytest.raises(ValueError, match="Reference score not provided"):
-        normalized(experiment, tmp_path, **view)
+        normalized(experiment, tmp_path, view=view)
 
 
 def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):
@@ -250,13 +250,18 @@ def test_a_dataset_beside_it_is_left_alone_and_listed(dataset, root, monkeypatch
 
 
 def test_the_environment_is_named_with_the_datasets_own_settings(dataset, root):
-    ibdata.export(dataset, "minari", root, history=3, reward_scale=0.5)
+    ibdata.export(dataset, "minari", root, history=3, view={"reward_scale": 0.5})
     ibdata.export(dataset, "minari", root, split="target", id="ibdata/target-v0")
     raw = json.loads((root / "ibdata" / "small-v0" / "data" / "metadata.json").read_text())["env_spec"]
     spec = json.loads(raw)
     assert (spec["id"], spec["max_episode_steps"]) == ("ibdata/IndustrialBenchmark-v0", 25)
     assert spec["entry_point"] == "ibdata.environment:IndustrialBenchmarkEnv"
-    assert spec["kwargs"] == {"dynamics": "siemens", "start": "default", "history": 3, "reward_scale": 0.5}
+    assert spec["kwargs"] == {
+        "dynamics": "siemens",
+        "start": "default",
+        "history": 3,
+        "view": {"reward_scale": 0.5},
+    }
     assert minari.load_dataset("ibdata/target-v0").env_spec.kwargs["setpoint"] == 70
 
 

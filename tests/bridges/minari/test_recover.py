@@ -37,7 +37,7 @@ def recovered(made, root, **options):
 def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
     overrides = ["episodes=2", "steps=20", "output.latent=next"]
     made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    found, environment = recovered(made, root, **view)
+    found, environment = recovered(made, root, view=view)
     assert environment.observation_space.shape == found.observation_space.shape
     environment.reset(seed=0)
     shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
