@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.measures.quality import Quality, quality
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
@@ -47,9 +48,12 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     listed = dataset.manifest_model
     spec = spec_in(path, listed)
     refuse_other_plan(spec, listed)
-    report = _report(dataset, spec)  # before the lock: it may take minutes
+    measured = quality(dataset)  # before the lock: it may take minutes
+    report = _report(dataset, spec, measured)
     version = printable(listed.versions.get("ibdata", __version__))
-    made = readme(spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version)
+    made = readme(
+        spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version, measured
+    )
     with locked_part(resolved(path), path):
         manifest.refuse_replaced(path, listed)
         if is_edited(path / manifest.CARD):
@@ -64,10 +68,10 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     return [path / manifest.CARD, path / manifest.REPORT]
 
 
-def _report(dataset: Dataset, spec: DatasetSpec) -> bytes | None:
+def _report(dataset: Dataset, spec: DatasetSpec, measured: Quality) -> bytes | None:
     """The bytes of report.html; None, and a line on stderr, where matplotlib is not installed."""
     try:
-        return page(dataset, spec, drawn(dataset))
+        return page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:
         print(f"ibdata: {manifest.REPORT} is not written: {error}", file=sys.stderr, flush=True)
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -67,6 +68,13 @@ def test_datasets_are_listed_with_totals_of_folders(made, made_at, run):
     assert lines[1][0::7] == ["data/one", "finished"]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert out.splitlines()[3].startswith(".: 2 datasets, 15 rows, ")
+    Path("linked").mkdir()
+    Path("linked/far").symlink_to(made.path)
+    Path("linked/up").symlink_to(made.path.parent.parent)
+    assert [each["path"] for each in json.loads(run("ls", "linked", "--json")[1])["datasets"]] == [
+        "linked/far",
+        "linked/up/data/one",
+    ]
     (made.path / "../empty").mkdir()
     assert run("ls", "data/empty")[1].startswith("data/empty: no datasets here or below")
 

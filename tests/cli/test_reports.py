@@ -76,6 +76,12 @@ def test_stats_are_those_of_the_split_asked_for(ibdata, data):
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
+        (("info", "safe"), 3, "; ibdata generate safe makes data/safe"),
+        (
+            ("stats", "data/d4rl-like/medium"),
+            3,
+            "; ibdata generate d4rl-like/medium makes data/d4rl-like/medium",
+        ),
         (("info", "nowhere"), 3, "nowhere: no finished dataset here: meta/manifest.json is missing"),
         (("head", "DATA", "--columns", "nope"), 2, "column: found 'nope', expected one of episode, step"),
         (("head", "DATA", "--split", "nope"), 2, "split: found 'nope', expected one of source, target"),
