@@ -80,7 +80,7 @@ def test_stats_are_those_of_the_split_asked_for(ibdata, data):
         (
             ("stats", "data/d4rl-like/medium"),
             3,
-            "; ibdata generate d4rl-like/medium makes data/d4rl-like/medium",
+            "; ibdata generate d4rl-like/medium makes data/",
         ),
         (("info", "nowhere"), 3, "nowhere: no finished dataset here: meta/manifest.json is missing"),
         (("head", "DATA", "--columns", "nope"), 2, "column: found 'nope', expected one of episode, step"),

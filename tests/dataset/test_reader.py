@@ -249,17 +249,19 @@ def test_head_reads_on_from_a_row_to_the_end(dataset, at):
 
 
 @pytest.mark.parametrize(
-    "given", [{"at": (99, 0)}, {"at": (0, 32)}, {"at": 3}, {"at": (0, 0), "split": "target"}]
+    "given", [{"at": (99, 0)}, {"at": (0, 40)}, {"at": 3}, {"at": (0, 0), "split": "target"}], ids=str
 )
 def test_head_refuses_what_is_no_row(dataset, given):
-    with pytest.raises(UsageError, match="^at: found"):
+    with pytest.raises(UsageError, match="at: found"):
         dataset.head(**given)
 
 
 def test_a_view_has_the_numbers_of_its_rows(dataset):
     view = {"observe": "markov", "reward": "delta"}
-    seen, arrays = dataset.to_pandas(view=view, split="target"), dataset.arrays(split="target", view=view)
+    seen = dataset.to_pandas(view=view, split="target")
+    arrays = dataset.arrays(split="target", view=view)
     rows = dataset.to_pandas().loc[seen.index]
     assert (seen["reward"] == arrays["rewards"]).all()
-    assert rows[["episode", "step"]].to_numpy().tolist() == seen[["episode", "step"]].to_numpy().tolist()
+    places = ["episode", "step"]
+    assert rows[places].equals(seen[places])
     assert dataset.table(view=view).num_rows == len(dataset.arrays(view=view)["rewards"])
