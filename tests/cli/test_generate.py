@@ -20,7 +20,7 @@ def test_the_papers_batch_comes_out_in_an_empty_folder(ibdata, tmp_path):
     assert pq.read_table(tmp_path / "data/random/data").num_rows == 10_000
 
 
-def test_stdout_holds_the_result_and_stderr_nothing_without_a_terminal(ibdata):
+def test_stdout_holds_the_result_and_stderr_nothing(ibdata):
     ibdata("generate", "--config", "random", *SMALL)  # compiles where nothing is compiled yet
     done = ibdata("generate", "--config", "random", *SMALL, "--overwrite")
     assert done.stdout.startswith("dataset ")
@@ -91,7 +91,7 @@ def test_a_dry_run_for_people_has_a_line_for_each_figure(ibdata):
         (("--config", "random", "--nonsense"), "No such option"),
     ],
 )
-def test_a_call_that_cannot_be_meant_exits_2_with_a_line_and_leaves_nothing(ibdata, tmp_path, args, message):
+def test_a_wrong_call_exits_2_with_a_line_and_leaves_nothing(ibdata, tmp_path, args, message):
     (tmp_path / "file").touch()
     done = ibdata("generate", *args)
     assert done.returncode == 2

@@ -52,7 +52,7 @@ def test_info_names_counts_splits_columns_and_the_content_root(ibdata, data):
     assert document["info"]["counts"]["rows"] == 600
 
 
-def test_head_prints_the_first_rows_of_the_columns_and_split_asked_for(ibdata, data):
+def test_head_prints_the_columns_and_split_asked_for(ibdata, data):
     args = ("head", str(data), "-n", "2", "--columns", "step,obs_setpoint", "--split", "target")
     assert json.loads(ibdata(*args, "--json").stdout)["rows"] == [
         {"step": 0, "obs_setpoint": 75.0},
@@ -113,7 +113,7 @@ def test_config_schema_is_that_of_experiments(ibdata):
 
 
 @pytest.mark.parametrize("args", [(), ("generate",), ("info",), ("head",), ("stats",), ("config", "show")])
-def test_help_is_there_for_every_command_and_imports_nothing_heavy(ibdata, command, args):
+def test_every_command_has_help_that_imports_nothing_heavy(ibdata, command, args):
     done = ibdata(*args, "-h")
     assert done.returncode == 0
     assert done.stdout == ibdata(*args, "--help").stdout

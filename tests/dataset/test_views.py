@@ -55,9 +55,7 @@ def test_markov_frames_are_the_columns_in_their_order(whole):
     assert (arrays["next_observations"] == rows[[f"next_{name}" for name in frame]].to_numpy()).all()
 
 
-def test_without_a_next_latent_state_the_last_rows_are_left_out_and_the_row_before_is_truncated(
-    whole, without
-):
+def test_last_rows_without_a_next_state_are_left_out(whole, without):
     found, expected = (
         without.arrays(view={"observe": "markov"}, history=3),
         whole.arrays(view={"observe": "markov"}, history=3),
@@ -76,7 +74,7 @@ def test_a_list_of_observed_columns_needs_no_next_latent_state(without):
     assert len(arrays["rewards"]) == len(without)
 
 
-def test_previous_actions_are_those_of_the_row_before_and_zero_at_the_start(whole):
+def test_previous_actions_are_of_the_row_before_or_zero(whole):
     arrays = whole.arrays(view={"actions": True}, history=2)
     frames, after = (arrays[name].reshape(-1, 2, 9) for name in ("observations", "next_observations"))
     assert (after[:, 0, 6:] == arrays["actions"]).all()
@@ -131,7 +129,7 @@ def test_arrays_batches_and_windows_hold_the_same_values(request, which, view, s
             assert (values == stacked[name][order]).all()
 
 
-def test_imperfections_see_the_same_values_in_a_selection_as_in_the_whole(whole):
+def test_imperfections_are_the_same_in_a_selection(whole):
     every = whole.arrays(view={"imperfections": TROUBLES})
     some = whole.arrays(view={"imperfections": TROUBLES}, policy="safe")
     kept = np.isin(every["episode"], some["episode"])

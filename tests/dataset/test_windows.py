@@ -25,7 +25,7 @@ def test_a_transition_has_the_values_of_the_arrays(dataset):
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_a_slice_and_a_mask_choose_the_rows_that_they_choose_of_the_arrays(dataset, history):
+def test_slices_and_masks_choose_as_they_do_of_arrays(dataset, history):
     windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
     mask = arrays["rewards"] > np.median(arrays["rewards"])
     for found, rows in (
@@ -80,7 +80,7 @@ def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_folder_is_not_used_again_for_episodes_in_another_order(tmp_path):
+def test_a_folder_does_not_serve_episodes_in_another_order(tmp_path):
     """Datasets with their policies in another order have one root, but other episodes at each number."""
     made = []
     for policies in (["random", "safe"], ["safe", "random"]):

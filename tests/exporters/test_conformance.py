@@ -46,9 +46,7 @@ def added(tmp_path, monkeypatch):
     sys.modules.pop("mine_rewards", None)
 
 
-def test_a_format_of_another_package_is_found_and_imported_only_when_it_is_asked_for(
-    dataset, tmp_path, added
-):
+def test_a_format_of_another_package_is_imported_when_used(dataset, tmp_path, added):
     ibdata.export(dataset, "npz", tmp_path / "made.npz")
     assert "mine_rewards" not in sys.modules
     names = {}
@@ -61,7 +59,7 @@ def test_a_format_of_another_package_is_found_and_imported_only_when_it_is_asked
 
 
 @pytest.mark.slow
-def test_the_help_names_the_formats_of_other_packages_without_importing_them(added):
+def test_help_names_added_formats_without_importing_them(added):
     code = "import sys\nfrom ibdata.cli import main\nmain(['export', '--help'])"
     variables = {"PYTHONPATH": f"{added}:{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run(

@@ -29,7 +29,7 @@ def test_npz_and_d4rl_hold_the_same_keys(dataset, tmp_path, to, split):
     assert {name for name in data if "/" not in name} == keys
 
 
-def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(dataset, tmp_path):
+def test_d4rl_has_an_entry_a_row_and_metadata_as_attributes(dataset, tmp_path):
     """D4RL's sequence_dataset takes every key at every row; a scalar there ends it."""
     made = ibdata.export(dataset, "d4rl", tmp_path / "made", view={"reward_scale": 0.01})
     data = hdf5(made.path)
@@ -40,7 +40,7 @@ def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(da
         assert file.attrs["reward_scale"] == 0.01
 
 
-def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset, tmp_path):
+def test_d4rls_own_reader_loses_the_last_row_of_an_episode(dataset, tmp_path):
     """qlearning_dataset shifts observations and leaves out rows that end by time; hence its warning."""
     data = hdf5(ibdata.export(dataset, "d4rl", tmp_path / "made").path)
     kept = [i for i in range(len(data["rewards"]) - 1) if not data["timeouts"][i]]

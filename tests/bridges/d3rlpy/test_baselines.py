@@ -24,7 +24,7 @@ def rows(small) -> offline.Rows:
     return offline.rows_of(small)
 
 
-def test_the_rows_are_the_transitions_that_d3rlpy_reads_from_the_export(small, rows, tmp_path):
+def test_the_rows_are_the_transitions_that_d3rlpy_reads(small, rows, tmp_path):
     ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, view={"reward_scale": 0.01})
     with (tmp_path / "x.h5").open("rb") as file:
         replay = ReplayBuffer.load(file, InfiniteBuffer())

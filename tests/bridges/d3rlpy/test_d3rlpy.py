@@ -91,7 +91,7 @@ def test_the_appended_row_is_never_sampled(dataset, tmp_path):
     assert len(np.unique(rewards)) == 150
 
 
-def test_what_users_write_who_know_no_better_loses_or_spoils_transitions(dataset):
+def test_naive_conversions_lose_or_spoil_transitions(dataset):
     """Timeouts lose the last transition of each episode, terminals forbid to bootstrap there."""
     arrays = dataset.arrays()
     never = np.zeros(150, np.float32)

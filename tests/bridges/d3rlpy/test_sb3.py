@@ -87,7 +87,7 @@ def check_begin(a, b):
 
 
 @pytest.mark.parametrize("given", SETTINGS, ids=str)
-def test_it_gives_the_bits_of_their_loop_over_environments_and_infos_that_are_equal(given):
+def test_it_gives_the_bits_of_a_loop_over_environments(given):
     a, b = both(**given)
     assert (a.observation_space, a.action_space) == (b.observation_space, b.action_space)
     assert a.seed(4) == b.seed(4)
@@ -97,7 +97,7 @@ def test_it_gives_the_bits_of_their_loop_over_environments_and_infos_that_are_eq
     check_alike(a, b, actions_for(a, 2))
 
 
-def test_an_episode_s_last_observation_is_in_the_info_of_its_last_step():
+def test_the_last_observation_is_in_the_info_of_the_last_step():
     env = ours(setpoint=70, history=2)
     env.seed(0)
     before = env.reset()
@@ -113,7 +113,7 @@ def test_an_episode_s_last_observation_is_in_the_info_of_its_last_step():
     assert (before[:, 1:4] == 50.0).all()  # the first observations of new episodes
 
 
-def test_episodes_have_1000_steps_unless_said_otherwise_and_none_means_no_end():
+def test_episodes_have_1000_steps_unless_said_otherwise():
     envs = [IndustrialBenchmarkVecEnv(1), IndustrialBenchmarkVecEnv(1, max_episode_steps=None)]
     for env in envs:
         env.reset()
@@ -230,7 +230,7 @@ def test_discrete_actions_train():
     env.step(action)
 
 
-def test_wrong_settings_are_one_line_and_the_extra_is_named_where_it_is_missing():
+def test_wrong_settings_and_a_missing_extra_are_one_line():
     with pytest.raises(ConfigError, match="setpoint: found 170, expected a number of at most 100"):
         IndustrialBenchmarkVecEnv(2, setpoint=170)
     with pytest.raises(UsageError, match="num_envs: found 0, expected at least 1"):

@@ -1,4 +1,4 @@
-"""The environments replay the episodes of datasets, begin in given states, and have discrete actions."""
+"""The environments replay the episodes of datasets, and begin in given states."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import pickle
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import ibdata
 from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
-from ibdata.environment.actions import DISCRETE
 from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.variables import hidden
@@ -119,7 +117,7 @@ def test_through_a_view_a_replay_shows_what_the_arrays_show(played, view):
             assert seen.tobytes() == own["next_observations"][t].tobytes()
 
 
-def test_other_actions_meet_the_same_noise_so_setpoint_and_drift_stay(played):
+def test_other_actions_meet_the_same_noise(played):
     ds, given, episodes = played
     env, rows = gymnasium.make(ID, **given), episodes[-1]
     env.reset(options={"dataset": ds, "episode": len(episodes) - 1})
@@ -218,14 +216,6 @@ def test_lanes_replay_what_single_environments_do(played, mode):
         np.testing.assert_array_equal(seen, expected)
 
 
-def test_one_episode_may_be_that_of_all_lanes(played):
-    ds, given, episodes = played
-    many = IndustrialBenchmarkVectorEnv(LANES, **given)
-    many.reset(options={"dataset": ds, "episode": 3})
-    rewards = np.array([many.step(np.tile(action, (LANES, 1)))[1] for action in actions_of(episodes[3])])
-    np.testing.assert_array_equal(rewards.astype(np.float32), np.tile(episodes[3][["reward"]], LANES))
-
-
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
 def test_a_copy_of_the_lanes_goes_on_with_the_replay_by_itself(played, copied):
     ds, given, _ = played
@@ -275,63 +265,3 @@ def test_all_lanes_may_begin_in_states_without_a_reset(played):
         seen[:, :6], columns(ds.to_pandas().query("step == 5 and episode < 3"), "obs")
     )
     many.step(random_actions()[0])
-
-
-@pytest.mark.parametrize("lanes", [3, -1, [0, 0], [], [0.0], "all", [[0]]], ids=str)
-def test_lanes_that_are_not_there_are_refused_in_one_line(lanes):
-    many = IndustrialBenchmarkVectorEnv(LANES)
-    with pytest.raises(
-        UsageError, match=r"^lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"
-    ):
-        many.set_state(ibdata.dynamics.initial_state([70.0]), lanes)
-    with pytest.raises(
-        UsageError, match=r"^set_state: found a state of 1 lane, expected a state of 3 lanes$"
-    ):
-        many.set_state(ibdata.dynamics.initial_state([70.0]))
-
-
-@pytest.mark.parametrize("given", [given for _, given in CASES.values()], ids=str)
-def test_discrete_actions_do_what_those_of_their_place_do(given):
-    """One lane, many lanes, and Gymnasium's loop over single ones."""
-    one = gymnasium.make(ID, discrete_actions=True, **given)
-    check_env(gymnasium.make(ID, discrete_actions=True, **given).unwrapped, skip_render_check=True)
-    assert one.action_space == gymnasium.spaces.Discrete(27)
-    other = gymnasium.make(ID, **given)
-    many = gymnasium.make_vec(ID, num_envs=LANES, discrete_actions=True, max_episode_steps=10, **given)
-    loop = gymnasium.make_vec(
-        ID,
-        num_envs=LANES,
-        vectorization_mode="sync",
-        discrete_actions=True,
-        max_episode_steps=10,
-        **given,
-    )
-    assert many.action_space == loop.action_space
-    for env in (one, other, many, loop):
-        env.reset(seed=1)
-    many.action_space.seed(0)
-    one.action_space.seed(0)
-    for _ in range(30):
-        action = one.action_space.sample()
-        seen, reward, *_ = one.step(action)
-        expected, its, *_ = other.step(np.array(DISCRETE[action]))
-        assert (seen.tolist(), reward) == (expected.tolist(), its)
-        actions = many.action_space.sample()
-        found, rewards, *_ = many.step(actions)
-        theirs = loop.step(actions)
-        np.testing.assert_array_equal(found, theirs[0])
-        np.testing.assert_array_equal(rewards, theirs[1])
-
-
-def test_wrong_discrete_actions_are_refused_in_one_line():
-    env = IndustrialBenchmarkEnv(discrete_actions=True)
-    env.reset(seed=0)
-    with pytest.raises(UsageError, match=r"^action: found 27, expected a whole number from 0 to 26$"):
-        env.step(27)
-    many = IndustrialBenchmarkVectorEnv(LANES, discrete_actions=True)
-    many.reset(seed=0)
-    with pytest.raises(UsageError, match=r"^action: found .*, expected 3 whole numbers from 0 to 26$"):
-        many.step(np.zeros((3, 3), dtype=np.float32))
-    for kind in (IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv):
-        with pytest.raises(UsageError, match="discrete_actions: found 'yes', expected True or False"):
-            kind(discrete_actions="yes")

@@ -145,14 +145,14 @@ def test_there_is_no_normalized_score_without_reference_returns(root, tmp_path, 
 
 
 @pytest.mark.parametrize("view", [{"reward": "delta"}, {"reward": {"consumption": 1}}, {"observe": "markov"}])
-def test_there_is_no_normalized_score_for_other_returns_than_those_of_the_scale(root, tmp_path, view):
+def test_other_returns_have_no_normalized_score(root, tmp_path, view):
     """The last: rows without a next hidden state are left out, so the returns are those of 999 steps."""
     experiment = ibdata.Experiment(name="other", setpoints=75, policies=[{"kind": "random"}], steps=1000)
     with pytest.raises(ValueError, match="Reference score not provided"):
         normalized(experiment, tmp_path, view=view)
 
 
-def test_the_end_of_an_info_is_nan_where_the_dataset_does_not_know_it(root, tmp_path):
+def test_the_end_of_an_info_is_nan_where_it_is_not_known(root, tmp_path):
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=["steps=20"])
     ibdata.export(dataset, "minari", root)
     episode = minari.load_dataset("ibdata/random-v0")[3]
@@ -193,7 +193,7 @@ def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
 @pytest.mark.parametrize(
     "id", ["p70.5-v0", "x/mine-v0", "ibdata/mine", "ibdata/mine-v", "", "../mine-v0", "ib//x-v0"]
 )
-def test_an_id_that_minari_would_not_take_is_refused_before_anything_is_written(dataset, root, id):
+def test_an_id_that_minari_would_not_take_is_refused(dataset, root, id):
     with pytest.raises(UsageError, match="expected NAMESPACE/NAME-vN"):
         ibdata.export(dataset, "minari", root, id=id)
     assert not root.exists()
