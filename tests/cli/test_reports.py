@@ -93,7 +93,9 @@ def test_config_schema_is_that_of_experiments(ibdata):
     assert json.loads(ibdata("config", "schema").stdout) == Experiment.model_json_schema()
 
 
-@pytest.mark.parametrize("args", [(), ("generate",), ("info",), ("head",), ("stats",), ("config", "show")])
+@pytest.mark.parametrize(
+    "args", [(), ("generate",), ("info",), ("head",), ("stats",), ("export",), ("config", "show")]
+)
 def test_every_command_has_help_that_imports_nothing_heavy(ibdata, command, args):
     done = ibdata(*args, "-h")
     assert done.returncode == 0

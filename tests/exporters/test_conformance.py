@@ -14,13 +14,7 @@ from exporters.reading import holds, one_setpoint
 import ibdata
 from ibdata.dataset.models import SplitEntry
 from ibdata.errors import DatasetError, IbdataError, UsageError
-from ibdata.exporters import FORMATS
 from ibdata.exporters._view import View
-
-
-def test_the_formats_are_the_files():
-    assert {"csv", "d3rlpy", "d4rl", "minari", "neorl", "npz", "rllib"} <= set(FORMATS)
-
 
 ADDED = '''
 """Rewards as text."""
@@ -195,11 +189,6 @@ def test_an_episode_that_does_not_end_is_a_damaged_dataset(dataset, tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_dataset_is_a_dataset_error(tmp_path):
-    with pytest.raises(DatasetError, match="no finished dataset here"):
-        ibdata.export(tmp_path, "csv", tmp_path / "made")
-
-
 @pytest.mark.parametrize("to", ["d4rl", "d3rlpy"])
 def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_path, to, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
@@ -209,25 +198,3 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_pa
     ):
         ibdata.export(dataset, to, tmp_path / "a" / "made")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_the_help_has_what_each_format_works_around(ibdata):
-    text = " ".join(ibdata("export", "--help").stdout.split())
-    for words in (
-        "sequence_dataset expects rows in every HDF5 dataset",
-        "Parquet corrupt episodes of 32,768 steps or more",
-        "would lose the last transition",
-        "one vector per row",
-        "the loader puts a 0 in front of it",
-    ):
-        assert words in text
-
-
-def test_nothing_heavy_is_imported_for_the_help():
-    heavy = ("numpy", "pyarrow", "h5py", "minari")
-    code = (
-        f"import sys\nfrom ibdata.cli.export import command\nprint([m for m in {heavy} if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"

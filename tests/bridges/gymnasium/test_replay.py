@@ -82,41 +82,6 @@ def test_stepping_an_episode_s_actions_gives_its_rows(played):
     assert len(episodes) >= 4
 
 
-VIEWS = {
-    "markov": {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}},
-    "troubles": {
-        "reward": "delta",
-        "reward_scale": 0.1,
-        "imperfections": {
-            "delay": {"obs_fatigue": 3},
-            "noise": {"obs_consumption": 2.0},
-            "quantise": {"obs_gain": 0.5},
-            "missing": {"obs_velocity": 0.2},
-            "mask": True,
-        },
-    },
-    "list": {"observe": ["latent_mu_v", "obs_fatigue"]},
-}
-
-
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-def test_through_a_view_a_replay_shows_what_the_arrays_show(played, view):
-    """The views of one dataset are equal whether its rows are read or its episodes are simulated again."""
-    ds, given, episodes = played
-    history = 3
-    arrays = ds.arrays(history, view=view)
-    env = gymnasium.make(ID, **{**given, "history": history, "view": view})
-    for number in range(len(episodes)):
-        own = {name: array[arrays["episode"] == number] for name, array in arrays.items()}
-        seen, _ = env.reset(options={"dataset": ds, "episode": number})
-        for t, action in enumerate(own["actions"]):
-            assert seen in env.observation_space
-            assert seen.tobytes() == own["observations"][t].tobytes()
-            seen, reward, _, _, _ = env.step(action)
-            assert np.float32(reward) == own["rewards"][t]
-            assert seen.tobytes() == own["next_observations"][t].tobytes()
-
-
 def test_other_actions_meet_the_same_noise(played):
     ds, given, episodes = played
     env, rows = gymnasium.make(ID, **given), episodes[-1]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import warnings
 
 import gymnasium
 import minari
 import numpy as np
 import pytest
-from minari.data_collector import EpisodeBuffer
 
 import ibdata
 from ibdata.dataset import reference_returns
@@ -215,23 +213,6 @@ def test_minari_still_refuses_these_ids(root, id):
     box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
     with pytest.raises((ValueError, TypeError)):
         minari.create_dataset_from_buffers(id, [], observation_space=box, action_space=box)
-
-
-def test_minari_still_checks_neither_lengths_nor_bounds(root):
-    """Hence the tests here compare both."""
-    box = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-    wrong = np.full((3, 1), 7, np.float32)
-    buffer = EpisodeBuffer(
-        observations=wrong,
-        actions=wrong,
-        rewards=wrong[:, 0],
-        terminations=[False] * 3,
-        truncations=[False] * 3,
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        minari.create_dataset_from_buffers("ib/bad-v0", [buffer], observation_space=box, action_space=box)
-    assert minari.load_dataset("ib/bad-v0")[0].observations.shape == (3, 1)
 
 
 def test_a_dataset_beside_it_is_left_alone_and_listed(dataset, root, monkeypatch):
