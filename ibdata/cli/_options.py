@@ -67,6 +67,18 @@ def completing(known: Callable[[click.Context], Iterable[str]]) -> Callable[...,
     return complete
 
 
+def _experiments(ctx: click.Context) -> Iterable[str]:
+    from ibdata.experiment.shipped import shipped, suites
+
+    return [*suites(), *shipped()]
+
+
+def _policies(ctx: click.Context) -> Iterable[str]:
+    from ibdata.policies import POLICIES
+
+    return POLICIES
+
+
 def _dataset(ctx: click.Context) -> Dataset:
     """The dataset on the line; click leaves its argument alone where an option still lacks its value."""
     from ibdata.dataset.reader import Dataset
@@ -76,6 +88,13 @@ def _dataset(ctx: click.Context) -> Dataset:
 
 columns = completing(lambda ctx: [column.name for column in _dataset(ctx).info_model.columns])
 splits = completing(lambda ctx: _dataset(ctx).split_entries)
+policies = completing(_policies)
+_shipped = completing(_experiments)
+
+
+def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Files, and the shipped experiments."""
+    return [CompletionItem(incomplete, type="file"), *_shipped(ctx, param, incomplete)]
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place())

@@ -23,6 +23,7 @@ VIEW_OPTIONS = [
     ),
     click.option("--actions", is_flag=True, help="Observe the action of the step before too."),
     reward_option,
+    click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X."),
     click.option(
         "--imperfections",
         metavar="YAML",
@@ -39,13 +40,16 @@ def view_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def view_keywords(observe: str, actions: bool, reward: str, imperfections: str | None) -> dict[str, Any]:
-    """The options of a view as Python takes them. Raises UsageError for text that is not YAML."""
+def view_of(
+    observe: str, actions: bool, reward: str, reward_scale: float, imperfections: str | None
+) -> dict[str, Any]:
+    """The argument `view` of Python. Raises UsageError for text that is not YAML."""
     names = [name.strip() for name in observe.split(",")]
     return {
         "observe": names if len(names) > 1 or names[0].startswith(("obs_", "latent_")) else observe,
         "actions": actions,
         "reward": yaml_value("--reward", reward),
+        "reward_scale": reward_scale,
         "imperfections": None if imperfections is None else yaml_value("--imperfections", imperfections),
     }
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._completion import configs
-from ibdata.cli._options import seed_option, set_option
+from ibdata.cli._options import configs, seed_option, set_option
 from ibdata.cli._printing import Printed, print_json, prints_result, table
 from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import printable

@@ -6,8 +6,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._completion import policies
-from ibdata.cli._options import allow_code_option, progress_option
+from ibdata.cli._options import allow_code_option, policies, progress_option
 from ibdata.cli._printing import Result, prints_result
 from ibdata.cli._views import reward_option, yaml_value
 
@@ -88,6 +87,6 @@ def command(
         points if len(points) > 1 else points[0],
         start=yaml_value("--start", start),
         dynamics=yaml_value("--dynamics", dynamics),
-        reward=yaml_value("--reward", reward),
+        view={"reward": yaml_value("--reward", reward)},
         **settings,
     )

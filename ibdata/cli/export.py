@@ -16,7 +16,7 @@ from ibdata.cli._options import (
     summaries,
 )
 from ibdata.cli._printing import Printed, pairs, prints_result, within
-from ibdata.cli._views import view_keywords, view_options
+from ibdata.cli._views import view_of, view_options
 from ibdata.exporters import FORMATS, added_formats
 from ibdata.numerics.naming import counted
 
@@ -42,7 +42,6 @@ def _formats() -> list[tuple[str, str]]:
     metavar="N",
     help="Observations to stack, newest first; default 1, or 30 for neorl.",
 )
-@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
 @view_options
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
@@ -55,6 +54,7 @@ def command(
     observe: str,
     actions: bool,
     reward: str,
+    reward_scale: float,
     imperfections: str | None,
     **options: Any,
 ) -> Printed:
@@ -71,7 +71,8 @@ def command(
     """
     from ibdata.exporters import export
 
-    exported = export(folder, to, out, **options, **view_keywords(observe, actions, reward, imperfections))
+    view = view_of(observe, actions, reward, reward_scale, imperfections)
+    exported = export(folder, to, out, **options, view=view)
     lines: list[tuple[str, object]] = [
         ("export", exported.path),
         ("rows", within(exported.rows, exported.episodes)),

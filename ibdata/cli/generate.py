@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._completion import configs
 from ibdata.cli._made import described, made
 from ibdata.cli._options import (
     Place,
     allow_code_option,
+    configs,
     progress_option,
     seed_option,
     set_option,

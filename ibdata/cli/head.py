@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from ibdata.cli._options import columns as column_names
 from ibdata.cli._options import place_argument, split_option
 from ibdata.cli._printing import Printed, lines, prints_result
-from ibdata.errors import DatasetError
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MAX_ROWS = 1_000_000
 
@@ -27,19 +22,23 @@ MAX_ROWS = 1_000_000
 )
 @click.option("--columns", metavar="A,B,…", shell_complete=column_names, help="Print only these columns.")
 @split_option
+@click.option(
+    "--at", nargs=2, type=int, metavar="EPISODE STEP", help="Begin at this row; by default at the first."
+)
 @prints_result
-def command(folder: Path | str, rows: int, columns: str | None, split: str | None) -> Printed:
-    """Print the first rows of a dataset, one column per line.
+def command(
+    folder: Path | str, rows: int, columns: str | None, split: str | None, at: tuple[int, int] | None
+) -> Printed:
+    """Print the first rows of a dataset, or those from --at on, one column per line.
 
     \b
     ibdata head data/random -n 3 --columns step,act_velocity,reward
+    ibdata head data/random --at 7 250
     """
     from ibdata.dataset.reader import Dataset
 
     names = None if columns is None else [name.strip() for name in columns.split(",")]
-    first = _first(Dataset(folder).iter_batches(names, split, batch_rows=rows), rows)
-    if first is None:
-        raise DatasetError(f"{folder}: found no rows; see ibdata validate {folder}")
+    first = Dataset(folder).head(rows, names, split, at=at)
     width = max(map(len, first.schema.names))
     shown = []
     for name in first.schema.names:
@@ -47,19 +46,6 @@ def command(folder: Path | str, rows: int, columns: str | None, split: str | Non
         shown.append(name.ljust(width + 1) + "".join(x.rjust(12) for x in values))
     plain = [{name: _in_json(x) for name, x in row.items()} for row in first.to_pylist()]
     return Printed({"rows": plain}, lines(shown))
-
-
-def _first(batches: Iterable[pa.RecordBatch], count: int) -> pa.Table | None:
-    """The first rows of batches, which end with a file; None if there are none."""
-    import pyarrow as pa
-
-    kept, missing = [], count
-    for batch in batches:
-        kept.append(batch.slice(0, missing))
-        missing -= kept[-1].num_rows
-        if missing == 0:
-            break
-    return pa.Table.from_batches(kept) if kept else None
 
 
 def _in_json(value: Any) -> Any:

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
+from ibdata.system.configs import shipped
 from ibdata.system.storage import Storage, damaged, reason, storage
 
 PATH = "meta/manifest.json"
@@ -41,7 +42,7 @@ def read(place: Any) -> Manifest:
         data = files.read(PATH)
     except (FileNotFoundError, NotADirectoryError):
         raise NoDatasetError(
-            f"{files.name}: no finished dataset here: {PATH} is missing{_near(files)}"
+            f"{files.name}: no finished dataset here: {PATH} is missing{_remedy(files)}"
         ) from None
     except OSError as error:
         raise damaged(files, PATH, f"cannot be read: {reason(error)}") from None
@@ -51,11 +52,14 @@ def read(place: Any) -> Manifest:
         raise damaged(files, PATH, str(error)) from None
 
 
-def _near(files: Storage) -> str:
-    """'; did you mean …?' if a dataset with a similar name is beside the folder, or in a folder `data`."""
+def _remedy(files: Storage) -> str:
+    """The command that makes a shipped dataset of this name, or a similar name beside it or in data/."""
     if files.url is not None:
         return ""
     folder = files.path
+    name = folder.as_posix().removeprefix("data/")
+    if name in shipped():
+        return f"; ibdata generate {name} makes data/{name}"
     found: dict[str, Path] = {}
     with suppress(OSError, ValueError):
         for base in (folder.parent, folder.parent / "data", Path("data")):

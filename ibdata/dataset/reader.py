@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
+from operator import index
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,15 +17,28 @@ from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
 from ibdata.dataset.models import Statistics
 from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_in, rows_of
-from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
-from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, batches_of, checked_history, windows_of
+from ibdata.dataset.transitions import (
+    Transitions,
+    as_batch,
+    left_out,
+    needed,
+    transitions,
+    whole_episodes,
+)
+from ibdata.dataset.viewed import (
+    BLOCK_ROWS,
+    arrays_of,
+    batches_of,
+    checked_history,
+    checked_length,
+    windows_of,
+)
 from ibdata.dataset.windows import Windows
-from ibdata.errors import DatasetError, UsageError
-from ibdata.views.options import ViewKeywords, ViewOptions, view_options
+from ibdata.errors import DatasetError, UsageError, excerpt
+from ibdata.views.options import View, ViewOptions, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    from typing_extensions import Unpack
 
 
 class Dataset(Contents):
@@ -52,6 +66,7 @@ class Dataset(Contents):
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
+        view: View = None,
     ) -> pa.Table:
         """The rows as an Arrow table.
 
@@ -60,11 +75,21 @@ class Dataset(Contents):
             split: Only rows of this split.
             setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
             policy: Only rows of the policy with this label, or with these.
+            view: The options of a view, a mapping of some of observe, actions, reward, reward_scale and
+                imperfections (docs/views.md). The columns are then episode, step, those of the frame, the
+                actions, the reward, the flags, and `next_…` of the frame.
 
         Raises:
-            UsageError: The dataset has no such column, split, setpoint or policy.
+            UsageError: The dataset has no such column, split, setpoint or policy, or both columns and a view
+                are given.
             DatasetError: A file is missing or damaged.
         """
+        if view is not None:
+            _refuse_columns(columns)
+            info, options = self.info_model, view_of(view)
+            rows = self.table(needed(info, options), split, setpoint=setpoint, policy=policy)
+            made = transitions(rows, info, options)
+            return pa.Table.from_batches([as_batch(made, options.frame(info.drifting))])
         names = self._columns(columns)
         parts: list[pa.Table] = []
         for number, runs in self._shards(split, setpoint, policy):
@@ -84,17 +109,77 @@ class Dataset(Contents):
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
+        view: View = None,
     ) -> pd.DataFrame:
         """The rows as a pandas DataFrame, whose index has their numbers in the dataset, from 0.
 
         Arguments and errors are those of `table`.
         """
-        table = self.table(columns, split, setpoint=setpoint, policy=policy)
+        table = self.table(columns, split, setpoint=setpoint, policy=policy, view=view)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         if len(frame) < len(self):
-            inside = self.selected(split, setpoint, policy)
-            frame.index = np.flatnonzero(np.repeat(inside, self.episode_table["length"].to_numpy()))
+            lengths = self.episode_table["length"].to_numpy()
+            inside = np.repeat(self.selected(split, setpoint, policy), lengths)
+            if left_out(self.info_model, view_of(view)):
+                inside[np.cumsum(lengths) - 1] = False
+            frame.index = np.flatnonzero(inside)
         return frame
+
+    def head(
+        self,
+        rows: int = 5,
+        columns: Columns = None,
+        split: Split = None,
+        *,
+        at: tuple[int, int] | None = None,
+    ) -> pa.Table:
+        """The first rows as an Arrow table, read without the others.
+
+        Args:
+            rows: How many rows.
+            columns: As in `table`.
+            split: As in `table`.
+            at: `(episode, step)` of the row to begin at; by default the first one.
+
+        Raises:
+            UsageError: `rows` is below 1, or the dataset has no such column, split or row; or both a split
+                and a row are given.
+            DatasetError: A file is missing or damaged.
+        """
+        checked_length(rows, "rows")
+        if at is None:
+            batches = self.iter_batches(columns, split, rows)
+        elif split is not None:
+            raise UsageError("at: found a split too; leave one of them out")
+        else:
+            batches = self._batches_from(*self._place_of(at), self._columns(columns), rows)
+        parts, missing = [], rows
+        for batch in batches:
+            parts.append(batch.slice(0, missing))
+            missing -= parts[-1].num_rows
+            if not missing:
+                break
+        return pa.Table.from_batches(parts)
+
+    def _place_of(self, at: tuple[int, int]) -> tuple[int, int]:
+        """The shard of a row, and its number in it. Raises UsageError if there is none."""
+        table = self.episode_table
+        try:
+            episode, step = map(index, at)
+            length = table["length"][episode].as_py() if episode >= 0 else 0
+        except (TypeError, ValueError, IndexError):
+            length = 0
+        if not length or not 0 <= step < length:
+            steps = f", step 0 to {length - 1}" if length else ""
+            raise UsageError(
+                f"at: found {excerpt(at)}, expected (episode, step): episode 0 to {len(table) - 1}{steps}"
+            )
+        return table["shard"][episode].as_py(), table["row_start"][episode].as_py() + step
+
+    def _batches_from(self, shard: int, row: int, names: list[str], most: int) -> Iterator[pa.RecordBatch]:
+        """The rows from this one of a shard to the end of the dataset."""
+        for number in range(shard, len(self.manifest_model.shards)):
+            yield from self.shard_batches(number, names, most, row if number == shard else 0)
 
     def iter_batches(
         self,
@@ -104,22 +189,19 @@ class Dataset(Contents):
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
-        **view: Unpack[ViewKeywords],
+        view: View = None,
     ) -> Iterator[pa.RecordBatch]:
         """The rows in order, at most `batch_rows` at a time, in constant memory.
 
-        The other arguments and the errors are those of `table`. With options of a view (docs/views.md), the
-        batches have the columns episode, step, those of the frame, the actions, the reward, the flags, and
-        `next_…` of the frame; then they are of whole episodes.
+        The other arguments and the errors are those of `table`.
 
-        Raises UsageError if batch_rows is below 1, or if both columns and a view are given.
+        Raises UsageError if batch_rows is below 1.
         """
         if batch_rows < 1:
             raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
-        if view:
-            if columns is not None:
-                raise UsageError("columns: found columns beside a view, which has its own; leave one out")
-            options = view_options(**view)
+        if view is not None:
+            _refuse_columns(columns)
+            options = view_of(view)
             blocks = self._blocks(options, split, setpoint, policy, batch_rows)
             return batches_of(blocks, options.frame(self.info_model.drifting), batch_rows)
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
@@ -158,7 +240,7 @@ class Dataset(Contents):
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
-        **view: Unpack[ViewKeywords],
+        view: View = None,
     ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
 
@@ -170,8 +252,7 @@ class Dataset(Contents):
             columns: Further columns of the dataset, such as action_log_prob and policy.
             setpoint: As in `table`.
             policy: As in `table`.
-            **view: The options of a view, see docs/views.md: observe, actions, reward, reward_scale,
-                imperfections.
+            view: The options of a view, as in `table`.
 
         Returns:
             observations and next_observations (N, 6 · history), actions (N, 3), rewards, terminated,
@@ -182,7 +263,7 @@ class Dataset(Contents):
             UsageError: An argument is invalid, or the dataset has no such split, column, setpoint or policy.
             DatasetError: A file is missing or damaged.
         """
-        drop, options = checked_history(history, pad), view_options(**view)
+        drop, options = checked_history(history, pad), view_of(view)
         more = self._columns(columns) if len(columns) else []
         names = list(dict.fromkeys([*needed(self.info_model, options), *more]))
         table = self.table(names, split, setpoint=setpoint, policy=policy)
@@ -197,7 +278,7 @@ class Dataset(Contents):
         *,
         setpoint: Setpoint = None,
         policy: Policy = None,
-        **view: Unpack[ViewKeywords],
+        view: View = None,
     ) -> Windows:
         """The rows as `arrays` gives them, in float32, but stacked only when they are asked for.
 
@@ -211,13 +292,13 @@ class Dataset(Contents):
                 does not exist; if it holds the same windows, they are used.
             setpoint: As in `table`.
             policy: As in `table`.
-            **view: As in `arrays`.
+            view: As in `table`.
 
         Raises:
             UsageError: As in `arrays`, or the folder holds something else.
             DatasetError: A file is missing or damaged.
         """
-        drop, options = checked_history(history, pad), view_options(**view)
+        drop, options = checked_history(history, pad), view_of(view)
         blocks = self._blocks(options, split, setpoint, policy)
         episodes = self.episode_table.filter(self.selected(split, setpoint, policy))
         root = self.content_root
@@ -275,6 +356,11 @@ class Dataset(Contents):
             if self.split_entry(split).declared:
                 return [(number, None) for number, shard in shards if split in shard.splits]
         return sorted(rows_of(self.episode_table, self.selected(split, setpoint, policy)).items())
+
+
+def _refuse_columns(columns: Columns) -> None:
+    if columns is not None:
+        raise UsageError("columns: found columns beside a view, which has its own; leave one out")
 
 
 Place = Dataset | str | os.PathLike[str]

@@ -17,7 +17,7 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.setpoints import setpoint_values
 from ibdata.simulation.world import World
 from ibdata.variables import VARIABLES, variable_of
-from ibdata.views.options import ViewOptions, bounds_of, view_options
+from ibdata.views.options import View, ViewOptions, bounds_of, view_of
 
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
 COST_MAX = 4915.0  # θ <= e^8.5 ≈ 4914.8
@@ -41,9 +41,9 @@ def settings(
     start: Any = "default",
     history: Any = 1,
     discrete_actions: Any = False,
-    **view: Any,
+    view: View = None,
 ) -> Settings:
-    """Check the settings of an environment; `view` holds the options of `view_options`.
+    """Check the settings of an environment.
 
     Raises:
         ConfigError: setpoint, dynamics or start are invalid; each has a line.
@@ -61,7 +61,7 @@ def settings(
         raise UsageError(f"setpoint: found {excerpt(setpoint)}, expected one, or one that moves")
     if not isinstance(discrete_actions, bool | np.bool_):
         raise UsageError(f"discrete_actions: found {discrete_actions!r}, expected True or False")
-    world, options = experiment.world, view_options(**view)
+    world, options = experiment.world, view_of(view)
     for name in options.columns(world.drifting):
         if VARIABLES[variable_of(name)].role == "drift" and not world.drifting:
             raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")

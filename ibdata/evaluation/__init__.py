@@ -21,7 +21,7 @@ from ibdata.experiment.plain import plain
 from ibdata.policies import Policy
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
-from ibdata.views.options import view_options
+from ibdata.views.options import View, view_of
 
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
@@ -40,10 +40,7 @@ def evaluate(
     allow_code: bool = False,
     against: str | None = None,
     progress: bool | None = False,
-    observe: str | Sequence[str] = "classic",
-    actions: bool = False,
-    reward: str | Mapping[str, float] = "classic",
-    imperfections: Mapping[str, Any] | None = None,
+    view: View = None,
 ) -> Evaluation:
     """Simulate new episodes with one or several policies and compare their returns.
 
@@ -72,11 +69,9 @@ def evaluate(
         against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
             with the policies. The other arguments but `policy` must be the default ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
-        observe: what objects see in place of the six observed variables; this and the following are options
-            of a view (docs/views.md). Policies of other kinds always see those variables.
-        actions: whether objects also see the action of the step before.
-        reward: the reward; there are scores only for the classic one.
-        imperfections: how imperfectly the values that objects see are measured.
+        view: what objects see, and the reward, as the options of a view (docs/views.md), without
+            `reward_scale`. Policies of other kinds always see the six observed variables; there are scores
+            only for the classic reward.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.
@@ -89,21 +84,23 @@ def evaluate(
     policies = policies_of(policy, history, allow_code)
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
-    view = view_options(observe, actions, reward, imperfections=imperfections)
-    if not view.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
+    options = view_of(view)
+    if options.reward_scale != 1.0:
+        raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
+    if not options.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
         raise UsageError(
-            "observe: found a view, but no object that could see it: policies of ibdata see the six observed "
+            "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"
         )
     if episodes is None:
         episodes = 100 if against is None else SETTINGS["episodes"]
-    classic = view.reward.kind == "classic"
+    classic = options.reward.kind == "classic"
     played, references = with_references([*policies.values()]) if classic else ([*policies.values()], [])
     settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed, "dynamics": dynamics}
     experiment = _experiment(setpoint, settings, list(policies), played)
-    baselines = [] if against is None else baselines_of(against, experiment, discount, view)
+    baselines = [] if against is None else baselines_of(against, experiment, discount, options)
     with bar(progress, experiment.rows, "steps") as advance:
-        found = episodes_of(experiment, discount, advance, view)
+        found = episodes_of(experiment, discount, advance, options)
 
     labels, own = list(policies), found.first(len(policies))
     points = [cell.setpoint for cell in experiment.cells[: own.clipped.shape[1]]]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
@@ -25,7 +25,7 @@ from ibdata.simulation.world import Ints
 BATCH_ROWS = 65_536
 
 
-def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
+def state_at(ds: Place, rows: Any) -> State:
     """The exact states from which rows of a dataset began.
 
     The episodes are simulated again from the addresses of their random numbers, with the actions in the rows.
@@ -34,19 +34,20 @@ def state_at(ds: Place, episode: npt.ArrayLike, step: npt.ArrayLike) -> State:
 
     Args:
         ds: The dataset, or its folder or URL.
-        episode: The episode, or several (n,), as in the column `episode`.
-        step: The step in that episode, or several (n,), as in the column `step`.
+        rows: One of these: `(episode, step)`, each a number or several (n,); pairs of them (n, 2); the
+            numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the columns
+            `episode` and `step`, such as some rows of `ds.to_pandas()`.
 
     Returns:
-        The state of n lanes (1 for two numbers) before the rows' actions; `state.fatigue`, for example, is an
+        The state of n lanes before the rows' actions; `state.fatigue`, for example, is an
         array (n,). `ibdata.dynamics.step` and `set_state` of the Gymnasium environment take it.
 
     Raises:
-        UsageError: There is no such episode or step.
+        UsageError: There is no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     source = Source(ds)
-    return source.visited(*source.places(episode, step), Constant()).state  # any policy that sees nothing
+    return source.visited(*source.places(rows), Constant()).state  # any policy that sees nothing
 
 
 class Source(Addresses):
@@ -56,8 +57,25 @@ class Source(Addresses):
         self.ds = opened(ds)
         super().__init__(self.ds, spec)
 
-    def places(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
-        """Episodes and steps as arrays (n,). Raises UsageError if the dataset has no such row."""
+    def places(self, rows: Any) -> tuple[Ints, Ints]:
+        """Episodes and steps (n,) of rows as `state_at` takes them. Raises UsageError if there is none."""
+        if isinstance(rows, Mapping) or hasattr(rows, "columns"):
+            try:
+                return self._pairs(rows["episode"], rows["step"])
+            except KeyError as error:
+                expected = "expected columns episode, step"
+                raise UsageError(f"rows: found a table without {error}, {expected}") from None
+        if isinstance(rows, tuple) and len(rows) == 2:
+            return self._pairs(*rows)
+        if np.ndim(rows) == 2 and np.shape(rows)[1] == 2:
+            return self._pairs(*np.asarray(rows).T)
+        ends = np.cumsum(self.lengths)
+        found = within("row", rows, int(ends[-1]))
+        episodes = np.searchsorted(ends, found, side="right")
+        return episodes, found - (ends - self.lengths)[episodes]
+
+    def _pairs(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
+        """Episodes and steps as arrays (n,)."""
         episodes, steps = self.episodes(episode), whole("step", step)
         if len(episodes) != len(steps) and min(len(episodes), len(steps)) != 1:
             raise UsageError(
@@ -72,13 +90,6 @@ class Source(Addresses):
                 f"step: found {steps[i]}, expected one of 0 to {last}, the steps of episode {episodes[i]}"
             )
         return episodes, steps
-
-    def rows(self, rows: Any) -> tuple[Ints, Ints]:
-        """Episodes and steps (n,) of rows that are counted from 0. Raises UsageError as `places`."""
-        ends = np.cumsum(self.lengths)
-        found = within("row", rows, int(ends[-1]))
-        episodes = np.searchsorted(ends, found, side="right")
-        return episodes, found - (ends - self.lengths)[episodes]
 
     def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Situation:
         """Simulate rows (n,) again, which a policy watches; DatasetError if they differ from the stored."""

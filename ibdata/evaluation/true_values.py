@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from ibdata.experiment import validated
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
-from ibdata.simulation.world import Float32s, Ints
+from ibdata.simulation.world import Float32s
 from ibdata.system.memory import refuse_too_much
 
 RETURN_BYTES = 16  # least memory per branch, for two sums
@@ -91,8 +90,7 @@ def true_values(
 
     Args:
         ds: The dataset, or its folder or URL.
-        rows: The numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the
-            columns `episode` and `step`, such as some rows of `ds.to_pandas()`.
+        rows: The rows as in `state_at`: `(episode, step)`, pairs of them, numbers of rows, or a table.
         policy: A policy as in `evaluate`. At the row it knows what it would know if it had watched the
             episode up to there: the observations, the actions and the step. If it has a memory or random
             numbers of the episode, they are those that it has with the dataset's own random numbers.
@@ -118,7 +116,7 @@ def true_values(
     if len(policies) != 1:
         raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
     [acting] = policies
-    numbers, times = _places(source, rows)
+    numbers, times = source.places(rows)
     first = None if actions is None else _applied(actions, len(numbers))
     steps, episodes, seed = plain([steps, episodes, seed])
     if isinstance(episodes, int):
@@ -144,16 +142,6 @@ def true_values(
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))
     ]
     return TrueValues(results, found)
-
-
-def _places(source: Source, rows: Any) -> tuple[Ints, Ints]:
-    """The episodes and steps (n,) of rows. Raises UsageError if the dataset has none of these."""
-    if not (isinstance(rows, Mapping) or hasattr(rows, "columns")):
-        return source.rows(rows)
-    try:
-        return source.places(rows["episode"], rows["step"])
-    except KeyError as error:
-        raise UsageError(f"rows: found a table without {error}, expected columns episode, step") from None
 
 
 def _applied(given: npt.ArrayLike, n: int) -> Float32s:

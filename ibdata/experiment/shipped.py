@@ -7,19 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ibdata.errors import UsageError, suggestion
-
-
-def _root() -> Path:
-    here = Path(__file__).resolve().parent.parent
-    # Installed, the configs lie inside the package; in a checkout, beside it.
-    return next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
-
-
-def shipped() -> dict[str, Path]:
-    """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
-    root = _root()
-    paths = [*sorted(root.glob("*.yaml")), *sorted(root.glob("*/*.yaml"))]
-    return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
+from ibdata.system.configs import root
+from ibdata.system.configs import shipped as shipped
 
 
 def shipped_name(path: Path | None) -> str | None:
@@ -29,7 +18,7 @@ def shipped_name(path: Path | None) -> str | None:
 
 def suites() -> dict[str, Path]:
     """The folders of configs that come with ibdata, by name."""
-    return {path.name: path for path in sorted(_root().iterdir()) if is_suite(path)}
+    return {path.name: path for path in sorted(root().iterdir()) if is_suite(path)}
 
 
 def is_suite(path: Path) -> bool:

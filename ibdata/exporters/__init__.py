@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 import pkgutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
@@ -49,14 +49,10 @@ def export(
     *,
     split: str | None = None,
     history: int | None = None,
-    reward_scale: float = 1.0,
     id: str | None = None,
     overwrite: bool = False,
     progress: bool | None = False,
-    observe: str | Sequence[str] = "classic",
-    actions: bool = False,
-    reward: str | Mapping[str, float] = "classic",
-    imperfections: Mapping[str, Any] | None = None,
+    view: Mapping[str, Any] | None = None,
 ) -> Exported:
     """Write a dataset, or a split of it, in the format of another library.
 
@@ -70,14 +66,11 @@ def export(
         out: The file or folder to write; for `minari` the root folder, which gets a folder named `id`.
         split: Only this split; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
-        reward_scale: The factor by which rewards are multiplied.
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
         overwrite: Whether to replace a file, or a folder with the files of such an export, at `out`.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
-        observe: What a frame shows; this and the following are options of a view, see docs/views.md.
-        actions: Whether a frame also shows the action of the step before.
-        reward: Which reward.
-        imperfections: How imperfectly the columns are measured.
+        view: What is seen and rewarded, as the options of a view (docs/views.md), such as
+            {"observe": "markov", "reward_scale": 0.01}.
 
     Returns:
         The path and size of the export, and the Python code that loads it.
@@ -95,34 +88,33 @@ def export(
     from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
     from ibdata.system.storage import refuse_url
-    from ibdata.views.options import view_options
+    from ibdata.views.options import view_of
 
     refuse_url(out)
     format = _format(to)
     if history is None:
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
-    options = view_options(observe, actions, reward, reward_scale, imperfections)
-    source = opened(dataset)
-    view = View(source, split, history, options, progress)
-    if view.rows == 0:
+    options = view_of(view)
+    shown = View(opened(dataset), split, history, options, progress)
+    if shown.rows == 0:
         raise UsageError(f"split: {split!r} has no rows; choose another split")
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-    target = Path(format.place(view, Path(out), **more) if hasattr(format, "place") else out)
+    target = Path(format.place(shown, Path(out), **more) if hasattr(format, "place") else out)
     with whole(target, overwrite) as path:
-        snippet = format.export(view, path, target, **more)
+        snippet = format.export(shown, path, target, **more)
     return Exported(
         format=to,
         path=str(target),
-        episodes=view.episodes,
-        rows=view.rows,
+        episodes=shown.episodes,
+        rows=shown.rows,
         history=history,
-        reward_scale=reward_scale,
+        reward_scale=options.reward_scale,
         snippet=snippet,
-        frame=view.frame,
-        left_out=view.left_out,
+        frame=shown.frame,
+        left_out=shown.left_out,
     )
 
 

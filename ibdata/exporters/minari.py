@@ -143,16 +143,9 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
     dynamics, start = _common(experiments, "dynamics"), _common(experiments, "start")
     if dynamics is None or start is None:
         return None
-    options = view.options
-    kwargs: dict[str, Any] = {"history": view.history, "reward_scale": options.reward_scale}
-    if not options.is_classic:
-        kwargs["observe"] = options.observe
-        kwargs["actions"] = options.actions
-        kwargs["imperfections"] = options.imperfections.plain() or None
-    if options.reward.kind != "classic":
-        kwargs["reward"] = options.reward.plain()
-    kwargs["dynamics"] = dynamics
-    kwargs["start"] = start
+    kwargs: dict[str, Any] = {"history": view.history, "dynamics": dynamics, "start": start}
+    if shown := view.options.given():
+        kwargs["view"] = shown
     setpoints = view.table["setpoint"].unique().tolist()
     if view.info.drifting:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"

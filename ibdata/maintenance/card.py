@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import printable
 from ibdata.experiment.dataset_spec import spec_in
+from ibdata.measures.quality import quality
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
@@ -47,13 +48,16 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     listed = dataset.manifest_model
     spec = spec_in(path, listed)
     refuse_other_plan(spec, listed)
+    measured = quality(dataset)  # before the lock, as the pictures: it may take minutes
     report = why = None
     try:
-        report = page(dataset, spec, drawn(dataset))  # before the lock: it may take minutes
+        report = page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:  # no matplotlib
         why = str(error)
     version = printable(listed.versions.get("ibdata", __version__))
-    made = readme(spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version)
+    made = readme(
+        spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version, measured
+    )
     with locked_part(resolved(path), path):
         manifest.refuse_replaced(path, listed)
         if is_edited(path / manifest.CARD):

@@ -42,7 +42,7 @@ class Listed(NamedTuple):
 def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
     """List the datasets in a folder and below it, in the order of their paths.
 
-    Links and hidden folders are not followed. No code of a dataset runs.
+    Links to folders are followed, hidden folders are not. No code of a dataset runs.
 
     Args:
         folder: The folder; it may itself be a dataset.
@@ -59,16 +59,28 @@ def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
 
 def _listed(root: Path) -> Iterator[Listed]:
     """What is in a folder and below it; nothing inside a dataset is looked at."""
-    for place, below, _ in os.walk(root):
+    seen = {os.path.realpath(root)}  # a link may lead to a folder above it
+    for place, below, _ in os.walk(root, followlinks=True):
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
                 if origin.read(part.folder) is not None:
                     yield _unfinished(part)
-        below[:] = [name for name in below if not name.startswith(".")]
+        below[:] = [
+            name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
+        ]
         if os.path.isfile(os.path.join(place, manifest.PATH)):
             below.clear()
             yield _finished(Path(place))
+
+
+def _is_new(root: Path, folder: Path, seen: set[str]) -> bool:
+    """Whether a folder was not looked at before, and is no link to one that is found without it."""
+    real = os.path.realpath(folder)
+    if real in seen or (folder.is_symlink() and Path(real).is_relative_to(os.path.realpath(root))):
+        return False
+    seen.add(real)
+    return True
 
 
 def _finished(path: Path) -> Listed:

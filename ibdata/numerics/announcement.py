@@ -16,10 +16,10 @@ class Announcement:
         self._made = 0
         self._said = False
 
-    def begin(self) -> None:
-        """Note that a function is about to be compiled."""
+    def begin(self, module: str) -> None:
+        """Note that a function of a module is about to be compiled."""
         if not self._said:
-            print(f"ibdata: {_text()}", file=sys.stderr, flush=True)
+            print(f"ibdata: {_text(module)}", file=sys.stderr, flush=True)
             self._said = True
         self._under_way += 1
 
@@ -32,12 +32,14 @@ class Announcement:
             print(f"\r\033[K{counted}", end="", file=sys.stderr, flush=True)
 
 
-def _text() -> str:
+def _text(module: str) -> str:
     """What is compiled, how long it takes, and how often."""
     places = cache_folders()
     what, duration = "the simulator", "about 10 seconds"
     if any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders):
-        what, duration = "a part of the simulator that was not used before", "a few seconds"
+        what, duration = f"{module}, which was not used before", "a few seconds"
+        if places.lasting:
+            return f"compiling {what}; this takes {duration}"
     if places.lasting:
         return f"compiling {what}; this happens once and takes {duration}"
     return (

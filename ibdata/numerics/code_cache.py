@@ -62,7 +62,7 @@ class CodeCache(NullCache):
             if found is not None:
                 return found
         _leave_scipy_out()
-        ANNOUNCEMENT.begin()
+        ANNOUNCEMENT.begin(self._function.__module__)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

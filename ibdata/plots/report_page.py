@@ -10,7 +10,7 @@ from typing import Any
 from ibdata.dataset.reader import Dataset
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.measures.quality import quality
+from ibdata.measures.quality import Quality
 from ibdata.numerics.naming import counted
 from ibdata.plots import module_of
 from ibdata.plots.report_style import STYLE
@@ -30,13 +30,13 @@ ds = ibdata.open(".")
 ds.episodes, ds.statistics(), ds.arrays(history=30)["observations"]"""
 
 
-def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes]) -> bytes:
+def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes], measured: Quality) -> bytes:
     """The report on a dataset; `pictures` are PNG by name."""
     name = escape(spec.name)
     sections = {
         "Returns and scores": _returns(dataset),
         "Pictures": _pictures(pictures),
-        "Quality": _quality(dataset),
+        "Quality": _quality(measured),
         "Splits": _splits(dataset),
         "Statistics": _statistics(dataset),
         "Columns": _columns(dataset),
@@ -134,8 +134,8 @@ def _returns(dataset: Dataset) -> Iterable[str]:
         yield f"<p>reference score: {escape(found['scale'])}</p>"
 
 
-def _quality(dataset: Dataset) -> Iterable[str]:
-    table, *_ = quality(dataset).tables()
+def _quality(measured: Quality) -> Iterable[str]:
+    table, *_ = measured.tables()
     yield _table(table.names, table.rows)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any, TypedDict
+from typing import Any
 
-from ibdata.errors import UsageError, suggestion
+from ibdata.errors import UsageError, excerpt, suggestion
 from ibdata.variables import VARIABLES, of_role, variable_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
 from ibdata.views.rewards import CLASSIC, Reward, reward_of
@@ -20,14 +20,7 @@ EXPECTED = "classic, markov or a list of columns"
 COLUMNS = (*OBSERVED, *(f"latent_{name}" for name in of_role("latent", "drift", "derived")))
 
 
-class ViewKeywords(TypedDict, total=False):
-    """The options of a view as keyword arguments; see `view_options`."""
-
-    observe: str | Sequence[str]
-    actions: bool
-    reward: str | Mapping[str, float]
-    reward_scale: float
-    imperfections: Mapping[str, Any] | None
+View = Mapping[str, Any] | None  # the options of a view by name, see `view_options`; None: the plain view
 
 
 @dataclass(frozen=True)
@@ -69,6 +62,17 @@ class ViewOptions:
         flags = (f"missing_{name}" for name in self.flagged(drifting))
         return (*self.columns(drifting), *flags, *(f"previous_{name}" for name in ACTIONS if self.actions))
 
+    def given(self) -> dict[str, Any]:
+        """The options that differ from the plain view's, as JSON data that `view_of` takes."""
+        options = {
+            "observe": self.observe,
+            "actions": self.actions,
+            "reward": self.reward.plain(),
+            "reward_scale": self.reward_scale,
+            "imperfections": self.imperfections.plain(),
+        }
+        return {name: value for name, value in options.items() if getattr(self, name) != getattr(PLAIN, name)}
+
     def plain(self, drifting: bool) -> dict[str, Any]:
         """The view as JSON data, as exports keep it."""
         return {
@@ -80,6 +84,20 @@ class ViewOptions:
 
 
 PLAIN = ViewOptions()
+
+
+def view_of(view: View) -> ViewOptions:
+    """Check the argument `view`. Raises UsageError if it is no mapping of options of a view."""
+    known = [field.name for field in fields(ViewOptions)]
+    if view is None:
+        return PLAIN
+    if not isinstance(view, Mapping):
+        raise UsageError(f"view: found {excerpt(view)}, expected a mapping such as {{'observe': 'markov'}}")
+    for name in view:
+        if name not in known:
+            near = suggestion(str(name), known)
+            raise UsageError(f"view: found {name!r}, expected one of {', '.join(known)}{near}")
+    return view_options(**view)
 
 
 def view_options(

@@ -13,6 +13,8 @@ from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.experiment import Experiment
 from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.measures.quality import MEANING, Quality
+from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.citation import bibtex
@@ -60,6 +62,7 @@ def card(
     root: str,
     episodes: pa.Table,
     version: str = __version__,
+    measured: Quality | None = None,
 ) -> bytes:
     """The bytes of the card.
 
@@ -69,11 +72,15 @@ def card(
         root: Its content root.
         episodes: Its table of episodes.
         version: The version of ibdata that made it.
+        measured: Its measures of quality; by default those that need only the returns.
     """
+    described = info(spec)
     parts = (
         _front_matter(spec, written),
         _text(spec, root),
-        *_behaviour(episodes, info(spec)),
+        *_behaviour(episodes, described),
+        *_quality(measured or return_measures(episodes, described)),
+        *_columns(described),
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
     return sealed("\n".join(parts).encode())
@@ -126,8 +133,8 @@ def _text(spec: DatasetSpec, root: str) -> str:
         *(f"| {name} | {value} |" for name, value in facts(spec)),
         f"| content root | `{root}` |",
         "",
-        "A row is (o, a, o′, r) with the latent state; `meta/dataset.json` describes every column. Rewards",
-        "are -consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of",
+        "A row is (o, a, o′, r) with the latent state; every column is described below. Rewards are",
+        "-consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of",
         "an episode, a time limit; `terminated` is always false.",
         "",
         "```python",
@@ -163,6 +170,33 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     if found["scale"]:
         yield f"Reference score: {found['scale']}."
     yield ""
+
+
+def _quality(measures: Quality | ReturnMeasures) -> Iterator[str]:
+    """The measures of quality that are known."""
+    found = {name: getattr(measures, name, None) for name in MEANING}
+    rows = [
+        f"| {name.replace('_', ' ')} | {x:.3g} | {MEANING[name]} |"
+        for name, x in found.items()
+        if x is not None
+    ]
+    if rows:
+        yield "\n".join(["## Quality", "", "| measure | value | meaning |", "|---|---|---|", *rows, ""])
+
+
+def _columns(described: Info) -> Iterator[str]:
+    """Every column with its type, unit, range and meaning."""
+    rows = [
+        f"| `{c.name}` | {c.dtype} | {c.unit} | {_bound(c.low)} … {_bound(c.high)} | {c.description} |"
+        for c in described.columns
+    ]
+    yield "\n".join(
+        ["## Columns", "", "| column | type | unit | range | meaning |", "|---|---|---|---|---|", *rows, ""]
+    )
+
+
+def _bound(value: float | None) -> str:
+    return "" if value is None else exact(value)
 
 
 def _dynamics(experiment: Experiment) -> str:

@@ -30,7 +30,7 @@ class Lanes(VecEnv):
         size = LANES // len(setpoints)
         self.parts = [
             IndustrialBenchmarkVectorEnv(
-                size, None, "Disabled", setpoint=p, history=HISTORY, reward_scale=0.01
+                size, None, "Disabled", setpoint=p, history=HISTORY, view={"reward_scale": 0.01}
             )
             for p in setpoints
         ]

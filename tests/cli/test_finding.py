@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -67,6 +68,13 @@ def test_datasets_are_listed_with_totals_of_folders(made, made_at, run):
     assert lines[1][0::7] == ["data/one", "finished"]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert out.splitlines()[3].startswith(".: 2 datasets, 15 rows, ")
+    Path("linked").mkdir()
+    Path("linked/far").symlink_to(made.path)
+    Path("linked/up").symlink_to(made.path.parent.parent)
+    assert [each["path"] for each in json.loads(run("ls", "linked", "--json")[1])["datasets"]] == [
+        "linked/far",
+        "linked/up/data/one",
+    ]
     (made.path / "../empty").mkdir()
     assert run("ls", "data/empty")[1].startswith("data/empty: no datasets here or below")
 
@@ -85,7 +93,7 @@ def test_datasets_are_listed_with_totals_of_folders(made, made_at, run):
     ],
     ids=str,
 )
-def test_a_word_that_is_nearly_right_is_answered_with_the_right_one(made, run, args, code, near):
+def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, near):
     found, out, err = run(*args)
     assert (found, out) == (code, "")
     assert f"; did you mean {near!r}?" in err
@@ -119,7 +127,7 @@ def test_the_shell_completes_names(made, run, monkeypatch, words, offered):
     assert err == ""
 
 
-def test_datasets_that_differ_and_what_is_none_have_codes_of_their_own(made, run):
+def test_diff_tells_other_content_from_no_dataset(made, run):
     ibdata.generate(Experiment.model_validate({**PLAIN, "seed": 1}), "other", workers=1)
     assert run("diff", "data/tiny", "data/tiny")[0] == 0
     assert run("diff", "data/tiny", "other")[0] == 3
@@ -129,7 +137,7 @@ def test_datasets_that_differ_and_what_is_none_have_codes_of_their_own(made, run
     assert run("diff", "data/tiny", "other")[0] == 3
 
 
-def test_a_config_may_be_an_argument_and_a_dry_run_beside_its_dataset_ends_well(run):
+def test_a_dry_run_beside_its_dataset_ends_well(run):
     tiny = ("random.yaml", "--set", "steps=1", "--set", "setpoints=70")
     code, out, _ = run("generate", *tiny)
     assert "1 in 1 episode of 1 step\n" in out

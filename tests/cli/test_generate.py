@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -20,7 +19,7 @@ def test_the_papers_batch_comes_out_in_an_empty_folder(ibdata, tmp_path):
     assert pq.read_table(tmp_path / "data/random/data").num_rows == 10_000
 
 
-def test_stdout_holds_the_result_and_stderr_nothing_without_a_terminal(ibdata):
+def test_stdout_holds_the_result_and_stderr_nothing(ibdata):
     ibdata("generate", "--config", "random", *SMALL)  # compiles where nothing is compiled yet
     done = ibdata("generate", "--config", "random", *SMALL, "--overwrite")
     assert done.stdout.startswith("dataset ")
@@ -66,13 +65,10 @@ def test_a_dry_run_says_what_would_be_made_and_writes_nothing(ibdata, tmp_path):
     assert (data["episodes"], data["rows"], data["shards"]) == (20, 20_000, 3)
     assert data["bytes"] > 0
     assert data["seconds"] > 0
+    shown = ibdata("generate", "--config", "transfer", "--dry-run").stdout
+    assert shown.startswith("out       data/transfer (nothing is written)\n")
+    assert "shards    3" in shown
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_dry_run_for_people_has_a_line_for_each_figure(ibdata):
-    done = ibdata("generate", "--config", "transfer", "--dry-run")
-    assert done.stdout.startswith("out       data/transfer (nothing is written)\n")
-    assert "shards    3" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -91,7 +87,7 @@ def test_a_dry_run_for_people_has_a_line_for_each_figure(ibdata):
         (("--config", "random", "--nonsense"), "No such option"),
     ],
 )
-def test_a_call_that_cannot_be_meant_exits_2_with_a_line_and_leaves_nothing(ibdata, tmp_path, args, message):
+def test_a_wrong_call_exits_2_with_a_line_and_leaves_nothing(ibdata, tmp_path, args, message):
     (tmp_path / "file").touch()
     done = ibdata("generate", *args)
     assert done.returncode == 2
@@ -111,23 +107,18 @@ def test_every_error_of_an_experiment_is_shown_up_to_twelve(ibdata, tmp_path):
     assert shown[12] == "ibdata: and 3 more"
 
 
-def test_an_error_is_json_too_when_asked_for(ibdata):
-    done = ibdata("generate", "--config", "ranom", "--json")
-    error = json.loads(done.stdout)["error"]
-    assert error["code"] == 2
-    assert "did you mean 'random'?" in error["message"]
-    assert error["file"] is error["line"] is None
-
-
-def test_an_error_of_an_experiment_is_json_with_file_and_line(ibdata, tmp_path):
+@pytest.mark.parametrize(
+    ("config", "message", "file", "line"),
+    [
+        ("ranom", "did you mean 'random'?", None, None),
+        ("bad.yaml", "steps: found 0, expected", "bad.yaml", 4),
+    ],
+)
+def test_an_error_is_json_too_when_asked_for(ibdata, tmp_path, config, message, file, line):
     (tmp_path / "bad.yaml").write_text("name: bad\nsetpoints: [50]\npolicies: [{kind: random}]\nsteps: 0\n")
-    error = json.loads(ibdata("generate", "--config", "bad.yaml", "--json").stdout)["error"]
-    assert (error["code"], error["file"], error["line"]) == (2, "bad.yaml", 4)
-
-
-def test_out_defaults_to_the_experiments_name(ibdata, tmp_path: Path):
-    ibdata("generate", "--config", "safe", *SMALL)
-    assert (tmp_path / "data/safe/meta/manifest.json").is_file()
+    error = json.loads(ibdata("generate", "--config", config, "--json").stdout)["error"]
+    assert (error["code"], error["file"], error["line"]) == (2, file, line)
+    assert message in error["message"]
 
 
 def test_a_shipped_suite_is_made_in_a_folder_of_its_name(ibdata, tmp_path):

@@ -34,15 +34,16 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         " --against optimized-40 --allow-code -q",
         "ibdata.evaluation.evaluate",
         {"policy": ["safe", "bad"], "setpoint": [50, 70], "steps": 4, "discount": 0.5, "episodes": 6,
-         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "reward": "delta", "seed": 7,
+         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "view": {"reward": "delta"}, "seed": 7,
          "against": "optimized-40", "allow_code": True, "progress": False},
     ),
     (
         "export $D --to csv --out o --split target --history 3 --reward-scale .5 --observe markov --actions"
         " --reward delta --imperfections {'seed':1} --id a/b-v1 --overwrite --quiet",
         "ibdata.exporters.export",
-        {"dataset": DATA, "to": "csv", "out": "o", "split": "target", "history": 3, "reward_scale": 0.5,
-         "observe": "markov", "actions": True, "reward": "delta", "imperfections": {"seed": 1},
+        {"dataset": DATA, "to": "csv", "out": "o", "split": "target", "history": 3,
+         "view": {"observe": "markov", "actions": True, "reward": "delta", "reward_scale": 0.5,
+                  "imperfections": {"seed": 1}},
          "id": "a/b-v1", "overwrite": True, "progress": False},
     ),
     (
@@ -75,8 +76,13 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     (
         "head $D -n 3 --columns step,reward --split target",
-        "ibdata.dataset.reader.Dataset.iter_batches",
-        {"columns": ["step", "reward"], "split": "target", "batch_rows": 3},
+        "ibdata.dataset.reader.Dataset.head",
+        {"rows": 3, "columns": ["step", "reward"], "split": "target", "at": None},
+    ),
+    (
+        "head $D --at 3 4",
+        "ibdata.dataset.reader.Dataset.head",
+        {"rows": 5, "columns": None, "split": None, "at": (3, 4)},
     ),
     ("info $D", "ibdata.dataset.reader.Dataset.__init__", {"path": DATA}),
     ("init mine.yaml", "ibdata.experiment.template.write_template", {"file": "mine.yaml"}),

@@ -21,7 +21,7 @@ IBDATA = str(Path(sys.executable).with_name("ibdata"))
 COMMANDS = cli.list_commands(None)
 
 
-def test_init_writes_an_experiment_that_is_valid_and_named_as_the_file(run, tmp_path):
+def test_init_writes_a_valid_experiment_named_as_the_file(run, tmp_path):
     code, out, _ = run("init", "mine.yaml")
     assert (code, out) == (0, "mine.yaml: edit it, then run ibdata generate mine.yaml --dry-run\n")
     experiment = ibdata.load(tmp_path / "mine.yaml")
@@ -39,7 +39,7 @@ def test_the_template_shows_every_option():
     assert {key for key in plain if f"\n{key}:" in template("x")} == plain
 
 
-def test_init_leaves_a_file_that_is_there_and_makes_nothing_where_it_cannot(run, tmp_path):
+def test_init_leaves_a_file_that_is_there(run, tmp_path):
     (tmp_path / "experiment.yaml").write_text("mine")
     assert run("init")[::2] == (2, "experiment.yaml: exists already; choose another name\n")
     assert (tmp_path / "experiment.yaml").read_text() == "mine"
@@ -93,7 +93,7 @@ def test_the_shell_completes_commands_and_options(command):
     assert done.stdout == "plain,--resume\n"
 
 
-def test_a_current_folder_that_was_removed_is_named_for_what_it_is(tmp_path):
+def test_a_removed_current_folder_is_named(tmp_path):
     leave = "import os, sys; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone'); "
     leave += f"os.execv({IBDATA!r}, [{IBDATA!r}, 'generate', '--config', 'random.yaml'])"
     done = subprocess.run([sys.executable, "-c", leave], cwd=tmp_path, capture_output=True, text=True)

@@ -26,7 +26,7 @@ def test_a_golden_dataset_keeps_its_content_root(tmp_path):
     assert made.content_root == GOLDEN
 
 
-def test_the_digests_of_episodes_are_those_of_a_plain_implementation(either, plain_digests):
+def test_digests_are_those_of_a_plain_implementation(either, plain_digests):
     stored = dict(zip(either.episodes["episode"], either.episodes["digest"], strict=True))
     assert plain_digests(either.table()) == stored
 
@@ -111,7 +111,7 @@ def test_the_runs_of_a_digest_are_all_columns_but_the_episode(declared, shard):
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3, 4, 6])
-def test_any_flipped_bit_of_any_column_changes_the_digest_of_its_episode_only(shard, number):
+def test_a_flipped_bit_changes_the_digest_of_its_episode_only(shard, number):
     runs, digests = shard
     rng = np.random.default_rng(number)
     for row_of_run in range(len(runs[number])):
@@ -132,13 +132,13 @@ def test_another_label_or_length_changes_the_digest(shard):
     assert not {*episode_digests(runs, [39, 41])} & {*digests}
 
 
-def test_the_digest_of_big_endian_columns_is_that_of_little_endian_ones(shard):
+def test_the_byte_order_does_not_change_the_digest(shard):
     runs, digests = shard
     other = [run if isinstance(run, list) else run.astype(run.dtype.newbyteorder(">")) for run in runs]
     assert episode_digests(other, [40, 40]) == digests
 
 
-def test_the_root_depends_on_every_part_of_an_episode_and_on_no_order(declared):
+def test_the_root_depends_on_each_part_and_on_no_order(declared):
     described = [(column.name, column.dtype) for column in columns(declared)]
     members = [(bytes([cell]) * 32, index, bytes([cell + index]) * 32) for cell in (1, 2) for index in (0, 1)]
     root = content_root(described, members)

@@ -112,7 +112,7 @@ def test_an_unknown_split_is_an_error_that_lists_the_known_ones(dataset, moving,
 
 @splits
 @pytest.mark.parametrize("batch_rows", [1, 33, 80, 100_000])
-def test_batches_are_the_rows_in_order_and_no_longer_than_asked_for(dataset, split, batch_rows):
+def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split, batch_rows):
     batches = list(dataset.iter_batches(["episode", "step", "reward"], split, batch_rows))
     assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
     made = pa.Table.from_batches(batches)
@@ -152,7 +152,7 @@ def stacked_naively(rows, prefix, i, history):
 
 @splits
 @pytest.mark.parametrize("history", [1, 3, 30, 50])
-def test_arrays_hold_histories_newest_first_that_start_with_their_episode(dataset, history, split):
+def test_histories_are_newest_first_and_of_one_episode(dataset, history, split):
     arrays = dataset.arrays(history, split)
     rows = dataset.table(split=split).to_pylist()
     n = SPLITS[split]

@@ -113,7 +113,7 @@ def test_a_shard_that_is_not_whole_is_an_error_that_names_it(copied, shard_file,
 
 
 @reads
-def test_a_flipped_bit_is_an_error_that_names_the_shard_and_never_other_data(copied, shard_file, read):
+def test_a_flipped_bit_is_an_error_and_never_other_data(copied, shard_file, read):
     shard = shard_file(copied, 3)
     path = copied / shard
     whole = path.read_bytes()

@@ -67,7 +67,7 @@ def mixed(describe, whole, tmp_path_factory):
     return library.merge([whole.path, short.path], folder / "mixed")
 
 
-def test_of_a_merged_dataset_each_result_has_the_steps_of_its_own_episodes(mixed, whole):
+def test_merged_results_have_the_steps_of_their_episodes(mixed, whole):
     found = mixed.returns()
     assert found["results"][:2] == whole.returns()["results"]
     assert found["scale"] == whole.returns()["scale"]
@@ -83,7 +83,7 @@ def test_of_a_merged_dataset_each_result_has_the_steps_of_its_own_episodes(mixed
     assert found["results"][2]["mean_reward"] > found["results"][1]["mean_reward"]  # fatigue is to come
 
 
-def test_a_cell_with_episodes_of_two_lengths_has_a_result_for_each(describe, tmp_path):
+def test_a_cell_has_a_result_for_each_length(describe, tmp_path):
     changes = {"setpoints": [70], "policies": [{"kind": "safe"}]}
     made = [
         library.generate(describe(**changes, steps=steps, seed=steps), tmp_path / str(steps), workers=1)
@@ -109,7 +109,7 @@ def test_info_tells_close_setpoints_apart(describe, tmp_path, ibdata):
     assert "| setpoints | 50.0000001, 50.0000002 |" in (made.path / "README.md").read_text()
 
 
-def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdata):
+def test_info_shows_them_and_imports_no_simulator(whole, ibdata):
     text = ibdata("info", str(whole.path)).stdout
     assert "reference score: 0 = random, 100 = optimized" in text
     assert json.loads(ibdata("info", str(whole.path), "--json").stdout)["returns"]["scale"] in text
@@ -123,7 +123,7 @@ def test_info_shows_them_and_imports_neither_simulator_nor_policies(whole, ibdat
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-def test_averages_are_those_of_a_policy_over_its_setpoints_and_of_all_policies(dataset):
+def test_averages_are_over_setpoints_and_over_policies(dataset):
     made = averages(dataset.returns()["results"])
     assert [(a.policy, a.episodes, a.steps, a.reference_score) for a in made] == [
         ("random", 6, 40, None), ("calm", 6, 40, None), (None, 12, 40, None)
@@ -137,7 +137,7 @@ def test_averages_are_those_of_a_policy_over_its_setpoints_and_of_all_policies(d
         assert a.standard_error == pytest.approx(np.sqrt((cells.var() / 3).sum()) / cells.ngroups)
 
 
-def test_averages_of_two_lengths_are_apart_and_a_score_is_that_of_every_setpoint(whole, mixed):
+def test_averages_of_two_lengths_are_apart(whole, mixed):
     long, short = averages(mixed.returns()["results"])
     assert (long.steps, short.steps, long.reference_score, short.reference_score) == (1000, 40, None, None)
     [_, at_70] = whole.returns()["results"]  # there is no reference at 69

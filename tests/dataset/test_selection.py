@@ -44,7 +44,7 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
 
 
 @pytest.mark.parametrize("selection", SELECTIONS.values(), ids=SELECTIONS)
-def test_the_rows_of_the_episodes_that_meet_all_conditions_come_in_order(labelled, selection):
+def test_rows_that_meet_all_conditions_come_in_order(labelled, selection):
     expected = by_hand(labelled, **selection)
     assert expected.empty == (selection == SELECTIONS["nothing"])
     found = labelled.to_pandas(**selection)

@@ -76,7 +76,7 @@ def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatc
             assert list(described["quantiles"].values()) == quantiles.tolist()
 
 
-def test_the_statistics_of_a_split_are_the_same_declared_or_later(dataset, copied):
+def test_statistics_of_a_split_are_the_same_of_both_kinds(dataset, copied):
     def as_later(listed):
         runs = [[0, 3], [6, 9]]
         listed["same"] = {**LATER["first"], "episodes": 6, "rows": 240, "runs": runs}
@@ -140,7 +140,7 @@ READS = {
 
 
 @pytest.mark.parametrize("read", READS.values(), ids=READS)
-def test_a_dataset_that_was_replaced_after_it_was_opened_is_refused(describe, tmp_path, read):
+def test_a_dataset_replaced_after_opening_is_refused(describe, tmp_path, read):
     old = ibdata.generate(describe(), tmp_path / "x", workers=1)
     ibdata.generate(describe(steps=20), tmp_path / "other", workers=1)
     opened = ibdata.open(old.path)

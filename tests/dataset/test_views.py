@@ -40,38 +40,42 @@ def whole(tmp_path_factory):
 
 
 def test_the_classic_view_is_the_default_and_the_stored_reward(whole):
-    plain, named = whole.arrays(), whole.arrays(observe="classic", reward="classic", actions=False)
+    plain, named = (
+        whole.arrays(),
+        whole.arrays(view={"observe": "classic", "reward": "classic", "actions": False}),
+    )
     assert all((plain[name] == named[name]).all() for name in plain)
     assert (plain["rewards"] == whole.table(["reward"])["reward"].to_numpy()).all()
 
 
 def test_markov_frames_are_the_columns_in_their_order(whole):
-    arrays, frame = whole.arrays(observe="markov"), MARKOV.frame(drifting=False)
+    arrays, frame = whole.arrays(view={"observe": "markov"}), MARKOV.frame(drifting=False)
     rows = whole.to_pandas()
     assert (arrays["observations"] == rows[list(frame)].to_numpy()).all()
     assert (arrays["next_observations"] == rows[[f"next_{name}" for name in frame]].to_numpy()).all()
 
 
-def test_without_a_next_latent_state_the_last_rows_are_left_out_and_the_row_before_is_truncated(
-    whole, without
-):
-    found, expected = without.arrays(observe="markov", history=3), whole.arrays(observe="markov", history=3)
+def test_last_rows_without_a_next_state_are_left_out(whole, without):
+    found, expected = (
+        without.arrays(view={"observe": "markov"}, history=3),
+        whole.arrays(view={"observe": "markov"}, history=3),
+    )
     kept = expected["step"] < 11
     for name in found.keys() - {"truncated"}:
         assert (found[name] == expected[name][kept]).all()
     assert found["truncated"].tolist() == (found["step"] == 10).tolist()
-    assert without.windows(observe="markov").left_out == 8
-    assert whole.windows(observe="markov").left_out == 0
+    assert without.windows(view={"observe": "markov"}).left_out == 8
+    assert whole.windows(view={"observe": "markov"}).left_out == 0
 
 
 def test_a_list_of_observed_columns_needs_no_next_latent_state(without):
-    arrays = without.arrays(observe=["obs_fatigue", "obs_velocity"])
+    arrays = without.arrays(view={"observe": ["obs_fatigue", "obs_velocity"]})
     assert (arrays["observations"] == without.arrays()["observations"][:, [4, 1]]).all()
     assert len(arrays["rewards"]) == len(without)
 
 
-def test_previous_actions_are_those_of_the_row_before_and_zero_at_the_start(whole):
-    arrays = whole.arrays(actions=True, history=2)
+def test_previous_actions_are_of_the_row_before_or_zero(whole):
+    arrays = whole.arrays(view={"actions": True}, history=2)
     frames, after = (arrays[name].reshape(-1, 2, 9) for name in ("observations", "next_observations"))
     assert (after[:, 0, 6:] == arrays["actions"]).all()
     begun = arrays["step"] > 0
@@ -81,13 +85,13 @@ def test_previous_actions_are_those_of_the_row_before_and_zero_at_the_start(whol
 
 def test_weights_of_the_benchmark_give_its_reward_up_to_rounding(whole):
     classic, other = (
-        whole.arrays(reward=r)["rewards"] for r in ("classic", {"consumption": 1, "fatigue": 3})
+        whole.arrays(view={"reward": r})["rewards"] for r in ("classic", {"consumption": 1, "fatigue": 3})
     )
     assert (abs(classic - other) <= 2.0**-22 * abs(classic)).all()
 
 
 def test_delta_sums_to_the_change_over_the_episode(whole):
-    rows, delta = whole.to_pandas(), whole.arrays(reward="delta", reward_scale=0.5)["rewards"]
+    rows, delta = whole.to_pandas(), whole.arrays(view={"reward": "delta", "reward_scale": 0.5})["rewards"]
     cost = rows["obs_consumption"] + 3.0 * rows["obs_fatigue"]
     later = rows["next_obs_consumption"] + 3.0 * rows["next_obs_fatigue"]
     sums = np.add.reduceat(delta, np.flatnonzero(rows["step"] == 0))
@@ -108,33 +112,33 @@ def test_delta_sums_to_the_change_over_the_episode(whole):
 @pytest.mark.parametrize("which", ["whole", "without"])
 def test_arrays_batches_and_windows_hold_the_same_values(request, which, view, selection):
     dataset = request.getfixturevalue(which)
-    arrays = dataset.arrays(**selection, **view)
-    batches = pa.Table.from_batches(list(dataset.iter_batches(batch_rows=7, **selection, **view)))
-    frame = dataset.windows(**view).frame
+    arrays = dataset.arrays(**selection, view=view)
+    batches = pa.Table.from_batches(list(dataset.iter_batches(batch_rows=7, **selection, view=view)))
+    frame = dataset.windows(view=view).frame
     for prefix, name in (("", "observations"), ("next_", "next_observations")):
         columns = [batches[f"{prefix}{column}"].to_numpy() for column in frame]
         assert (np.stack(columns, axis=1) == arrays[name]).all()
     for column, name in (("reward", "rewards"), ("truncated", "truncated"), ("episode", "episode")):
         assert (batches[column].to_numpy() == arrays[name]).all()
     for history, pad in ((1, "repeat"), (5, "repeat"), (5, "drop"), (40, "repeat")):
-        stacked = dataset.arrays(history, pad=pad, **selection, **view)
-        windows = dataset.windows(history, pad=pad, **selection, **view)
+        stacked = dataset.arrays(history, pad=pad, **selection, view=view)
+        windows = dataset.windows(history, pad=pad, **selection, view=view)
         order = np.random.default_rng(0).permutation(len(windows))
         assert len(windows) == len(stacked["rewards"])
         for name, values in windows.batch(order).items():
             assert (values == stacked[name][order]).all()
 
 
-def test_imperfections_see_the_same_values_in_a_selection_as_in_the_whole(whole):
-    every = whole.arrays(imperfections=TROUBLES)
-    some = whole.arrays(imperfections=TROUBLES, policy="safe")
+def test_imperfections_are_the_same_in_a_selection(whole):
+    every = whole.arrays(view={"imperfections": TROUBLES})
+    some = whole.arrays(view={"imperfections": TROUBLES}, policy="safe")
     kept = np.isin(every["episode"], some["episode"])
     assert (every["observations"][kept] == some["observations"]).all()
     assert not (every["observations"][:, :6] == whole.arrays()["observations"]).all(axis=0)[[1, 4, 5]].any()
 
 
 def test_further_columns_come_with_the_arrays(without):
-    arrays = without.arrays(observe="markov", columns=["action_log_prob", "policy", "latent_mu_v"])
+    arrays = without.arrays(view={"observe": "markov"}, columns=["action_log_prob", "policy", "latent_mu_v"])
     rows = without.to_pandas()[lambda rows: rows["step"] < 11]
     for name in ("action_log_prob", "policy", "latent_mu_v"):
         assert arrays[name].tolist() == rows[name].tolist()
@@ -144,15 +148,18 @@ def test_a_float64_dataset_is_viewed_as_float32(tmp_path):
     given = {**EXPERIMENT, "output": {"dtype": "float64", "latent": "next"}}
     exact = ibdata.generate(given, tmp_path / "made", workers=1)
     assert exact.arrays()["observations"].dtype == np.float64
-    arrays = exact.arrays(observe="markov", reward={"consumption": 1, "fatigue": 3})
+    arrays = exact.arrays(view={"observe": "markov", "reward": {"consumption": 1, "fatigue": 3}})
     assert {arrays[name].dtype for name in ("observations", "actions", "rewards")} == {np.dtype(np.float32)}
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"observe": ["latent_penalty"]}, "observe: found latent_penalty, expected columns of the dataset"),
-        ({"observe": ["latent_drift_rate"]}, "observe: found latent_drift_rate, expected columns"),
+        (
+            {"view": {"observe": ["latent_penalty"]}},
+            "observe: found latent_penalty, expected columns of the dataset",
+        ),
+        ({"view": {"observe": ["latent_drift_rate"]}}, "observe: found latent_drift_rate, expected columns"),
         ({"columns": ["rewrad"]}, "column: found 'rewrad', .* did you mean 'reward'"),
     ],
     ids=["derived", "drift", "columns"],
@@ -164,10 +171,10 @@ def test_what_the_dataset_does_not_have_is_refused(whole, given, message):
 
 def test_batches_have_columns_or_a_view(whole):
     with pytest.raises(UsageError, match="columns: found columns beside a view"):
-        whole.iter_batches(["reward"], observe="markov")
+        whole.iter_batches(["reward"], view={"observe": "markov"})
 
 
 def test_moving_setpoints_add_their_two_hidden_variables(tmp_path):
     given = {**EXPERIMENT, "setpoints": "drifting", "output": {"latent": "next"}}
     moving = ibdata.generate(given, tmp_path / "made", workers=1)
-    assert moving.arrays(observe="markov")["observations"].shape == (48, 22)
+    assert moving.arrays(view={"observe": "markov"})["observations"].shape == (48, 22)

@@ -25,7 +25,7 @@ def test_a_transition_has_the_values_of_the_arrays(dataset):
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_a_slice_and_a_mask_choose_the_rows_that_they_choose_of_the_arrays(dataset, history):
+def test_slices_and_masks_choose_as_they_do_of_arrays(dataset, history):
     windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
     mask = arrays["rewards"] > np.median(arrays["rewards"])
     for found, rows in (
@@ -73,14 +73,14 @@ def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypa
 def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
     dataset.windows(folder=tmp_path / "windows")
     with pytest.raises(UsageError, match=r"folder: .*windows holds something else .* choose another folder"):
-        dataset.windows(folder=tmp_path / "windows", observe=["obs_gain"])
+        dataset.windows(folder=tmp_path / "windows", view={"observe": ["obs_gain"]})
     (tmp_path / "mine").mkdir()
     with pytest.raises(UsageError, match=r"folder: .*mine holds something else"):
         dataset.windows(folder=tmp_path / "mine")
     assert list((tmp_path / "mine").iterdir()) == []
 
 
-def test_a_folder_is_not_used_again_for_episodes_in_another_order(tmp_path):
+def test_a_folder_does_not_serve_episodes_in_another_order(tmp_path):
     """Datasets with their policies in another order have one root, but other episodes at each number."""
     made = []
     for policies in (["random", "safe"], ["safe", "random"]):
@@ -95,7 +95,7 @@ def test_a_folder_is_not_used_again_for_episodes_in_another_order(tmp_path):
 
 def test_episodes_without_a_transition_have_no_windows(tmp_path):
     experiment = {"name": "short", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 1}
-    windows = ibdata.generate(experiment, tmp_path, workers=1).windows(observe=["latent_mu_v"])
+    windows = ibdata.generate(experiment, tmp_path, workers=1).windows(view={"observe": ["latent_mu_v"]})
     assert (len(windows), windows.left_out) == (0, 2)
 
 
@@ -142,7 +142,7 @@ def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkey
 
 
 def test_the_folder_says_what_it_holds(dataset, tmp_path):
-    dataset.windows(folder=tmp_path / "windows", actions=True)
+    dataset.windows(folder=tmp_path / "windows", view={"actions": True})
     described = json.loads((tmp_path / "windows" / "windows.json").read_text())
     assert described["content_root"] == dataset.content_root
     assert described["view"]["frame"][-1] == "previous_act_shift"

@@ -109,7 +109,7 @@ def test_other_actions_meet_the_noise_of_the_episode(played):
     experiment, actions = by_hand.experiment_of(played), np.random.default_rng(0).uniform(-1, 1, (50, 3))
     lane, episode = Lane(settings_of(played)), 7
     [noise] = begun(lane, played, episode)
-    state, (cell, index) = state_at(played, episode, 0), divmod(episode, experiment.episodes)
+    state, (cell, index) = state_at(played, (episode, 0)), divmod(episode, experiment.episodes)
     digest = experiment.cells[cell].digest
     for t, (seen, _, info) in enumerate(steps(lane, noise, actions)):
         drawn = by_hand.noise(experiment.seed, digest, index, t + 1, experiment.drifting)
@@ -143,9 +143,9 @@ def test_other_actions_meet_the_noise_of_the_episode(played):
     ids=str,
 )
 def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has(played, view):
-    arrays = played.arrays(history=FRAMES, **view)
+    arrays = played.arrays(history=FRAMES, view=view)
     actions = played.arrays()["actions"].reshape(12, 40, 3)
-    for simulation in (Simulation(settings_of(played, **view), 12), Lane(settings_of(played, **view))):
+    for simulation in (Simulation(settings_of(played, view=view), 12), Lane(settings_of(played, view=view))):
         episodes = range(simulation.n) if simulation.n > 1 else [7]
         noises, shown = begun(simulation, played, episodes), {}
         for t in range(40):
@@ -173,9 +173,9 @@ def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has
 
 @pytest.mark.parametrize("history", [1, 2])
 def test_a_scaled_reward_is_that_of_the_stored_rewards(played, history):
-    arrays = played.arrays(reward_scale=0.01)
+    arrays = played.arrays(view={"reward_scale": 0.01})
     own = arrays["episode"] == 7
-    lane = Lane(settings_of(played, reward_scale=0.01, history=history))
+    lane = Lane(settings_of(played, view={"reward_scale": 0.01}, history=history))
     [noise] = begun(lane, played, 7)
     rewards = [reward for _, reward, _ in steps(lane, noise, arrays["actions"][own])]
     np.testing.assert_array_equal(np.float32(rewards), arrays["rewards"][own])

@@ -93,7 +93,7 @@ def test_a_lane_is_the_same_alone_and_among_others_that_rest_or_start_again(setp
 @pytest.mark.parametrize("start", STARTS, ids=str)
 @pytest.mark.parametrize("setpoint", [70, "drifting"])
 def test_the_lane_of_the_environment_is_a_simulation_of_one_lane_bit_for_bit(setpoint, start):
-    given = settings(setpoint=setpoint, start=start, history=3, reward_scale=0.1)
+    given = settings(setpoint=setpoint, start=start, history=3, view={"reward_scale": 0.1})
     lane, simulation, tape, other = Lane(given), Simulation(given, 1), random_tape(1), random_tape(1)
     actions = np.random.default_rng(0).uniform(-1.2, 1.2, (60, 3))
     for t, action in enumerate(actions):
@@ -145,7 +145,7 @@ def test_history_is_the_last_observations_newest_first_the_first_one_repeated():
 def test_the_reward_is_scaled_and_nothing_else():
     rewards, seen = [], []
     for scale in (1.0, 0.01):
-        simulation, tape = Simulation(settings(reward_scale=scale), 2), random_tape(2)
+        simulation, tape = Simulation(settings(view={"reward_scale": scale}), 2), random_tape(2)
         simulation.reset(simulation.everyone, tape)
         rewards.append(simulation.step(simulation.everyone, np.zeros((2, 3), dtype=np.float32), tape))
         seen.append(simulation.observations())
@@ -156,7 +156,7 @@ def test_the_reward_is_scaled_and_nothing_else():
 
 def test_a_change_of_the_reward_never_reaches_back_before_the_episode():
     """In a lane that begins anew among others, it is that from its first observation to its second."""
-    simulations = [Simulation(settings(reward=reward), 3) for reward in ("delta", "classic")]
+    simulations = [Simulation(settings(view={"reward": reward}), 3) for reward in ("delta", "classic")]
     (delta, tape), (classic, other) = ((each, random_tape(3)) for each in simulations)
     actions = np.random.default_rng(0).uniform(-1, 1, (20, 3, 3)).astype(np.float32)
 
@@ -226,9 +226,9 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
     def at(purpose, step, slots):
         return integers(key, np.array([index]), purpose, step, 1, slots)[0, :, 0]
 
-    lane.set_state(state_at(either, episode, first), lane.everyone, random_tape(1))
+    lane.set_state(state_at(either, (episode, first)), lane.everyone, random_tape(1))
     lane.set_state(
-        state_at(either, episode, first), lane.everyone, random_tape(1)
+        state_at(either, (episode, first)), lane.everyone, random_tape(1)
     )  # which took nothing from the first
     observations = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy(dtype=np.float32)
     assert lane.observations()[0].tolist() == [*observations[0], *observations[0]]
@@ -244,7 +244,7 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
 
 
 def test_each_state_that_is_gone_on_from_is_measured_with_noise_of_its_own():
-    simulation = Simulation(settings(setpoint=70, imperfections={"noise": {"obs_gain": 1.0}}), 3)
+    simulation = Simulation(settings(setpoint=70, view={"imperfections": {"noise": {"obs_gain": 1.0}}}), 3)
     state, tape, seen = initial_state([70.0] * 3), random_tape(3), []
     for _ in range(2):
         simulation.set_state(state, simulation.everyone, tape)

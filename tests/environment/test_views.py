@@ -13,18 +13,20 @@ from ibdata.environment.simulation import Simulation
 from ibdata.errors import UsageError
 
 VIEWS = {
-    "markov": {"observe": "markov", "actions": True, "history": 3},
+    "markov": {"history": 3, "view": {"observe": "markov", "actions": True}},
     "troubles": {
-        "imperfections": {
-            "delay": {"obs_fatigue": 2},
-            "noise": {"obs_consumption": 1.0},
-            "missing": {"obs_velocity": 0.3},
-            "mask": True,
+        "view": {
+            "imperfections": {
+                "delay": {"obs_fatigue": 2},
+                "noise": {"obs_consumption": 1.0},
+                "missing": {"obs_velocity": 0.3},
+                "mask": True,
+            }
         }
     },
-    "derived": {"observe": ["latent_penalty", "obs_gain"], "reward": "delta", "reward_scale": 0.5},
-    "scaled": {"reward_scale": 0.01},
-    "drifting": {"setpoint": "drifting", "observe": "markov", "reward": {"fatigue": 1}},
+    "derived": {"view": {"observe": ["latent_penalty", "obs_gain"], "reward": "delta", "reward_scale": 0.5}},
+    "scaled": {"view": {"reward_scale": 0.01}},
+    "drifting": {"setpoint": "drifting", "view": {"observe": "markov", "reward": {"fatigue": 1}}},
 }
 
 
@@ -39,9 +41,9 @@ def drawing(seed):
     return draw
 
 
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-def test_one_lane_sees_what_it_sees_among_others(view):
-    given = settings(**view)
+@pytest.mark.parametrize("options", VIEWS.values(), ids=VIEWS)
+def test_one_lane_sees_what_it_sees_among_others(options):
+    given = settings(**options)
     many, one = Simulation(given, 3), Lane(given)
     draws, own = drawing(5), drawing(6)
     everyone, alone = np.arange(3), np.array([0])
@@ -56,9 +58,9 @@ def test_one_lane_sees_what_it_sees_among_others(view):
         assert info == {name: values[1] for name, values in many.info().items()}
 
 
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-def test_what_is_seen_lies_within_the_bounds(view):
-    given = settings(**view)
+@pytest.mark.parametrize("options", VIEWS.values(), ids=VIEWS)
+def test_what_is_seen_lies_within_the_bounds(options):
+    given = settings(**options)
     low, high = (np.tile(bounds, given.history) for bounds in frame_bounds(given))
     simulation, draw = Simulation(given, 4), drawing(2)
     simulation.reset(np.arange(4), draw)
@@ -85,7 +87,7 @@ def test_clean_values_stay_in_the_info():
 
 
 def test_a_view_without_noise_takes_no_random_numbers():
-    plain, viewed = Simulation(settings(), 2), Simulation(settings(observe="markov"), 2)
+    plain, viewed = Simulation(settings(), 2), Simulation(settings(view={"observe": "markov"}), 2)
     for simulation in (plain, viewed):
         draw = drawing(8)
         simulation.reset(np.arange(2), draw)
@@ -94,10 +96,10 @@ def test_a_view_without_noise_takes_no_random_numbers():
 
 
 def test_inexact_measurements_have_no_bounds():
-    low, high = frame_bounds(settings(imperfections={"noise": {"obs_gain": 1.0}}))
+    low, high = frame_bounds(settings(view={"imperfections": {"noise": {"obs_gain": 1.0}}}))
     assert (low[2], high[2]) == (-math.inf, math.inf)
 
 
 def test_a_constant_setpoint_has_no_drift_to_see():
     with pytest.raises(UsageError, match="found latent_drift_rate, which only a moving setpoint has"):
-        settings(observe=["latent_drift_rate"])
+        settings(view={"observe": ["latent_drift_rate"]})

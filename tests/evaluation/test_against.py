@@ -92,9 +92,9 @@ def test_a_view_of_observations_is_compared_but_not_another_reward(shipped):
     def still(observations):
         return np.zeros((len(observations), 3))
 
-    found = ibdata.evaluate(still, against="optimized-40", actions=True)
+    found = ibdata.evaluate(still, against="optimized-40", view={"actions": True})
     assert len(found.baselines) == 3
     with pytest.raises(
         IbdataError, match="--reward: found delta, expected classic: --against compares with it"
     ):
-        ibdata.evaluate(still, against="optimized-40", reward="delta")
+        ibdata.evaluate(still, against="optimized-40", view={"reward": "delta"})

@@ -16,7 +16,7 @@ DRAWS = 40_000
 def next_steps(ds, row, dynamics, seed=0):
     """Fatigue and consumption (2, draws) after many steps from the state of a row with its action."""
     rng = np.random.default_rng(seed)
-    one = state_at(ds, int(row["episode"]), int(row["step"]))
+    one = state_at(ds, (int(row["episode"]), int(row["step"])))
     state = State._make(np.repeat(part, DRAWS, axis=-1) for part in one)
     laws = {"exp": rng.exponential, "normal": rng.standard_normal}
     noise = Noise(*(laws.get(name.split("_")[0], rng.random)(size=DRAWS) for name in Noise._fields))

@@ -26,7 +26,7 @@ def variable(state, name):
 def test_every_row_shows_its_state(either):
     """Also where setpoints move, after a burn-in; the float64 dataset with derived values shows every bit."""
     frame = either.to_pandas()
-    found = state_at(either, frame["episode"], frame["step"])
+    found = state_at(either, (frame["episode"], frame["step"]))
     shown = {column.split("_", 1)[1]: column for column in frame if column.startswith(("obs_", "latent_"))}
     assert len(shown) >= 20
     for name, column in shown.items():
@@ -39,7 +39,7 @@ def test_a_step_leads_from_each_state_to_the_next(either):
     frame = either.to_pandas()
     frame = frame[frame["step"] < 39]
     episodes, steps = frame["episode"].to_numpy(), frame["step"].to_numpy()
-    before, after = state_at(either, episodes, steps), state_at(either, episodes, steps + 1)
+    before, after = state_at(either, (episodes, steps)), state_at(either, (episodes, steps + 1))
     experiment = by_hand.experiment_of(either)
     for i in range(0, len(frame), 17):
         row = frame.iloc[i]
@@ -53,22 +53,22 @@ def test_a_step_leads_from_each_state_to_the_next(either):
 
 
 def test_one_row_is_one_lane_and_rows_may_come_in_any_order(dataset):
-    one = state_at(dataset, 7, 31)
+    one = state_at(dataset, (7, 31))
     assert one.fatigue.shape == (1,)
-    several = state_at(dataset, np.array([7, 2, 7, 11]), [31, 0, 5, 31])
+    several = state_at(dataset, (np.array([7, 2, 7, 11]), [31, 0, 5, 31]))
     equal(by_hand.lane(several, 0), one)
-    equal(by_hand.lane(several, 1), state_at(dataset, 2, 0))
-    equal(by_hand.lane(several, 3), state_at(dataset, 11, 31))
-    equal(state_at(str(dataset.path), 7, 31), one)
-    equal(state_at(dataset, [7, 7], 31), [np.repeat(part, 2, axis=1) for part in one])
+    equal(by_hand.lane(several, 1), state_at(dataset, (2, 0)))
+    equal(by_hand.lane(several, 3), state_at(dataset, (11, 31)))
+    equal(state_at(str(dataset.path), (7, 31)), one)
+    equal(state_at(dataset, ([7, 7], 31)), [np.repeat(part, 2, axis=1) for part in one])
 
 
 def test_episodes_are_simulated_in_parts(dataset, monkeypatch):
     frame = dataset.to_pandas(columns=["episode", "step"])
-    whole = state_at(dataset, frame["episode"], frame["step"])
+    whole = state_at(dataset, (frame["episode"], frame["step"]))
     monkeypatch.setattr("ibdata.evaluation.states.PART_ROWS", 100)  # two episodes
     monkeypatch.setattr("ibdata.evaluation.states.BATCH_ROWS", 7)
-    equal(state_at(dataset, frame["episode"], frame["step"]), whole)
+    equal(state_at(dataset, (frame["episode"], frame["step"])), whole)
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +83,10 @@ def merged(dataset, describe, tmp_path_factory):
 def test_a_merged_dataset_has_the_states_of_its_parts(merged, dataset):
     other, both = merged
     frame = both.to_pandas(columns=["obs_fatigue", "obs_consumption", "episode", "step"])
-    states = state_at(both, frame["episode"], frame["step"])
+    states = state_at(both, (frame["episode"], frame["step"]))
     np.testing.assert_array_equal(states.fatigue.astype(np.float32), frame["obs_fatigue"])
-    pair = by_hand.side_by_side(state_at(dataset, 3, 39), state_at(other, 4, 19))
-    equal(state_at(both, [3, 12 + 4], [39, 19]), pair)
+    pair = by_hand.side_by_side(state_at(dataset, (3, 39)), state_at(other, (4, 19)))
+    equal(state_at(both, ([3, 12 + 4], [39, 19])), pair)
 
 
 POLICY = """
@@ -106,7 +106,7 @@ def test_no_policy_runs(tmp_path, monkeypatch):
     ds = ibdata.generate(experiment, tmp_path / "data", workers=1, allow_code=True)
     (tmp_path / "lost_policy.py").unlink()
     frame = ds.to_pandas()
-    states = state_at(ds, 0, frame["step"])
+    states = state_at(ds, (0, frame["step"]))
     np.testing.assert_array_equal(states.mu_v.astype(np.float32), frame["latent_mu_v"])
 
 
@@ -129,7 +129,7 @@ def test_no_policy_runs(tmp_path, monkeypatch):
 )
 def test_rows_that_are_not_there_are_one_line(dataset, episode, step, message):
     with pytest.raises(UsageError) as caught:
-        state_at(dataset, episode, step)
+        state_at(dataset, (episode, step))
     assert str(caught.value) == message
 
 
@@ -158,7 +158,7 @@ def test_rows_that_the_simulation_does_not_give_are_one_line(copied, column, val
     damage(copied, column, 40 + 10, value)
     ds = ibdata.open(copied)
     with pytest.raises(DatasetError) as caught:
-        state_at(ds, 1, 10)
+        state_at(ds, (1, 10))
     assert str(caught.value).startswith(f"{copied}: {message}")
     assert str(caught.value).endswith("see ibdata validate")
-    equal(state_at(ds, 1, 9), state_at(ds, [1], [9]))  # rows after the given one do not matter
+    equal(state_at(ds, (1, 9)), state_at(ds, ([1], [9])))  # rows after the given one do not matter

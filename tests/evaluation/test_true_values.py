@@ -52,7 +52,7 @@ def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
     """The return of a branch, by single steps with the noise of the documented addresses."""
     experiment = by_hand.experiment_of(ds)
     digest = hashlib.sha256(form(ds, episode, step).encode()).digest()
-    state, total = state_at(ds, episode, step), 0.0
+    state, total = state_at(ds, (episode, step)), 0.0
     for t, action in enumerate(actions):
         noise = by_hand.noise(seed, digest, branch, t + 1, experiment.drifting)
         state = by_hand.moved(state, action, noise, experiment.variant)
@@ -158,7 +158,7 @@ def test_branches_share_no_random_number_with_their_dataset(tmp_path):
         assert not np.isclose(found[:, 0], branches(ds, rows, NUDGE, discount=1.0, seed=1)[:, 0]).any()
 
 
-def test_rows_may_be_numbers_or_a_table(dataset):
+def test_rows_may_be_numbers_pairs_or_a_table(dataset):
     expected = branches(dataset, [85, 410], "safe")
     frame = dataset.to_pandas()
     for rows in (
@@ -167,6 +167,8 @@ def test_rows_may_be_numbers_or_a_table(dataset):
         frame.iloc[[85, 410]],
         dataset.table().take([85, 410]),
         {"episode": [2, 10], "step": [5, 10]},
+        [(2, 5), (10, 10)],
+        ([2, 10], [5, 10]),
     ):
         np.testing.assert_array_equal(branches(dataset, rows, "safe"), expected)
 

@@ -32,7 +32,7 @@ def watched(**given):
 
 def test_an_object_sees_the_whole_state_and_its_actions():
     plain, _ = watched()
-    now, _ = watched(observe="markov", actions=True, history=2)
+    now, _ = watched(view={"observe": "markov", "actions": True}, history=2)
     assert now.shape == (12, 3, 2, 23)
     assert (now[:, :, 0, :6] == plain[:, :, 0]).all()
     assert (now[1:, :, 1] == now[:-1, :, 0]).all()
@@ -44,7 +44,7 @@ def test_an_object_sees_the_whole_state_and_its_actions():
 
 def test_imperfections_change_what_is_seen_and_not_what_happens():
     plain, clean = watched()
-    seen, found = watched(imperfections=TROUBLES)
+    seen, found = watched(view={"imperfections": TROUBLES})
     now, true = seen[:, :, 0], plain[:, :, 0]
     assert (now[2:, :, 4] == true[:-2, :, 4]).all()
     assert not (now[:, :, 2] == true[:, :, 2]).any()
@@ -56,13 +56,13 @@ def test_rewards_are_weighted_as_in_a_dataset():
     """Each reward is that of the frame after the action; the last frame is not seen."""
     frames, _ = watched()
     shorter = {**ALIKE, "steps": 11, "discount": 1.0}
-    found = ibdata.evaluate(Watcher(), **shorter, reward={"consumption": 0.5, "fatigue": 2})
+    found = ibdata.evaluate(Watcher(), **shorter, view={"reward": {"consumption": 0.5, "fatigue": 2}})
     costs = frames[1:, :, 0].astype(float)
     rewards = -(0.5 * costs[:, :, 5] + 2 * costs[:, :, 4]).astype(np.float32)
     assert found.returns[0, 0] == pytest.approx(rewards.sum(axis=0, dtype=float), rel=1e-12)
     assert found.results[0].score is None
     assert found.notes == ["no score: optimized is made for the classic reward"]
-    change = ibdata.evaluate(Watcher(), **shorter, reward="delta").returns[0, 0]
+    change = ibdata.evaluate(Watcher(), **shorter, view={"reward": "delta"}).returns[0, 0]
     cost = frames[[0, -1], :, 0, 5].astype(float) + 3.0 * frames[[0, -1], :, 0, 4]
     assert change == pytest.approx(cost[0] - cost[1], abs=1e-4)
 
@@ -74,16 +74,16 @@ def test_a_function_gets_the_frames_side_by_side():
         shapes.append(observations.shape)
         return np.zeros((len(observations), 3))
 
-    ibdata.evaluate(act, **ALIKE, observe="markov", history=2)
+    ibdata.evaluate(act, **ALIKE, view={"observe": "markov"}, history=2)
     assert (3, 40) in shapes
     assert {width for _, width in shapes} == {40}
 
 
 def test_a_view_that_nobody_could_see_is_refused():
-    with pytest.raises(UsageError, match="observe: found a view, but no object that could see it"):
-        ibdata.evaluate("safe", **ALIKE, observe="markov")
+    with pytest.raises(UsageError, match="view: found one, but no object that could see it"):
+        ibdata.evaluate("safe", **ALIKE, view={"observe": "markov"})
 
 
 def test_policies_of_ibdata_see_what_they_need_beside_an_object_with_a_view():
-    both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, observe=["obs_gain"])
+    both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, view={"observe": ["obs_gain"]})
     assert both.returns[1].tolist() == ibdata.evaluate("optimized", **ALIKE).returns[0].tolist()

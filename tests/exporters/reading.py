@@ -39,9 +39,11 @@ def equal(found: Any, expected: Any) -> None:
     assert found.tobytes() == expected.tobytes()
 
 
-def holds(made: Exported, dataset: Dataset, split: str | None = None, history: int = 1, **view: Any) -> None:
+def holds(
+    made: Exported, dataset: Dataset, split: str | None = None, history: int = 1, view: Any = None
+) -> None:
     """An export holds every value of the dataset's arrays."""
-    expected = dataset.arrays(history, split, **view)
+    expected = dataset.arrays(history, split, view=view)
     assert made.rows == len(expected["rewards"])
     assert made.episodes == np.count_nonzero(expected["step"] == 0)
     for name, array in READERS[made.format](made.path, made).items():

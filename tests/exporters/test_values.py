@@ -29,9 +29,9 @@ def test_npz_and_d4rl_hold_the_same_keys(dataset, tmp_path, to, split):
     assert {name for name in data if "/" not in name} == keys
 
 
-def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(dataset, tmp_path):
+def test_d4rl_has_an_entry_a_row_and_metadata_as_attributes(dataset, tmp_path):
     """D4RL's sequence_dataset takes every key at every row; a scalar there ends it."""
-    made = ibdata.export(dataset, "d4rl", tmp_path / "made", reward_scale=0.01)
+    made = ibdata.export(dataset, "d4rl", tmp_path / "made", view={"reward_scale": 0.01})
     data = hdf5(made.path)
     assert all(len(array) == 480 for array in data.values())
     assert data["rewards"].shape == data["terminals"].shape == (480,)
@@ -40,7 +40,7 @@ def test_every_dataset_of_d4rl_has_an_entry_a_row_and_metadata_are_attributes(da
         assert file.attrs["reward_scale"] == 0.01
 
 
-def test_by_the_rules_of_d4rls_own_reader_an_episode_loses_its_last_row(dataset, tmp_path):
+def test_d4rls_own_reader_loses_the_last_row_of_an_episode(dataset, tmp_path):
     """qlearning_dataset shifts observations and leaves out rows that end by time; hence its warning."""
     data = hdf5(ibdata.export(dataset, "d4rl", tmp_path / "made").path)
     kept = [i for i in range(len(data["rewards"]) - 1) if not data["timeouts"][i]]
@@ -146,8 +146,8 @@ def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
 def test_csv_of_float32_gives_every_float_again_with_its_history(tmp_path):
     experiment = ibdata.load("random.yaml", ["setpoints=70", "steps=60"])
     dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
-    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, reward_scale=0.01)
-    holds(made, dataset, history=3, reward_scale=0.01)
+    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=3, view={"reward_scale": 0.01})
+    holds(made, dataset, history=3, view={"reward_scale": 0.01})
     found, expected = pd.read_csv(made.path, engine="pyarrow"), dataset.to_pandas()
     lags = [f"{prefix}{name}_lag_{lag}" for prefix in ("", "next_") for lag in (1, 2) for name in made.frame]
     assert list(found.columns) == [*expected.columns, *lags]

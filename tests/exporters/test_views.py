@@ -43,9 +43,9 @@ def said(made):
 @pytest.mark.parametrize("to", ["npz", "neorl", "d3rlpy", "d4rl", "rllib"])
 def test_an_export_says_what_it_shows(dataset, tmp_path, to, view):
     out = tmp_path / ("made.parquet" if to == "rllib" else "made")
-    made = ibdata.export(dataset, to, out, history=3, split="target", **view)
+    made = ibdata.export(dataset, to, out, history=3, split="target", view=view)
     found = said(made)
-    assert tuple(found["frame"]) == made.frame == dataset.windows(**view).frame
+    assert tuple(found["frame"]) == made.frame == dataset.windows(view=view).frame
     assert (found["history"], found["split"], found["content_root"]) == (3, "target", dataset.content_root)
     assert found["reward"] == view["reward"]
     assert ("episodes" in found) == bool(found["imperfections"])
@@ -54,7 +54,7 @@ def test_an_export_says_what_it_shows(dataset, tmp_path, to, view):
 
 @pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 def test_csv_has_a_column_for_each_number_of_a_frame(dataset, tmp_path, view):
-    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=2, **view)
+    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=2, view=view)
     found = pd.read_csv(made.path)
     frames = [
         f"{prefix}{name}{lag}" for prefix in ("", "next_") for lag in ("", "_lag_1") for name in made.frame
@@ -65,7 +65,7 @@ def test_csv_has_a_column_for_each_number_of_a_frame(dataset, tmp_path, view):
 
 @pytest.mark.parametrize("to", ["npz", "d4rl", "csv"])
 def test_the_true_values_of_imperfect_measurements_stay_beside(dataset, tmp_path, to):
-    made = ibdata.export(dataset, to, tmp_path / "made", **TROUBLES)
+    made = ibdata.export(dataset, to, tmp_path / "made", view=TROUBLES)
     readers = {"npz": lambda path: dict(np.load(path)), "d4rl": hdf5, "csv": pd.read_csv}
     found = readers[to](made.path)
     name = "clean_obs_fatigue" if to == "csv" else "infos/clean_obs_fatigue"
@@ -75,6 +75,6 @@ def test_the_true_values_of_imperfect_measurements_stay_beside(dataset, tmp_path
 def test_rows_without_a_next_frame_are_left_out_and_counted(tmp_path, to):
     given = {"name": "x", "setpoints": 20, "policies": ["random"], "episodes": 4, "steps": 9}
     dataset = ibdata.generate(given, tmp_path / "data", workers=1)
-    made = ibdata.export(dataset, to, tmp_path / "made", history=2, observe="markov")
+    made = ibdata.export(dataset, to, tmp_path / "made", history=2, view={"observe": "markov"})
     assert (made.rows, made.episodes, made.left_out) == (32, 4, 4)
-    holds(made, dataset, history=2, observe="markov")
+    holds(made, dataset, history=2, view={"observe": "markov"})

@@ -19,7 +19,7 @@ USES = {
     "split": lambda folder: ibdata.split(folder, by="policy"),
     "merge": lambda folder: ibdata.merge([folder, folder], folder.parent / "both"),
     "export": lambda folder: ibdata.export(folder, to="npz", out=folder.parent / "x.npz"),
-    "state_at": lambda folder: state_at(folder, 0, 0),
+    "state_at": lambda folder: state_at(folder, (0, 0)),
     "generate": lambda folder: ibdata.generate("random", folder, workers=1, resume=True),
     "overwrite": lambda folder: ibdata.generate("random", folder, workers=1, overwrite=True),
 }

@@ -21,8 +21,8 @@ def test_all_that_a_process_compiles_is_one_line(capsys):
     """Functions that are compiled for another one are no news either."""
     said = announcement.Announcement()
     for _ in range(3):
-        said.begin()
-        said.begin()  # for the first
+        said.begin("ibdata.dynamics.step")
+        said.begin("ibdata.dynamics.step")  # for the first
         said.end()
         said.end()
     assert capsys.readouterr() == ("", ONCE)
@@ -32,17 +32,15 @@ def test_what_a_later_process_compiles_is_a_part(tmp_path, capsys):
     """It takes less time."""
     (tmp_path / "numba").mkdir()
     (tmp_path / "numba/x.nbc").touch()
-    announcement.Announcement().begin()
-    assert capsys.readouterr().err == (
-        "ibdata: compiling a part of the simulator that was not used before; this happens once and takes "
-        "a few seconds\n"
-    )
+    announcement.Announcement().begin("ibdata.policies.network")
+    said = "ibdata: compiling ibdata.policies.network, which was not used before; this takes a few seconds\n"
+    assert capsys.readouterr().err == said
 
 
 def test_without_a_cache_folder_the_line_says_why(places, capsys):
     """It happens in every run then."""
     places[0] = places[0]._replace(lasting=False)
-    announcement.Announcement().begin()
+    announcement.Announcement().begin("ibdata.policies.network")
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
 
 
@@ -50,8 +48,8 @@ def test_a_terminal_shows_how_many_are_compiled(monkeypatch, capsys):
     """So the line is free again for what is printed next."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     said = announcement.Announcement()
-    said.begin()
-    said.begin()
+    said.begin("ibdata.dynamics.step")
+    said.begin("ibdata.dynamics.step")
     said.end()
     assert capsys.readouterr().err == f"{ONCE}\r\033[Kibdata: functions compiled: 1"
     said.end()

@@ -117,3 +117,15 @@ def test_a_new_card_names_the_version_of_the_dataset(small, monkeypatch, sign):
     write_card(small.path)
     assert "version = {0.8.7}" in text_of(small.path)
     assert ibdata.validate(small.path) == []
+
+
+def test_the_card_describes_columns_and_quality(small, monkeypatch):
+    text = text_of(small.path)
+    for column in small.info["columns"]:
+        assert f"| `{column['name']}` | {column['dtype']} | {column['unit']} | " in text
+        assert f" | {column['description']} |" in text
+    assert "| state action coverage |" not in text  # needs all rows, which a run no longer has
+    monkeypatch.setattr("ibdata.maintenance.card._report", lambda *_: None)
+    write_card(small.path)
+    measured = ibdata.quality(small).state_action_coverage
+    assert f"| state action coverage | {measured:.3g} | " in text_of(small.path)

@@ -24,8 +24,8 @@ def rows(small) -> offline.Rows:
     return offline.rows_of(small)
 
 
-def test_the_rows_are_the_transitions_that_d3rlpy_reads_from_the_export(small, rows, tmp_path):
-    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, reward_scale=0.01)
+def test_the_rows_are_the_transitions_that_d3rlpy_reads(small, rows, tmp_path):
+    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, view={"reward_scale": 0.01})
     with (tmp_path / "x.h5").open("rb") as file:
         replay = ReplayBuffer.load(file, InfiniteBuffer())
     theirs = [replay.transition_picker(e, i) for e in replay.episodes for i in range(e.transition_count)]
@@ -41,7 +41,7 @@ def test_the_rows_are_the_transitions_that_d3rlpy_reads_from_the_export(small, r
 
 
 def test_observations_are_standardised_as_d3rlpy_does_it(small, rows, tmp_path):
-    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, reward_scale=0.01)
+    ibdata.export(small, "d3rlpy", tmp_path / "x.h5", history=30, view={"reward_scale": 0.01})
     with (tmp_path / "x.h5").open("rb") as file:
         replay = ReplayBuffer.load(file, InfiniteBuffer())
     scaler = offline.StandardObservationScaler()

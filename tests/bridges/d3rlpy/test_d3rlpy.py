@@ -50,7 +50,7 @@ def from_arrays(arrays, **flags) -> ReplayBuffer:
 
 @pytest.mark.parametrize(("split", "history", "scale"), [(None, 1, 1.0), ("target", 4, 0.01)])
 def test_every_transition_is_there_with_its_next_observation(dataset, tmp_path, split, history, scale):
-    replay = loaded(dataset, tmp_path / "x.h5", split=split, history=history, reward_scale=scale)
+    replay = loaded(dataset, tmp_path / "x.h5", split=split, history=history, view={"reward_scale": scale})
     arrays = dataset.arrays(history=history, split=split)
     assert replay.transition_count == len(arrays["rewards"])
     for i, transition in enumerate(transitions(replay)):
@@ -74,7 +74,8 @@ def test_every_transition_is_there_with_its_next_observation(dataset, tmp_path, 
     ids=["markov", "troubles"],
 )
 def test_a_view_is_read_as_the_arrays_show_it(dataset, tmp_path, view):
-    replay, arrays = loaded(dataset, tmp_path / "x.h5", history=2, **view), dataset.arrays(2, **view)
+    replay = loaded(dataset, tmp_path / "x.h5", history=2, view=view)
+    arrays = dataset.arrays(2, view=view)
     assert replay.transition_count == len(arrays["rewards"])
     for i, transition in enumerate(transitions(replay)):
         assert (transition.observation == arrays["observations"][i]).all()
@@ -90,7 +91,7 @@ def test_the_appended_row_is_never_sampled(dataset, tmp_path):
     assert len(np.unique(rewards)) == 150
 
 
-def test_what_users_write_who_know_no_better_loses_or_spoils_transitions(dataset):
+def test_naive_conversions_lose_or_spoil_transitions(dataset):
     """Timeouts lose the last transition of each episode, terminals forbid to bootstrap there."""
     arrays = dataset.arrays()
     never = np.zeros(150, np.float32)

@@ -201,7 +201,7 @@ def test_a_scaler_of_a_constant_setpoint_is_no_other_action(tmp_path):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-5)
 
 
-def test_behaviour_cloning_keeps_no_distribution_that_it_was_not_trained_with(tmp_path):
+def test_behaviour_cloning_keeps_no_untrained_distribution(tmp_path):
     policy = saved(tmp_path / "actor.safetensors", built(d3rlpy.algos.BCConfig(policy_type="stochastic")))
     assert not policy.weights.has_log_std
 

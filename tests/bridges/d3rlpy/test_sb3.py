@@ -25,9 +25,15 @@ ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 LANES, STEPS = 3, 7
 SETTINGS = (
     {"setpoint": 70},
-    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
+    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
-    {"actions": True, "reward": "delta", "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True}},
+    {
+        "view": {
+            "actions": True,
+            "reward": "delta",
+            "imperfections": {"missing": {"obs_fatigue": 0.5}, "mask": True},
+        }
+    },
 )
 
 
@@ -81,7 +87,7 @@ def check_begin(a, b):
 
 
 @pytest.mark.parametrize("given", SETTINGS, ids=str)
-def test_it_gives_the_bits_of_their_loop_over_environments_and_infos_that_are_equal(given):
+def test_it_gives_the_bits_of_a_loop_over_environments(given):
     a, b = both(**given)
     assert (a.observation_space, a.action_space) == (b.observation_space, b.action_space)
     assert a.seed(4) == b.seed(4)
@@ -91,7 +97,7 @@ def test_it_gives_the_bits_of_their_loop_over_environments_and_infos_that_are_eq
     check_alike(a, b, actions_for(a, 2))
 
 
-def test_an_episode_s_last_observation_is_in_the_info_of_its_last_step():
+def test_the_last_observation_is_in_the_info_of_the_last_step():
     env = ours(setpoint=70, history=2)
     env.seed(0)
     before = env.reset()
@@ -107,7 +113,7 @@ def test_an_episode_s_last_observation_is_in_the_info_of_its_last_step():
     assert (before[:, 1:4] == 50.0).all()  # the first observations of new episodes
 
 
-def test_episodes_have_1000_steps_unless_said_otherwise_and_none_means_no_end():
+def test_episodes_have_1000_steps_unless_said_otherwise():
     envs = [IndustrialBenchmarkVecEnv(1), IndustrialBenchmarkVecEnv(1, max_episode_steps=None)]
     for env in envs:
         env.reset()
@@ -201,7 +207,7 @@ def test_training_gives_the_same_network_as_over_their_loop(kind):
     small = {"policy_kwargs": {"net_arch": [16]}, "batch_size": 32, "seed": 1, "device": "cpu"}
     small |= {"n_steps": 32, "n_epochs": 2} if kind is PPO else {"learning_starts": 60, "train_freq": 4}
     learned = []
-    for env in both(setpoint=70, history=2, reward_scale=0.01):
+    for env in both(setpoint=70, history=2, view={"reward_scale": 0.01}):
         model = kind("MlpPolicy", VecMonitor(env), **small)
         first = next(model.policy.parameters()).detach().clone()
         model.learn(200)
@@ -224,7 +230,7 @@ def test_discrete_actions_train():
     env.step(action)
 
 
-def test_wrong_settings_are_one_line_and_the_extra_is_named_where_it_is_missing():
+def test_wrong_settings_and_a_missing_extra_are_one_line():
     with pytest.raises(ConfigError, match="setpoint: found 170, expected a number of at most 100"):
         IndustrialBenchmarkVecEnv(2, setpoint=170)
     with pytest.raises(UsageError, match="num_envs: found 0, expected at least 1"):

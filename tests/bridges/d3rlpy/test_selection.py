@@ -87,7 +87,7 @@ def test_the_adapter_acts_as_the_target_does(rows, target):
     np.testing.assert_allclose(draws.std(axis=(0, 1)), targets.SCALE, atol=0.03)  # of means close to 0
 
 
-def test_fqe_learns_the_next_reward_in_one_fit_and_counts_as_many_as_it_has_fits(rows, target, monkeypatch):
+def test_fqe_counts_as_many_rewards_as_it_has_fits(rows, target, monkeypatch):
     """The reward falls by far more than 3 from the start of an episode to its end."""
     monkeypatch.setattr(estimators, "FIT_STEPS", 300)
     reward = ibdata.evaluate(target, setpoint=70, steps=1, episodes=200).results[0].mean_return
@@ -106,7 +106,7 @@ class Pushing:
         return np.tile([1.0, 0.0, 0.0], (len(history), 1))
 
 
-def test_a_rollout_in_the_model_steers_exactly_and_adds_up_discounted_rewards(rows):
+def test_a_rollout_in_the_model_adds_up_discounted_rewards(rows):
     def fatigue_is_velocity(x):
         assert x.shape[1] == 6 * estimators.FRAMES + 4
         np.testing.assert_array_equal(x[:, -3], np.minimum(x[:, 1] + 1.0, 100.0))
@@ -129,7 +129,7 @@ def test_the_fitted_model_predicts_better_than_the_mean(rows, monkeypatch):
     assert np.all((truth.min(axis=0) <= far) & (far <= truth.max(axis=0)))
 
 
-def test_the_script_trains_what_is_missing_and_writes_all_estimates(small, tmp_path, monkeypatch):
+def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):
     selection, one = script("selection"), Checkpoint("siemens-offline/global-100", "bc", 4)
     other = one._replace(training_steps=2)
     monkeypatch.setattr(selection, "plan", lambda: [other, one, one._replace(algorithm="iql")])

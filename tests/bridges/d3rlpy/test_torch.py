@@ -88,7 +88,10 @@ def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
 def test_a_loader_reads_windows_as_the_arrays_show_them(tmp_path):
     given = {"name": "x", "setpoints": 70, "policies": ["random"], "episodes": 3, "steps": 40}
     data = ibdata.generate(given, tmp_path / "data", workers=1)
-    windows, arrays = data.windows(history=5, actions=True), data.arrays(history=5, actions=True)
+    windows, arrays = (
+        data.windows(history=5, view={"actions": True}),
+        data.arrays(history=5, view={"actions": True}),
+    )
     for collate in (windows.collate, None):  # the second is torch's own, which asks for single transitions
         loader = torch.utils.data.DataLoader(windows, batch_size=16, collate_fn=collate)
         batches = list(loader)

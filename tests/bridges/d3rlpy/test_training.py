@@ -21,7 +21,7 @@ def fitted(config, folder: Path, source: str, steps: int):
     dataset = ibdata.generate(
         CONFIGS / f"{source}.yaml", folder / "data", workers=1, overrides=["episodes=10"]
     )
-    ibdata.export(dataset, "d3rlpy", folder / "x.h5", history=HISTORY, reward_scale=0.01)
+    ibdata.export(dataset, "d3rlpy", folder / "x.h5", history=HISTORY, view={"reward_scale": 0.01})
     with (folder / "x.h5").open("rb") as file:
         replay = ReplayBuffer.load(file, InfiniteBuffer())
     torch.set_num_threads(1)
@@ -37,7 +37,7 @@ def fitted(config, folder: Path, source: str, steps: int):
     return algorithm
 
 
-def test_behaviour_cloning_gets_the_return_of_the_policy_it_is_shown(tmp_path):
+def test_behaviour_cloning_gets_the_return_of_its_teacher(tmp_path):
     """The two differ by 11.6 (in hundreds) from random actions; the standard error is below 0.1."""
     scaler = d3rlpy.preprocessing.StandardObservationScaler()
     config = d3rlpy.algos.BCConfig(observation_scaler=scaler, batch_size=256, learning_rate=1e-3)

@@ -17,9 +17,9 @@ STEPS = 7
 LANES = 3
 SETTINGS = (
     {"setpoint": 70},
-    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "reward_scale": 0.1},
+    {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper"},
-    {"reward": "delta", "actions": True},
+    {"view": {"reward": "delta", "actions": True}},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 
@@ -54,7 +54,7 @@ def same(ours, theirs):
 
 @pytest.mark.parametrize("given", SETTINGS, ids=str)
 @pytest.mark.parametrize("mode", MODES if HAS_MODES else MODES[:1])
-def test_it_does_what_gymnasium_s_loop_over_environments_does_bit_for_bit(mode, given):
+def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
     ours = made(mode, **given)
     theirs = gymnasium.make_vec(
         ID,
@@ -90,7 +90,7 @@ def test_a_lane_is_the_environment_of_its_seed(given):
         assert rewards.tolist() == [step[1] for step in steps]
 
 
-def test_next_step_gives_a_row_without_reward_that_begins_the_next_episode():
+def test_next_step_gives_a_row_that_begins_the_next_episode():
     env = made("NextStep")
     env.reset(seed=0)
     rows = [env.step(action) for action in actions(STEPS + 2)]

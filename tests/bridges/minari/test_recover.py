@@ -10,7 +10,7 @@ import ibdata
 
 
 @pytest.mark.parametrize("history", [1, 4])
-def test_the_recovered_environment_has_the_datasets_spaces_start_and_length(root, tmp_path, history):
+def test_a_recovered_environment_is_that_of_the_dataset(root, tmp_path, history):
     overrides = ["setpoints=70", "episodes=2", "steps=30"]
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
     ibdata.export(dataset, "minari", root, history=history)
@@ -37,14 +37,14 @@ def recovered(made, root, **options):
 def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
     overrides = ["episodes=2", "steps=20", "output.latent=next"]
     made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    found, environment = recovered(made, root, **view)
+    found, environment = recovered(made, root, view=view)
     assert environment.observation_space.shape == found.observation_space.shape
     environment.reset(seed=0)
     shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
     assert len(set(shown)) > 1
 
 
-def test_the_environment_of_a_merged_dataset_is_that_of_the_episodes_that_are_exported(root, tmp_path):
+def test_a_merged_environment_is_that_of_the_exported_part(root, tmp_path):
     plain = {"setpoints": 70, "episodes": 2, "steps": 5}
     parts = [
         ibdata.generate({**plain, "name": "x", "policies": [policy], **more}, tmp_path / policy, workers=1)

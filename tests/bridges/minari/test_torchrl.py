@@ -60,7 +60,7 @@ def test_the_export_is_not_to_blame(replay, dataset, monkeypatch):
 @pytest.mark.parametrize(
     "sampler", [RandomSampler(), SliceSampler(slice_len=5, traj_key="episode", strict_length=True)], ids=repr
 )
-def test_a_tensordict_from_arrays_is_sampled_by_steps_and_by_episodes(use_with, sampler):
+def test_a_tensordict_is_sampled_by_steps_and_by_episodes(use_with, sampler):
     (names,) = use_with("TorchRL")
     data = names["data"]
     assert len(data) == 1000

@@ -81,7 +81,7 @@ def processes(mark):
     return found
 
 
-def test_serial_pool_and_ray_make_the_same_files_and_ray_is_ended(files):
+def test_ray_makes_the_same_files_and_is_ended(files):
     tiny = Experiment.model_validate(PLAIN)
     made = [ibdata.generate(tiny, f"local-{n}", workers=n) for n in (1, 2)]
     made.append(ibdata.generate(tiny, "ray", workers=2, engine="ray"))
@@ -113,7 +113,7 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     assert files("ray") == files("plain")
 
 
-def test_workers_that_always_die_are_an_error_of_one_line_and_leave_nothing(cluster, tmp_path):
+def test_workers_that_always_die_are_an_error_of_one_line(cluster, tmp_path):
     experiment = deadly(tmp_path, deaths=1000)
     with pytest.raises(IbdataError, match=r"^data/part-\d+: Ray failed with WorkerCrashedError: ") as error:
         ibdata.generate(experiment, "out", engine="ray", allow_code=True)

@@ -57,7 +57,7 @@ def losses(config, iterations):
 
 
 def test_ray_reads_every_value_again(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
     rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
     arrays = dataset.arrays()
     for column, name in (
@@ -79,7 +79,7 @@ def test_behaviour_cloning_learns_on_the_printed_configuration(dataset, tmp_path
 
 
 def test_marwil_runs_on_the_printed_configuration(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", reward_scale=0.01)
+    made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
     assert np.isfinite(losses(configured(MARWILConfig, made.snippet), 2)).all()
 
 

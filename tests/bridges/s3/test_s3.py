@@ -116,9 +116,7 @@ def test_nothing_but_the_dataset_is_left_there_and_nothing_here(bucket, tiny, ob
 
 @pytest.mark.parametrize("call", range(11))
 @pytest.mark.parametrize("torn", [False, True])
-def test_an_upload_that_fails_anywhere_shows_no_dataset_and_is_resumed(
-    bucket, tiny, objects, monkeypatch, call, torn
-):
+def test_an_upload_that_fails_shows_nothing_and_is_resumed(bucket, tiny, objects, monkeypatch, call, torn):
     url, calls, put = f"s3://{bucket}/x", iter(range(100)), Remote.put
 
     def failing(self, source, path):

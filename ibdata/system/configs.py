@@ -1,0 +1,18 @@
+"""The files of the experiments that come with ibdata."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def root() -> Path:
+    """The folder of the files."""
+    here = Path(__file__).resolve().parent.parent
+    # Installed, the configs lie inside the package; in a checkout, beside it.
+    return next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
+
+
+def shipped() -> dict[str, Path]:
+    """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
+    paths = [*sorted(root().glob("*.yaml")), *sorted(root().glob("*/*.yaml"))]
+    return {path.relative_to(root()).with_suffix("").as_posix(): path for path in paths}
