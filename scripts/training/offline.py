@@ -25,19 +25,9 @@ from ibdata.views.options import view_options
 HISTORY, REWARD_SCALE, DISCOUNT = 30, 0.01, 0.97
 STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
 PART = 65_536  # rows of which moments are computed at once
-OWN: dict[str, dict[str, Any]] = {
-    "bear": {"warmup_steps": STEPS // 10},  # d3rlpy's default, 40,000 steps, is longer than the training here
-    "cql-50": {"initial_alpha": 50.0, "alpha_learning_rate": 0.0},  # a fixed weight; d3rlpy adapts it
-}
-CONFIGS = {
-    "bc": "BC",
-    "td3+bc": "TD3PlusBC",
-    "iql": "IQL",
-    "cql": "CQL",
-    "cql-50": "CQL",
-    "bcq": "BCQ",
-    "bear": "BEAR",
-}
+# d3rlpy's default, 40,000 steps, is longer than the training here.
+OWN: dict[str, dict[str, Any]] = {"bear": {"warmup_steps": STEPS // 10}}
+CONFIGS = {"bc": "BC", "td3+bc": "TD3PlusBC", "iql": "IQL", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
 Floats = npt.NDArray[np.float64]
 Float32s = npt.NDArray[np.float32]
 
