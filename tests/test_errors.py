@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import pickle
 import re
@@ -13,6 +14,7 @@ import pytest
 import ibdata
 from ibdata.cli import cli
 from ibdata.errors import ConfigError, Interrupted, missing
+from ibdata.views.options import ViewOptions
 
 # An option in a message; commands, which are to be typed as they are, are passed over.
 OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]+)*)")
@@ -44,4 +46,6 @@ def test_an_option_in_a_message_exists_in_both_interfaces():
             for text in re.findall(r'"(.*)"', path.read_text(encoding="utf-8")):
                 found |= {option["name"] for option in OPTION.finditer(text)} - {None}
     assert {"out", "overwrite", "resume", "shards"} <= found <= options
-    assert {name.replace("-", "_") for name in found} <= {*keywords, "name"}  # of `split`, where it is names
+    of_views = {field.name for field in dataclasses.fields(ViewOptions)}
+    allowed = {*keywords, *of_views, "name"}  # the name of `split`, where it is names
+    assert {name.replace("-", "_") for name in found} <= allowed

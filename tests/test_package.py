@@ -119,4 +119,5 @@ def test_no_module_names_pickle_or_evaluates_text():
     )
     texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
     assert len(texts) > 90
-    assert {str(path) for path, text in texts.items() if re.search(pickles, text)} == set()
+    found = {str(path.relative_to(PACKAGE)) for path, text in texts.items() if re.search(pickles, text)}
+    assert found == {"policies/code.py"}  # runs the files of users, who allowed it

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from itertools import chain
-from operator import index
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset import manifest, parquet
-from ibdata.dataset.contents import Contents
+from ibdata.dataset import manifest
 from ibdata.dataset.models import Statistics
-from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_in, rows_of
+from ibdata.dataset.selection import Columns, Policy, Setpoint, Split, rows_in
+from ibdata.dataset.shards import Shards
 from ibdata.dataset.transitions import (
     Transitions,
     as_batch,
@@ -34,14 +32,14 @@ from ibdata.dataset.viewed import (
     windows_of,
 )
 from ibdata.dataset.windows import Windows
-from ibdata.errors import DatasetError, UsageError, excerpt
+from ibdata.errors import UsageError
 from ibdata.views.options import View, ViewOptions, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Dataset(Contents):
+class Dataset(Shards):
     """A finished dataset in a folder or at a URL. Only files that its manifest lists are read.
 
     If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
@@ -161,26 +159,6 @@ class Dataset(Contents):
                 break
         return pa.Table.from_batches(parts)
 
-    def _place_of(self, at: tuple[int, int]) -> tuple[int, int]:
-        """The shard of a row, and its number in it. Raises UsageError if there is none."""
-        table = self.episode_table
-        try:
-            episode, step = map(index, at)
-            length = table["length"][episode].as_py() if episode >= 0 else 0
-        except (TypeError, ValueError, IndexError):
-            length = 0
-        if not length or not 0 <= step < length:
-            steps = f", step 0 to {length - 1}" if length else ""
-            raise UsageError(
-                f"at: found {excerpt(at)}, expected (episode, step): episode 0 to {len(table) - 1}{steps}"
-            )
-        return table["shard"][episode].as_py(), table["row_start"][episode].as_py() + step
-
-    def _batches_from(self, shard: int, row: int, names: list[str], most: int) -> Iterator[pa.RecordBatch]:
-        """The rows from this one of a shard to the end of the dataset."""
-        for number in range(shard, len(self.manifest_model.shards)):
-            yield from self.shard_batches(number, names, most, row if number == shard else 0)
-
     def iter_batches(
         self,
         columns: Columns = None,
@@ -207,29 +185,6 @@ class Dataset(Contents):
         names, shards = self._columns(columns), self._shards(split, setpoint, policy)
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
-
-    def read_shard(self, number: int, columns: Columns = None) -> pa.Table:
-        """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
-        shard = self.manifest_model.shards[number]
-        with self._unreplaced():
-            return parquet.read(self.storage, shard.path, columns, shard.rows)
-
-    def shard_batches(
-        self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
-    ) -> Iterator[pa.RecordBatch]:
-        """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
-        shard = self.manifest_model.shards[number]
-        with self._unreplaced():
-            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
-
-    @contextmanager
-    def _unreplaced(self) -> Iterator[None]:
-        """Raise BusyError if a file cannot be read because the dataset has been replaced."""
-        try:
-            yield
-        except DatasetError:
-            manifest.refuse_replaced(self.storage, self.manifest_model)
-            raise
 
     def arrays(
         self,
@@ -338,24 +293,6 @@ class Dataset(Contents):
         info = self.info_model
         batches = self.iter_batches(needed(info, options), split, rows, setpoint=setpoint, policy=policy)
         return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
-
-    def _columns(self, columns: Columns) -> list[str]:
-        known = [column.name for column in self.info_model.columns]
-        if columns is None:
-            return known
-        if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
-            raise UsageError(f"columns: found {columns!r}, expected a list of different names")
-        return known_of("column", columns, known)
-
-    def _shards(self, split: Split, setpoint: Setpoint, policy: Policy) -> list[tuple[int, Runs | None]]:
-        """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
-        if setpoint is None and policy is None:
-            shards = list(enumerate(self.manifest_model.shards))
-            if split is None:
-                return [(number, None) for number, _ in shards]
-            if self.split_entry(split).declared:
-                return [(number, None) for number, shard in shards if split in shard.splits]
-        return sorted(rows_of(self.episode_table, self.selected(split, setpoint, policy)).items())
 
 
 def _refuse_columns(columns: Columns) -> None:
