@@ -14,7 +14,7 @@ import ibdata
 from ibdata import dynamics
 
 PACKAGE = ROOT / "ibdata"
-LONGEST = 290  # lines; most files have fewer than 200
+LONGEST = 310  # lines; most files have fewer than 200, and the reader of datasets is one of docstrings
 AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "variables", "version"}
 SCRIPTS = [path for path in (ROOT / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")]
 DOCUMENTS = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
