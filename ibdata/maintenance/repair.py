@@ -156,6 +156,7 @@ def _made_again(
     if not wrong:
         return []
     require_consent(spec, folder, allow_code, again=True)
+    remove(root)  # that of a repair that was killed
     root.mkdir()
     (root / receipt.DATASET).mkdir()
     with process_for(spec) as process:

@@ -63,7 +63,9 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
     averaged with the numbers of episodes as weights. Returns are undiscounted. With several dynamics, as
     merged datasets may have, both measures are None.
     """
-    setpoints, lengths, returns = (np.array(episodes[name].to_pylist()) for name in ("setpoint", "length", "return"))
+    setpoints, lengths, returns = (
+        np.array(episodes[name].to_pylist()) for name in ("setpoint", "length", "return")
+    )
     ends, improvements, weights = [], [], []
     for p, steps in np.unique(np.column_stack([setpoints, lengths]), axis=0).tolist():
         own = returns[(setpoints == p) & (lengths == steps)]
