@@ -15,7 +15,7 @@ from ibdata.generation import origin
 from ibdata.generation.receipt import DATASET
 from ibdata.system.files import keep_access, sync_folder, write, write_new
 from ibdata.system.part import Part
-from ibdata.system.signals import held
+from ibdata.system.signals import held, ignore
 from ibdata.writing.card import is_edited
 from ibdata.writing.metadata import as_json
 
@@ -35,8 +35,8 @@ def publish(part: Part) -> None:
     if began is not None:  # a merge or a copy has no note
         ended = began.model_copy(update={"manifest": _checksum(made)})
         write(part.folder, origin.PATH, as_json(ended))
-    with held():
-        part.place(made)
+    ignore()  # a run that has published is finished, and not stopped
+    part.place(made)
     part.clear()
 
 

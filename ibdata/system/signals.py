@@ -40,6 +40,13 @@ def held() -> Iterator[None]:
             check()
 
 
+def ignore() -> None:
+    """Ignore the signals until `stoppable` ends: what is left to do is short."""
+    if threading.current_thread() is threading.main_thread():
+        for number in STOPPING:
+            signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Raise Interrupted when SIGINT, SIGTERM or SIGHUP arrives. Does nothing outside the main thread.
@@ -52,8 +59,7 @@ def stoppable() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in STOPPING}
 
     def stop(number: int, frame: FrameType | None) -> None:
-        for other in STOPPING:
-            signal.signal(other, signal.SIG_IGN)
+        ignore()
         _arrived.append(number)
         if not _held:
             raise Interrupted(number)

@@ -1,4 +1,4 @@
-"""Splits that cannot be meant are refused in one line, and change nothing."""
+"""Impossible options of `split` are refused in one line, and change nothing."""
 
 from __future__ import annotations
 
