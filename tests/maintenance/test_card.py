@@ -84,12 +84,16 @@ def copied(carded, tmp_path) -> Path:
     return Path(shutil.copytree(carded.path, tmp_path / "copied"))
 
 
-def test_only_the_report_is_new_and_the_dataset_is_the_same(plain, carded):
+def test_a_card_and_a_report_are_new_and_the_dataset_is_the_same(plain, carded):
+    """The card of a run has the measures of quality that need only the returns; this one has all."""
     before, after = (
         {Path(path).relative_to(made.path): data for path, data in contents(made.path).items()}
         for made in (plain, carded)
     )
-    assert before == {path: data for path, data in after.items() if str(path) != manifest.REPORT}
+    own = {Path(manifest.CARD), Path(manifest.REPORT)}
+    assert before.keys() | own == after.keys()
+    assert all(after[path] == data for path, data in before.items() if path not in own)
+    assert b"| state action coverage |" in after[Path(manifest.CARD)]
     assert ibdata.validate(carded.path) == []
 
 
@@ -157,9 +161,9 @@ def test_the_report_has_the_returns_and_the_scores(plain, tmp_path):
     assert f"reference score: {found['scale']}" in page.texts["p"]
 
 
-def test_without_matplotlib_only_the_card_is_written(ibdata, plain, tmp_path):
+def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_path):
     folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
-    before = contents(folder)
+    expected = contents(folder) | {str(folder / "README.md"): (carded.path / "README.md").read_bytes()}
     (folder / "README.md").unlink()
     (tmp_path / "matplotlib.py").write_text("raise ModuleNotFoundError('matplotlib')")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
@@ -169,7 +173,7 @@ def test_without_matplotlib_only_the_card_is_written(ibdata, plain, tmp_path):
         "ibdata: report.html is not written: ibdata.plots needs the package matplotlib: "
         "pip install matplotlib, or 'ibdata[plot]'\n"
     )
-    assert contents(folder) == before
+    assert contents(folder) == expected
     assert validate(folder) == []
 
 
