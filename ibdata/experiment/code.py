@@ -202,11 +202,11 @@ def refuse_changed(began: Iterable[Code], policies: Sequence[Custom], where: str
     files = [code.model_copy(update={"distributions": {}}) for code in began]
     if names := changed(files, record(policies)):
         raise UsageError(
-            f"{where}: found other code than the dataset was made with, in {listed(names)}; restore it, "
+            f"{where}: found other code than the dataset was made with, in {names_of(names)}; restore it, "
             "and give a changed policy a file of its own"
         )
 
 
-def listed(names: Iterable[str]) -> str:
+def names_of(names: Iterable[str]) -> str:
     """Names of files in a record, for a message."""
     return printable(", ".join(list(names)[:8]))

@@ -13,7 +13,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, as_yaml, self_check
-from ibdata.experiment.code import changed, customs, listed, record
+from ibdata.experiment.code import changed, customs, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.policies.custom import LIVE
@@ -83,7 +83,7 @@ def other(root: Path, experiment: Experiment, here: Origin) -> str | None:
     if began is None or not same_experiment(root, experiment):
         return "of another experiment"
     if names := changed(began.code, here.code):
-        return f"with other code, in {listed(names)}"
+        return f"with other code, in {names_of(names)}"
     if began.known_answer != here.known_answer:
         return "of a machine that computes other bits"
     return None
@@ -98,6 +98,6 @@ def agree(spec: DatasetSpec, root: Path) -> None:
     if began is None:
         return
     if names := changed(began.code, _code(spec)):
-        raise UsageError(f"a worker found other code than the run began with, in {listed(names)}")
+        raise UsageError(f"a worker found other code than the run began with, in {names_of(names)}")
     if began.known_answer != self_check.answer():
         raise UsageError("a worker computes other bits than the machine on which the run began")

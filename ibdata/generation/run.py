@@ -10,8 +10,7 @@ from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed_here, customs
-from ibdata.experiment.code import listed as names_of
+from ibdata.experiment.code import changed_here, customs, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, receipt

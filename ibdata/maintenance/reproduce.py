@@ -13,8 +13,7 @@ from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
 from ibdata.errors import UsageError
-from ibdata.experiment.code import changed_here, consented_spec
-from ibdata.experiment.code import listed as names_of
+from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up

@@ -85,42 +85,36 @@ def test_the_types_of_python_and_numpy_are_those_of_yaml():
         assert load(PLAIN, {"setpoints": points}).setpoints == [10.0, 20.0, 30.0]
 
 
-@pytest.mark.parametrize(
-    ("overrides", "key", "value"),
-    [
-        ({"output.dtype": "float64"}, "output", {"dtype": "float64", "latent": False, "shard_rows": 7}),
-        ({"setpoints.stop": 20}, "setpoints", {"start": 10.0, "stop": 20.0, "step": 10.0}),
-        ({"setpoints": {"drifting": 50}}, "setpoints", {"drifting": 50.0}),
-        ({"policies.1.name": "calm"}, "policies.1", {"kind": "safe", "name": "calm"}),
-        (
-            {"policies.0.base.action": (0, 0, 1)},
-            "policies.0",
-            {"kind": "epsilon_greedy", "base": {"kind": "constant", "action": [0.0, 0.0, 1.0]},
-             "epsilon": 0.5},
-        ),
-        ({"policies.0": {"kind": "random"}}, "policies.0", {"kind": "random"}),
-        ({"splits.b": {"setpoint": 30}}, "splits", {"a": {"setpoint": 20.0}, "b": {"setpoint": 30.0}}),
-        ({"splits": {}}, "splits", {}),
-        ({"output": {}}, "output", {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}),
-        ({}, "steps", 3),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_an_override_replaces_the_value_at_its_key(overrides, key, value):
-    given = {
-        **PLAIN,
-        "setpoints": {"start": 10, "stop": 30, "step": 10},
-        "policies": [{"kind": "epsilon_greedy", "base": "constant", "epsilon": 0.5}, "safe"],
-        "output": {"latent": False, "shard_rows": 7},
-    }
-    if key == "splits":
-        given["splits"] = {"a": {"setpoint": 20}}
-    found = load(given, overrides).plain()
-    for part in key.split("."):
-        found = found[int(part)] if part.isdigit() else found[part]
-    for split in found.values() if key == "splits" else ():
-        del split["overlap"]
-    assert found == value
+GIVEN = {
+    **PLAIN,
+    "setpoints": {"start": 10, "stop": 30, "step": 10},
+    "policies": [{"kind": "epsilon_greedy", "base": "constant", "epsilon": 0.5}, "safe"],
+    "output": {"latent": False, "shard_rows": 7},
+    "splits": {"a": {"setpoint": 20}},
+}
+ALIKE = {  # the text of an override: the same in a mapping
+    "output.dtype=float64": {"output.dtype": "float64"},
+    "output={}": {"output": {}},
+    "setpoints.stop=20": {"setpoints.stop": 20},
+    "policies.1.name=calm": {"policies.1.name": "calm"},
+    "policies.0.base.action=[0, 0, 1]": {"policies.0.base.action": (0, 0, 1)},
+    "policies.0={kind: random}": {"policies.0": {"kind": "random"}},
+    "splits.b={setpoint: 30}": {"splits.b": {"setpoint": np.float64(30)}},
+    "splits={}": {"splits": {}},
+}
+
+
+@pytest.mark.parametrize(("text", "mapping"), ALIKE.items(), ids=ALIKE)
+def test_an_override_is_the_same_in_a_text_and_a_mapping(text, mapping):
+    assert load(GIVEN, [text]) == load(GIVEN, mapping) != load(GIVEN)
+
+
+def test_an_override_replaces_all_of_a_block_and_no_other():
+    made = load(GIVEN, {"output": {}, "policies.0.base.action": (0, 0, 1)}).plain()
+    assert made["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
+    moved = {"kind": "constant", "action": [0.0, 0.0, 1.0]}
+    assert made["policies"][0] == {"kind": "epsilon_greedy", "base": moved, "epsilon": 0.5}
+    assert list(made["splits"]) == ["a"]
 
 
 @pytest.mark.parametrize(
