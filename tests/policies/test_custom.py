@@ -119,7 +119,7 @@ def test_what_draws_is_not_deterministic(options, line):
         validated({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", **options}]})
 
 
-def test_a_parameter_that_names_a_file_is_said_unless_the_file_is_declared(mine, capsys):
+def test_an_undeclared_file_in_params_is_said(mine, capsys):
     (mine / "weights.pt").write_text("1")
     params = {"at": ["weights.pt", "no.pt"]}
     for files, lines in ((None, 1), (["weights.pt"], 0)):

@@ -85,7 +85,7 @@ def test_an_edit_of_a_helper_is_said_and_makes_new_data(beside, tmp_path, capsys
     assert (again.to_pandas()["act_gain"] == 0.25).all()
 
 
-def test_a_file_that_is_not_found_is_expected_in_places_that_are_named(beside, tmp_path):
+def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     beside("code/own-policy.py:Own")
     assert ibdata.validate("out") == []
     line = r"^code/own-policy\.py:Own: found no file 'code/own-policy\.py', expected it beside .*: "

@@ -40,7 +40,7 @@ def made(tmp_path, **options):
 
 
 @pytest.mark.parametrize("start", ["default", "uniform"])
-def test_it_turns_the_direction_from_0_to_6_and_back_again_and_again(tmp_path, start):
+def test_it_turns_the_direction_from_0_to_6_and_back(tmp_path, start):
     rows = made(tmp_path, start=start, steps=100)
     for _, episode in rows.groupby(["episode", "obs_setpoint"]):
         far = np.abs(episode["latent_direction"].to_numpy()[-36:])
@@ -49,7 +49,7 @@ def test_it_turns_the_direction_from_0_to_6_and_back_again_and_again(tmp_path, s
         assert np.array_equal(far[12:], far[:-12])  # it takes 12 steps
 
 
-def test_the_first_turn_goes_on_from_the_step_with_action_zero(tmp_path):
+def test_the_first_turn_begins_at_once(tmp_path):
     rows = made(tmp_path, setpoints=[0, 30, 70, 100])
     for _, episode in rows.groupby("obs_setpoint"):
         far = np.abs(episode["latent_direction"].to_numpy()[:12])
@@ -70,7 +70,7 @@ def test_what_it_remembers_is_the_hidden_state(tmp_path):
         assert memory[0, :3].tolist() == hidden[t].tolist()
 
 
-def test_after_a_burn_in_it_stays_in_the_safe_zone_until_the_direction_is_known(tmp_path):
+def test_after_a_burn_in_it_waits_in_the_safe_zone(tmp_path):
     rows = made(tmp_path, start={"burn_in": [5, 30]}, episodes=5)
     for _, episode in rows.groupby(["obs_setpoint", "episode"]):
         turned = np.flatnonzero(episode["latent_direction"] == 0)
@@ -79,12 +79,12 @@ def test_after_a_burn_in_it_stays_in_the_safe_zone_until_the_direction_is_known(
         assert np.array_equal(far[12:], far[:-12])
 
 
-def test_a_direction_on_the_other_side_of_the_domain_is_followed_at_once():
+def test_a_direction_beyond_the_domain_is_followed_at_once():
     assert best_shift(1.0, 1, -1, -6) == -RHO_S[5]
     assert best_shift(-1.0, -1, 1, 1) == TURNING
 
 
-def test_the_estimate_of_mu_follows_the_hidden_one_where_the_gain_is_high(tmp_path):
+def test_the_estimate_of_mu_follows_the_hidden_one(tmp_path):
     rows = made(tmp_path, setpoints=[30, 40], steps=500, output={"latent": "full"})
     errors = []
     for p, episode in rows.groupby("obs_setpoint"):
@@ -110,26 +110,34 @@ def test_where_mu_is_high_the_velocity_rises_and_the_gain_falls():
     assert tense[1] == pytest.approx(100.0 - RULE.fall * (tense[2] - RULE.fall_from))
 
 
-def test_two_high_alphas_raise_the_gain_until_that_of_the_gain_is_reset():
-    *_, gain, _, alarm = asked(38.0, 45.0, 0.9, p=70.0)
-    assert (gain < 60.0, alarm) == (True, 1)
-    *_, gain, _, alarm = asked(38.0, 45.0, 0.9, alarm=alarm, p=70.0)
-    assert (gain, alarm) == (100.0, ALARM)
-    *_, gain, _, alarm = asked(38.0, 95.0, 0.3, alarm=alarm, p=70.0)
-    assert (gain < 60.0, alarm) == (True, 0)
+RESET = resetting_velocity(40.0, K)
 
 
-def test_a_runaway_of_the_velocity_is_left_where_gain_0_resets_it():
+@pytest.mark.parametrize(
+    ("p", "v", "g", "alpha", "before", "gain", "after"),
+    [  # two high α raise the gain until that of the gain is reset
+        (70.0, 38.0, 45.0, 0.9, 0, "table", 1),
+        (70.0, 38.0, 45.0, 0.9, 1, 100.0, ALARM),
+        (70.0, 38.0, 95.0, 0.3, ALARM, "table", 0),
+        # a runaway of the velocity is left where gain 0 resets it
+        (40.0, 31.0, 95.0, 0.9, ALARM, "table", LEAVING),
+        (40.0, RESET - 3.0, 40.0, 0.9, LEAVING, 0.0, LEAVING),
+        (40.0, RESET + 0.5, 0.0, 0.3, LEAVING, "table", 0),
+    ],
+)
+def test_a_runaway_is_seen_and_left(p, v, g, alpha, before, gain, after):
+    _, found, _, alarm = asked(v, g, alpha, alarm=before, p=p)
+    assert found == pytest.approx(best_gain(TABLE, p, v) if gain == "table" else gain)
+    assert alarm == after
+
+
+def test_gain_0_resets_the_velocity():
     assert effective_gain(95.0, 40.0) < 0.05
-    aim, gain, _, alarm = asked(31.0, 95.0, 0.9, alarm=ALARM)
-    assert (aim > 50.0, gain == 0.0, alarm) == (True, False, LEAVING)
-    reset = resetting_velocity(40.0, K)
-    assert effective_velocity(reset, 0.0, 40.0, K.v0, K.g0, K.v1, K.g1) == pytest.approx(0.05)
-    assert asked(reset - 3.0, 40.0, 0.9, alarm=LEAVING)[1] == 0.0
-    assert asked(reset + 0.5, 0.0, 0.3, alarm=LEAVING)[3] == 0
+    assert asked(31.0, 95.0, 0.9, alarm=ALARM)[0] == RESET + 0.5
+    assert effective_velocity(RESET, 0.0, 40.0, K.v0, K.g0, K.v1, K.g1) == pytest.approx(0.05)
 
 
-def test_where_the_table_leaves_no_fatigue_it_does_without_feedback():
+def test_where_the_table_leaves_no_fatigue_there_is_no_feedback():
     assert asked(38.0, 90.0, 0.9, mu=1.2, alarm=ALARM, p=10.0) == (40.0, 100.0, 0.0, 0)
 
 
@@ -153,7 +161,7 @@ def test_the_tables_have_every_setpoint_in_order(dynamics):
     assert table.shape[1] == GAINS + 21
 
 
-def test_values_are_interpolated_between_rows_and_jump_at_a_double_row():
+def test_values_are_interpolated_and_jump_at_a_double_row():
     table = np.array([[0.0, 40.0], [50.0, 30.0], [50.0, 42.0], [100.0, 32.0]])
     found = [interpolated(table, p, 1) for p in (0.0, 25.0, 49.999999, 50.0, 75.0, 100.0)]
     assert found == pytest.approx([40.0, 35.0, 30.0, 42.0, 37.0, 32.0], abs=1e-5)

@@ -81,11 +81,9 @@ def test_an_output_does_not_depend_on_the_other_lanes(saved):
 
 
 def test_hidden_layers_may_end_in_tanh(saved):
-    policy = saved(activation="tanh")
-    history = histories(50, 2)
-    np.testing.assert_allclose(
-        outputs(policy, history), in_order(history, networks.tensors(), True), atol=1e-6
-    )
+    found, history = saved(activation="tanh"), histories(50, 2)
+    expected = in_order(history, networks.tensors(), True)
+    np.testing.assert_allclose(outputs(found, history), expected, atol=1e-6)
 
 
 def test_the_action_is_the_tanh_of_the_mean_and_one_next_to_it(saved):
@@ -163,8 +161,7 @@ def test_a_wrong_block_is_one_line_with_its_place(saved, tmp_path, block, line):
     assert f": {line}" in str(error.value)
 
 
-def test_in_python_paths_are_relative_to_the_current_folder(saved):
-    saved()
+def test_in_python_paths_are_relative_to_the_current_folder():
     with pytest.raises(ValidationError, match="found no file 'no', expected one in the current folder"):
         Network(file="no")
 
@@ -173,7 +170,7 @@ def test_the_same_weights_are_one_object():
     assert kept(networks.weights()) is kept(networks.weights())
 
 
-def test_shipped_weights_have_names_and_a_file_of_the_user_comes_first(saved, tmp_path, monkeypatch):
+def test_shipped_weights_have_names_but_a_users_file_is_first(saved, tmp_path, monkeypatch):
     folder = tmp_path / "shipped"
     folder.mkdir()
     (folder / "high.safetensors").write_bytes(networks.weights(seed=3))

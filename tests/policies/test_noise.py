@@ -14,7 +14,7 @@ BASE = {"kind": "constant", "action": [0.5, -0.25, 0.0]}
 N = 4000
 
 
-def test_an_ornstein_uhlenbeck_process_is_computed_step_by_step_from_normals():
+def test_an_ornstein_uhlenbeck_process_is_its_equation():
     # Φ⁻¹(0.975) = 1.959964; x = 0.2 · 1.959964, then 0.85 x + 0.2 · 0.
     policy = OrnsteinUhlenbeck(base=BASE)
     given = next(given for given, _ in playing(policy, 1, 1))._replace(uniforms=np.full((1, 3), 0.975))
@@ -25,7 +25,7 @@ def test_an_ornstein_uhlenbeck_process_is_computed_step_by_step_from_normals():
     assert second.actions[0] == pytest.approx([0.8331939, 0.0831939, 0.3331939])
 
 
-def test_it_has_the_variance_and_the_correlation_of_its_equation():
+def test_it_has_the_moments_of_its_equation():
     """Var x[t] = σ² Σ ρ²ᵏ, k < t, and the correlation of neighbours is ρ = 1 - θ, here at t = 20."""
     policy = OrnsteinUhlenbeck(theta=0.25, sigma=0.1)
     x = played(policy, N, 21)
@@ -55,7 +55,7 @@ def test_the_transform_is_the_inverse_one_of_numpy():
 
 
 @pytest.mark.parametrize("beta", [0.0, 1.0, 2.0])
-def test_the_spectrum_of_coloured_noise_is_a_power_of_the_frequency(beta):
+def test_the_spectrum_is_a_power_of_the_frequency(beta):
     """log E|X_k|² falls by β log k; 300 episodes and three numbers give each a standard error of 1/30."""
     policy = ColouredNoise(beta=beta, scale=1e-3, period=64)  # so small that nothing is clipped
     x = played(policy, 300, 64) / 1e-3
@@ -67,7 +67,7 @@ def test_the_spectrum_of_coloured_noise_is_a_power_of_the_frequency(beta):
     assert x.var() == pytest.approx(1.0, rel=0.15)
 
 
-def test_coloured_noise_has_equal_moments_at_all_times_and_repeats_itself():
+def test_coloured_noise_is_stationary_and_repeats_itself():
     policy = ColouredNoise(scale=1e-3, period=16)
     x = played(policy, N, 32) / 1e-3
     assert (x[:, :16] == x[:, 16:]).all()

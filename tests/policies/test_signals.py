@@ -14,7 +14,7 @@ Prbs, Multisine = POLICIES["prbs"], POLICIES["multisine"]
 
 
 @pytest.mark.parametrize("order", TAPS)
-def test_the_sequence_has_the_longest_period_and_the_autocorrelation_of_it(order):
+def test_the_sequence_has_the_longest_period(order):
     """Golomb 1967: one 1 more than -1, and an autocorrelation of -1 at every lag."""
     signs = sequence(order)
     n = 2**order - 1
@@ -36,7 +36,7 @@ def test_an_episode_goes_through_the_sequence_from_a_random_place():
     assert (action[:, :15, 2] == action[:, 30:, 0]).all()
 
 
-def test_a_multisine_has_its_frequencies_only_and_equal_power_in_them():
+def test_a_multisine_has_equal_power_in_its_frequencies():
     signals = waves(4, 60)
     for j in range(3):
         power = np.abs(np.fft.rfft(signals[:, j])) ** 2
@@ -45,7 +45,7 @@ def test_a_multisine_has_its_frequencies_only_and_equal_power_in_them():
         assert np.delete(power, own).max() < 1e-20 * power[own[0]] + 1e-20
 
 
-def test_its_highest_peak_is_the_amplitude_and_lower_than_with_equal_phases():
+def test_its_highest_peak_is_the_amplitude_and_low():
     action = played(Multisine(sines=10, period=1000, amplitude=0.8), 3, 1000)
     assert np.abs(action).max(axis=1) == pytest.approx(np.full((3, 3), 0.8))
     crest = np.abs(waves(10, 1000)).max(axis=0) / waves(10, 1000).std(axis=0)

@@ -81,23 +81,14 @@ def test_a_density_may_change_its_arrays_too():
         (lambda seen: seen[0, :3], "found actions of shape (3,), expected actions of shape (5, 3)"),
         (lambda seen: None, "found None, expected actions of shape (5, 3)"),
         (lambda seen: "up", "found 'up', expected actions of shape (5, 3)"),
+        (lambda seen: seen[9], "IndexError: index 9 is out of bounds for axis 0 with size 5"),
     ],
 )
-def test_what_is_no_action_says_what_was_given_and_returned(answer, line):
+def test_what_is_no_action_says_what_was_given(answer, line):
     with pytest.raises(AnswerError) as error:
         asked(answer)
-    assert str(error.value) == f"{line}; {GIVEN}"
-
-
-def test_an_error_names_the_line_and_says_what_was_given():
-    def broken(seen):
-        return seen[9]
-
-    with pytest.raises(AnswerError) as error:
-        asked(broken)
-    line = broken.__code__.co_firstlineno + 1
-    assert f"test_user_object.py:{line}: IndexError: index 9 is out of bounds" in str(error.value)
-    assert str(error.value).endswith(f"; {GIVEN}")
+    place = f"test_user_object.py:{answer.__code__.co_firstlineno}: " if "IndexError" in line else ""
+    assert str(error.value).endswith(f"{place}{line}; {GIVEN}")
 
 
 def test_a_density_of_another_form_is_refused_with_a_hint():
@@ -171,7 +162,7 @@ def gradients(monkeypatch):
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_torch_module_is_called_on_a_tensor_without_gradients_and_left_as_it_was(gradients, fails):
+def test_a_torch_module_is_left_as_it_was(gradients, fails):
     class Net(Module):
         def __call__(self, seen):
             assert (type(seen), seen.dtype) == (Tensor, np.float32)
