@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import wraps
 from itertools import chain
 from typing import Any
 
@@ -46,10 +46,10 @@ def normalized(model: Any, call: Callable[..., Any]) -> Callable[..., Any]:
     if env is None or not env.norm_obs:
         return call
 
+    @wraps(call)  # it has the same keywords
     def scaled(observations: Float32s, **options: Any) -> Any:
         return call(env.normalize_obs(observations), **options)
 
-    scaled.__signature__ = inspect.signature(call)  # type: ignore[attr-defined]  # it has the same keywords
     return scaled
 
 
