@@ -1,0 +1,167 @@
+"""Errors and likelihood of world models, over the noise floor."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.tabular import Table, Tabular
+from ibdata.errors import PolicyError, UsageError
+from ibdata.evaluation.addresses import whole
+from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation: setpoint to shift, fatigue and consumption
+
+
+class ModelScore(NamedTuple):
+    """The errors of a model's predictions of a quantity after some steps, and those of the noise floor.
+
+    `log_likelihood` is the mean log density of what followed, for a model that gives deviations, and of one
+    step only; `floor_log_likelihood` is the greatest expected one of normal predictions, or None where the
+    next value of a row is certain.
+    """
+
+    steps: int
+    quantity: str
+    root_mean_square_error: float
+    floor_root_mean_square_error: float
+    mean_absolute_error: float
+    floor_mean_absolute_error: float
+    log_likelihood: float | None
+    floor_log_likelihood: float | None
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class ModelScores(Tabular):
+    """The scores of a model by number of steps and quantity, and the noise floor of the rows."""
+
+    results: list[ModelScore]
+    floor: NoiseFloor
+
+    def tables(self) -> list[Table]:
+        """The scores, a row each."""
+        return [Table(ModelScore._fields, self.results)]
+
+    def plain(self) -> dict[str, Any]:
+        """The scores as plain data."""
+        return {"results": [result._asdict() for result in self.results]}
+
+
+def score_model(
+    ds: Place,
+    model: Callable[..., Any],
+    split: str | None = None,
+    *,
+    steps: int | Sequence[int] = (1, 10),
+    history: int = 1,
+    setpoint: float | Sequence[float] | None = None,
+    policy: str | Sequence[str] | None = None,
+) -> ModelScores:
+    """Score a world model on a dataset, beside the least errors that any model can have.
+
+    A model predicts the next fatigue and consumption from the last observations and the action. For several
+    steps, predicted values take the places of observed ones; the recorded actions are given, and so are the
+    setpoint, velocity, gain and shift to which they lead. See `noise_floor` for the floor, which after
+    several steps is that of the last one: for fatigue a lower bound.
+
+    Args:
+        ds: The dataset, or its folder or URL.
+        model: A callable `model(observations, actions)` of float32 observations (n, 6 · history), newest
+            first, and actions (n, 3). It returns fatigue and consumption (n, 2) of the next step, or a tuple
+            of these and their standard deviations (n, 2), which give a likelihood.
+        split: Only rows of this split.
+        steps: After how many steps predictions are scored: one number or several.
+        history: The number of observations that the model sees.
+        setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
+        policy: Only rows of the policy with this label, or with these.
+
+    Returns:
+        The scores for each number of steps, and the noise floor of the rows.
+
+    Raises:
+        UsageError: An argument is invalid, or no row has so many observations before and so many steps after.
+        PolicyError: The model returned no finite numbers of this shape.
+        DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
+    """
+    ds = opened(ds)
+    horizons = np.unique(whole("steps", steps))
+    if not horizons.size or horizons[0] < 1:
+        raise UsageError(f"steps: found {steps}, expected whole numbers of at least 1")
+    arrays = ds.arrays(history, split, setpoint=setpoint, policy=policy)
+    floor = noise_floor(ds, split, setpoint=setpoint, policy=policy)
+    episode, after = arrays["episode"], arrays["next_observations"][:, PREDICTED].astype(np.float64)
+    results: list[ModelScore] = []
+    for horizon in horizons.tolist():
+        first = np.flatnonzero(arrays["step"] >= history - 1)
+        first = first[first + horizon <= len(episode)]
+        first = first[episode[first] == episode[first + horizon - 1]]
+        if not len(first):
+            raise UsageError(
+                f"steps: found no row with {history} observations before and {horizon} steps after it"
+            )
+        mean, deviation = _predicted(model, arrays, first, horizon)
+        last = first + horizon - 1
+        results += _scores(horizon, mean, deviation, after[last], floor, last)
+    return ModelScores(results, floor)
+
+
+def _predicted(
+    model: Callable[..., Any], arrays: dict[str, npt.NDArray[Any]], first: Ints, horizon: int
+) -> tuple[Floats, Floats | None]:
+    """Fatigue and consumption (n, 2) so many steps after rows (n,), and their deviations if known."""
+    seen = arrays["observations"][first]
+    for rows in (first + k for k in range(horizon)):
+        mean, deviation = _answer(model(seen.copy(), arrays["actions"][rows]), len(first))
+        steered = arrays["next_observations"][rows, STEERED]
+        seen = np.concatenate([steered, mean.astype(np.float32), seen[:, :-6]], axis=1)
+    return mean, deviation if horizon == 1 else None
+
+
+def _answer(given: Any, n: int) -> tuple[Floats, Floats | None]:
+    """The prediction (n, 2) of a model, and its standard deviations (n, 2) if it gives them."""
+    parts = given if isinstance(given, tuple) else (given,)
+    found = [np.asarray(part, dtype=np.float64) for part in parts]
+    if len(found) > 2 or any(x.shape != (n, 2) or not np.isfinite(x).all() for x in found):
+        raise PolicyError(
+            f"model: found an answer of shape {[x.shape for x in found]}, expected finite fatigue and "
+            f"consumption ({n}, 2), or these and their standard deviations"
+        )
+    if len(found) == 2 and (found[1] <= 0.0).any():
+        raise PolicyError("model: found a standard deviation of 0 or less, expected positive ones")
+    return found[0], found[1] if len(found) == 2 else None
+
+
+def _scores(
+    horizon: int, mean: Floats, deviation: Floats | None, after: Floats, floor: NoiseFloor, rows: Ints
+) -> list[ModelScore]:
+    """The scores of predictions (n, 2) of what followed (n, 2) at the rows (n,) of the floor."""
+    errors, spread = mean - after, floor.deviation[rows]
+    columns = [
+        np.sqrt((errors**2).mean(axis=0)),
+        np.sqrt((spread**2).mean(axis=0)),
+        np.abs(errors).mean(axis=0),
+        floor.absolute[rows].mean(axis=0),
+        *[np.full(2, np.nan)] * 2,
+    ]
+    if horizon == 1:
+        columns[5] = _log_density(1.0, spread)
+        if deviation is not None:
+            columns[4] = _log_density((errors / deviation) ** 2, deviation)
+    return [
+        ModelScore(horizon, name, *(float(x) if np.isfinite(x) else None for x in values))  # type: ignore[arg-type]
+        for name, *values in zip(QUANTITIES, *columns, strict=True)
+    ]
+
+
+def _log_density(squares: Floats | float, deviation: Floats) -> Floats:
+    """The mean log density (2,) of normal predictions, from squared errors in units of their deviations."""
+    with np.errstate(divide="ignore"):  # infinite where nothing is random
+        found: Floats = (-0.5 * squares - np.log(deviation) - 0.5 * np.log(2.0 * np.pi)).mean(axis=0)
+    return found
