@@ -148,7 +148,7 @@ def _text(spec: DatasetSpec, root: str) -> str:
     per_split = splits(spec)
     if per_split:
         made += ["| split | episodes | rows |", "|---|---|---|"]
-        made += [f"| {name} | {s.episodes} | {s.rows} |" for name, s in per_split.items()] + [""]
+        made += [f"| {name} | {s.episodes:,} | {s.rows:,} |" for name, s in per_split.items()] + [""]
     return "\n".join(made)
 
 
@@ -159,11 +159,11 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     yield "| policy | episodes | steps | return | ± s.e. | reward/step | reference score |"
     yield "|---|---|---|---|---|---|---|"
     for a in averages(found["results"]):
-        error = "-" if a.standard_error is None else f"{a.standard_error:.0f}"
+        error = "-" if a.standard_error is None else f"{a.standard_error:,.0f}"
         score = "-" if a.reference_score is None else f"{a.reference_score:.1f}"
         policy = "all policies" if a.policy is None else a.policy
         yield (
-            f"| {policy} | {a.episodes} | {a.steps} | {a.mean_return:.0f} | {error} | {a.mean_reward:.2f} "
+            f"| {policy} | {a.episodes:,} | {a.steps:,} | {a.mean_return:,.0f} | {error} | {a.mean_reward:.2f} "
             f"| {score} |"
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."

@@ -85,7 +85,7 @@ def test_the_behaviour_has_its_returns_and_its_scores(long):
         mean = frame[frame["policy"] == policy]["return"].mean()
         error = sum(r["standard_error"] ** 2 for r in of_policy) ** 0.5 / 2
         score = sum(r["reference_score"] for r in of_policy) / 2
-        row = f"| {policy} | 4 | 1000 | {mean:.0f} | {error:.0f} | {mean / 1000:.2f} | {score:.1f} |"
+        row = f"| {policy} | 4 | 1,000 | {mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} |"
         assert row in lines
     assert any(line.startswith("| all policies | 8 | 1000 | ") for line in lines)
     assert f"Reference score: {long.returns()['scale']}." in lines
