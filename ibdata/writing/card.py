@@ -163,8 +163,8 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
         score = "-" if a.reference_score is None else f"{a.reference_score:.1f}"
         policy = "all policies" if a.policy is None else a.policy
         yield (
-            f"| {policy} | {a.episodes:,} | {a.steps:,} | {a.mean_return:,.0f} | {error} | {a.mean_reward:.2f} "
-            f"| {score} |"
+            f"| {policy} | {a.episodes:,} | {a.steps:,} | {a.mean_return:,.0f} | {error} "
+            f"| {a.mean_reward:.2f} | {score} |"
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
     if found["scale"]:

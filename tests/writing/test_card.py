@@ -87,7 +87,7 @@ def test_the_behaviour_has_its_returns_and_its_scores(long):
         score = sum(r["reference_score"] for r in of_policy) / 2
         row = f"| {policy} | 4 | 1,000 | {mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} |"
         assert row in lines
-    assert any(line.startswith("| all policies | 8 | 1000 | ") for line in lines)
+    assert any(line.startswith("| all policies | 8 | 1,000 | ") for line in lines)
     assert f"Reference score: {long.returns()['scale']}." in lines
 
 
