@@ -12,13 +12,6 @@ HERE = Path(__file__).parent
 HEADING = pytest.StashKey()
 
 
-def pytest_generate_tests(metafunc):
-    """A test that takes a `row` runs for each of its module's ROWS: name -> arguments of Row."""
-    if "row" in metafunc.fixturenames:
-        rows = [Row(name, **given) for name, given in metafunc.module.ROWS.items()]
-        metafunc.parametrize("row", rows, ids=[row.name for row in rows])
-
-
 @pytest.fixture(scope="session")
 def matrix(request, tmp_path_factory):
     """All rows of the tests that run, begun at once."""
