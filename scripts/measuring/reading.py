@@ -1,6 +1,5 @@
 """Measure the time to read, validate and export a dataset."""
 
-import subprocess
 import time
 from functools import partial
 
@@ -25,20 +24,22 @@ def reading(scratch: Scratch) -> list[Row]:
         lambda: pq.read_table(zstd),
         lambda: ibdata.validate(dataset.path),
         lambda: ibdata.open(dataset.path).statistics(),
-        lambda: subprocess.run([COMMAND, "stats", dataset.path], check=True, capture_output=True),
+        lambda: scratch.run(COMMAND, "stats", dataset.path),
         lambda: opened.arrays(),
         lambda: opened.arrays(history=30),
     )
     zstd_remark = "zstd at its default level, with statistics of every column, as ibdata wrote files before"
     arrays_remark = f"1.44 GB of arrays, written at {1.44 / thirty:.1f} GB/s"
     return [
-        ("reading, 1,000,000 rows", f"{read:.3f} s", "", "pyarrow, all columns, its own threads"),
-        ("reading, against files of zstd", f"{read / slower:.2f} ×", "≤ 0.8 ×", zstd_remark),
-        ("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
-        ("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/statistics.json"),
-        ("ibdata stats, against reading", f"{command / read:.1f} ×", "", f"{command:.2f} s: Python's start"),
-        ("arrays(), against reading", f"{one / read:.1f} ×", "", ""),
-        ("arrays(history=30), against reading", f"{thirty / read:.1f} ×", "≤ 1.5 ×", arrays_remark),
+        Row("reading, 1,000,000 rows", f"{read:.3f} s", "", "pyarrow, all columns, its own threads"),
+        Row("reading, against files of zstd", f"{read / slower:.2f} ×", "≤ 0.8 ×", zstd_remark),
+        Row("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
+        Row("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/statistics.json"),
+        Row(
+            "ibdata stats, against reading", f"{command / read:.1f} ×", "", f"{command:.2f} s: Python's start"
+        ),
+        Row("arrays(), against reading", f"{one / read:.1f} ×", "", ""),
+        Row("arrays(history=30), against reading", f"{thirty / read:.1f} ×", "≤ 1.5 ×", arrays_remark),
     ]
 
 
@@ -46,14 +47,14 @@ def exports(scratch: Scratch) -> list[Row]:
     """The time of an export to each format whose library is installed, and the processors' time."""
     dataset = scratch.generate(described(100_000, setpoints=70, episodes=100))
     out = scratch.folder / "exported"
-    rows: list[Row] = []
+    rows = []
     for name in FORMATS:
         start = time.process_time()
         try:
             seconds = timed(partial(ibdata.export, dataset, to=name, out=out / name, history=1))
         except ibdata.IbdataError as error:
-            rows.append((name, "–", "", str(error)))
+            rows.append(Row(name, "–", "", str(error)))
             continue
         spent = time.process_time() - start
-        rows.append((name, f"{seconds * 1e4:.0f} ns", "", f"{spent * 1e4:.0f} ns of the processors' time"))
+        rows.append(Row(name, f"{seconds * 1e4:.0f} ns", "", f"{spent * 1e4:.0f} ns of the processors' time"))
     return rows

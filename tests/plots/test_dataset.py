@@ -184,7 +184,7 @@ def written(axes, shape):
 
 def test_many_setpoints_and_policies_are_drawn_in_groups(formed):
     dataset = formed("crowd")
-    episodes = Summary(dataset).episodes
+    episodes = Summary(dataset)
     assert episodes.setpoints[:2] == ["1 – 3", "4 – 6"]
     assert len(episodes.setpoints) == 12
     assert episodes.policies == ["c0", "c1", "c2", "c3", "c4", "c5", "4 others"]
