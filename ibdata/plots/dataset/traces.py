@@ -11,7 +11,7 @@ from ibdata.plots.style import WIDTH, Floats
 from ibdata.plots.summary import Summary
 
 TITLE = "One episode"
-MOST_STEPS = 1000
+MOST_STEPS = 300  # more could not be told apart
 
 
 def draw(figure: Figure, summary: Summary) -> None:
@@ -35,7 +35,7 @@ def typical(returns: Floats) -> int:
 
 
 def traces(summary: Summary, episode: Any) -> Mapping[str, Floats]:
-    """The first 1000 steps of an episode: variables by name, with the hidden ones that the dataset has."""
+    """The first steps of an episode: variables by name, with the hidden ones that the dataset has."""
     known = {column.name for column in summary.dataset.info_model.columns}
     both = {column: name for name in VARIABLES for column in (f"obs_{name}", f"latent_{name}")}
     names = [column for column in both if column in known]
