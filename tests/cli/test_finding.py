@@ -115,6 +115,7 @@ def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, n
         (("export", "data/tiny", "--split", "l"), ["low"]),
         (("evaluate", "saf"), ["safe"]),
         (("repr",), ["reproduce"]),
+        (("generate", "--res"), ["--resume"]),
     ],
     ids=str,
 )
