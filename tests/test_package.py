@@ -77,6 +77,7 @@ def test_the_names_of_ibdata():
         "repair",
         "reproduce",
         "save_network",
+        "score_model",
         "split",
         "state_at",
         "true_values",

@@ -47,8 +47,8 @@ def test_policies_of_ones_own_work_as_the_page_says(tmp_path):
 
 
 def test_several_hosts_make_a_dataset_as_the_page_says(tmp_path):
-    """The rest of engines.md needs Ray or an object store; bridges run it."""
-    text = (DOCS / "engines.md").read_text(encoding="utf-8")
+    """The rest of scale.md needs Ray or an object store; bridges run it."""
+    text = (DOCS / "scale.md").read_text(encoding="utf-8")
     (tmp_path / "page.md").write_text(text[text.index("## Several hosts") : text.index("## Ray")])
     command = [sys.executable, str(ROOT / "scripts/guide"), "page.md"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

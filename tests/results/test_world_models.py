@@ -32,18 +32,6 @@ def ds(tmp_path_factory):
     return ibdata.generate("siemens-offline/optimized-40", folder, workers=1, overrides=changes)
 
 
-def test_predictions_of_several_steps_feed_on_predictions(script, ds):
-    """A model that adds 1 to the last fatigue and consumption has added h after h steps."""
-    rows = script.Rows(ds)
-    starts = rows.starts(False, 10)
-    found = script.predicted(lambda x: x[:, script.PREDICTED] + 1.0, rows, starts, 10)
-    np.testing.assert_allclose(found, rows.windows[starts, 0, script.PREDICTED] + 10.0)
-    frame = ds.to_pandas()
-    last = frame.iloc[starts + 9]
-    assert (last["step"].to_numpy() == rows.step[starts] + 9).all()
-    assert (last["episode"].to_numpy() == rows.episode[starts]).all()
-
-
 def test_ridge_regression_is_between_persistence_and_the_floor(script, ds):
     models = {name: script.MODELS[name] for name in ("persistence", "ridge regression")}
     for found in script.measure(ds, models).values():

@@ -163,7 +163,7 @@ def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
 
 
 def test_the_command_and_the_snippet_of_the_page(command, tmp_path):
-    text = (ROOT / "docs/engines.md").read_text()
+    text = (ROOT / "docs/scale.md").read_text()
     (line,) = re.findall(r"`(ibdata generate [^`]*--engine ray[^`]*)`", text)
     (snippet,) = (b for b in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S) if "import ray\n" in b)
     (tmp_path / "snippet.py").write_text(snippet)

@@ -202,7 +202,7 @@ def test_ranges_and_folders_of_experiments_need_a_folder(bucket, tiny):
 
 
 def test_the_commands_and_the_snippet_of_the_page(bucket, command, tmp_path):
-    text = (ROOT / "docs/engines.md").read_text()
+    text = (ROOT / "docs/scale.md").read_text()
     lines = re.findall(r"`(ibdata [a-z]+ [^`]*s3://my-bucket[^`]*)`", text)
     assert [line.split()[1] for line in lines] == ["generate", "info", "head", "stats", "validate"]
     (snippet,) = (
