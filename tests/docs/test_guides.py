@@ -19,7 +19,7 @@ BRIDGED = "".join(path.read_text(encoding="utf-8") for path in BRIDGES)
 GUIDES = {name: text for name, text in PAGES.items() if name not in BRIDGED and blocks(text, "(?:python|sh)")}
 # The parts of other pages that need no more than the core.
 GUIDES["custom-policies.md"] = PAGES["custom-policies.md"].partition("## A torch module")[0]
-GUIDES["engines.md"] = re.search(r"^## Several hosts.*?(?=^## Ray)", PAGES["engines.md"], re.M | re.S)[0]
+GUIDES["scale.md"] = re.search(r"^## Several hosts.*?(?=^## Ray)", PAGES["scale.md"], re.M | re.S)[0]
 
 
 @pytest.mark.parametrize("guide", GUIDES)

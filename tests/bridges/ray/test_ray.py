@@ -162,7 +162,7 @@ def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
 
 
 def test_the_command_and_the_snippet_of_the_page(command):
-    text = (ROOT / "docs/engines.md").read_text()
+    text = (ROOT / "docs/scale.md").read_text()
     (line,) = re.findall(r"`(ibdata generate [^`]*--engine ray[^`]*)`", text)
     (snippet,) = (block for block in blocks(text, "python") if "import ray\n" in block)
     for args in ([command, *line.split()[1:]], [sys.executable, "-c", snippet]):

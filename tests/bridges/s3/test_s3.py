@@ -170,7 +170,7 @@ def test_ranges_of_shards_need_a_folder(bucket):
 
 
 def test_the_commands_and_the_snippet_of_the_page(bucket, command, tmp_path):
-    text = (ROOT / "docs/engines.md").read_text()
+    text = (ROOT / "docs/scale.md").read_text()
     lines = re.findall(r"`(ibdata [a-z]+ [^`]*s3://my-bucket[^`]*)`", text)
     assert [line.split()[1] for line in lines] == ["generate", "info", "head", "stats", "validate"]
     (snippet,) = (block for block in blocks(text, "python") if "s3://" in block)
