@@ -28,7 +28,6 @@ from helpers.noise import (
     allowed,
     by_address,
     critical_distance,
-    drawn,
     experiment,
     law_of,
     of_consumption,
@@ -36,7 +35,7 @@ from helpers.noise import (
     passed,
     recorded,
 )  # fmt: skip
-from scipy import optimize, stats
+from scipy import stats
 
 from ibdata.dynamics import SIEMENS
 from ibdata.dynamics.fatigue import ALPHA_MEAN, ALPHA_SD
@@ -114,48 +113,6 @@ def test_a_deviation_of_the_stated_size_is_refused(recovered, sign):
     assert not passed(z * (1.0 + sign * SCALE * LESS), NORMAL, STRICT)[1]
 
 
-def test_a_wrong_shape_is_refused_by_its_distance_alone(recovered):
-    """Replacing a share s of the draws by ±1 moves the distribution function by s (½ - Φ(-1)) at ±1."""
-    z = recovered["normal_consumption"].ravel().copy()
-    margin = stats.norm.isf(MISS) * 0.5 / np.sqrt(N)
-    share = (critical_distance(N, STRICT) + margin) / (0.5 - stats.norm.cdf(-1.0))
-    assert round(share / LESS, 3) == 0.013
-    replaced = z[:: round(1 / share)]
-    replaced[:] = np.where(np.arange(replaced.size) % 2, 1.0, -1.0)
-    assert passed(z, NORMAL, STRICT) == (True, True, False)
-
-
-def chi_square(happened, probability):
-    """Squared distance of the number of events from that expected in bins; its gain for a lost share²."""
-    bins = np.digitize(probability, np.quantile(probability, np.linspace(0, 1, BINS + 1))[1:-1])
-    expected = np.bincount(bins, probability, BINS)
-    variance = np.bincount(bins, probability * (1.0 - probability), BINS)
-    assert variance.min() > 50  # so many that their number is nearly normal
-    distance = ((np.bincount(bins, happened, BINS) - expected) ** 2 / variance).sum()
-    return distance, (expected**2 / variance).sum()
-
-
-@pytest.mark.parametrize("how", ["recovered", "by address"])
-@pytest.mark.parametrize("side", SIDES)
-def test_events_have_their_probability(data, addressed, fatigue, side, how):
-    """And a few fewer events are refused."""
-    if how == "recovered":
-        happened, probability = fatigue[side]["event"][0], fatigue[side]["effective"]
-    else:
-        effective = data[SIDES[side][1]].ravel()
-        happened = drawn(addressed[f"bernoulli_{side}"].ravel(), effective)
-        probability = np.clip(effective, *SIEMENS.bernoulli_bounds)
-    distance, gain = chi_square(happened, probability)
-    assert distance < stats.chi2.isf(ALPHA, BINS)
-
-    critical = stats.chi2.isf(STRICT, BINS)
-    needed = optimize.brentq(lambda x: stats.ncx2.cdf(critical, BINS, x) - MISS, 1.0, 1000.0)
-    share = np.sqrt(needed / gain)
-    assert share < 0.02 * LESS
-    lost = np.arange(happened.size) * 0.6180339887498949 % 1.0 < share
-    assert chi_square(happened & ~lost, probability)[0] > critical
-
-
 def series_of(data, addressed):
     """Every variable with mean 0 and variance 1 by its law: (setpoint, episode, step)."""
     whole = {**addressed, "normal_consumption": of_consumption(data)}
@@ -216,21 +173,6 @@ def test_no_two_episodes_are_alike(series, name):
     assert largest_correlation(x) < bound
     x[-3] = x[3]
     assert largest_correlation(x) > bound
-
-
-def repeated_pairs(x):
-    """How many pairs of consecutive draws of (episode, step) occur again, to 7 digits, anywhere."""
-    digits = np.rint(x * 1e7)
-    pairs = (digits[:, :-1] + 1j * digits[:, 1:]).ravel()
-    return pairs.size - np.unique(pairs).size
-
-
-def test_no_run_of_draws_occurs_again(series, other_seed):
-    """And a stream entered twice, at other steps, is found. By chance one in 600 seeds would fail."""
-    x = np.concatenate([each["normal_consumption"].reshape(-1, STEPS) for each in (series, other_seed)])
-    assert repeated_pairs(x) == 0
-    x[-3, 100:140] = x[3, 17:57]
-    assert repeated_pairs(x) == 39
 
 
 def digests(episodes):
