@@ -23,7 +23,7 @@ from typing import TextIO
 import click
 
 from ibdata.cli._printing import print_json, say, shortened
-from ibdata.cli._suggesting import Suggesting
+from ibdata.cli._suggesting import Suggesting, summary_of
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
 from ibdata.system import processes
 from ibdata.version import __version__
@@ -59,13 +59,11 @@ class Commands(Suggesting):
             raise Stopped(error) from error
 
     def summary(self, ctx: click.Context, name: str) -> str:
-        """The first sentence of a command's help, read without importing its module."""
+        """The first sentence of a command's help."""
         code = ast.parse(Path(__path__[0], f"{name}.py").read_bytes())
-        (found,) = (
-            node for node in code.body if isinstance(node, ast.FunctionDef) and node.name == "command"
-        )
-        paragraph = " ".join((ast.get_docstring(found) or "").partition("\n\n")[0].split())
-        return paragraph.partition(". ")[0].removesuffix(".") + "."
+        functions = (node for node in code.body if isinstance(node, ast.FunctionDef))
+        said = summary_of(next(each for each in functions if each.name == "command"))
+        return said.partition(". ")[0].removesuffix(".") + "."
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -94,41 +92,13 @@ def main(args: Sequence[str] | None = None) -> None:
     """
     if args is None:
         processes.purpose = "command"
-    given = list(sys.argv[1:] if args is None else args)
-    debug, as_json = "--debug" in given, "--json" in given
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for help and tracebacks
     gc.set_threshold(100_000)  # imports make many objects and little garbage
     _end_at_signals()
-    try:
-        plain = [arg for arg in given if arg != "--debug"]
-        code = cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0
-        sys.stdout.flush()
-    except click.ClickException as error:
-        _report(
-            [_instead(error) or " ".join(error.format_message().split())],
-            2,
-            as_json,
-            error.ctx if isinstance(error, click.UsageError) else None,
-        )
-        code = 2
-    except Stopped as error:
-        code = error.interrupted.exit_code
-        _report([str(error.interrupted)], code, as_json)
-    except (KeyboardInterrupt, click.Abort):
-        _report(["stopped; nothing unfinished is left behind"], INTERRUPTED, as_json)
-        code = INTERRUPTED
-    except BrokenPipeError:
-        # The reader of stdout has gone; keep Python from complaining again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 1
-    except Exception as error:
-        if debug:
-            traceback.print_exc()
-        code = error.exit_code if isinstance(error, IbdataError) else 1
-        _report(_lines(error), code, as_json)
+    code = _run(list(sys.argv[1:] if args is None else args))
     _flush()
     if args is None:
         atexit._run_exitfuncs()
@@ -139,11 +109,38 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def _nowhere() -> TextIO:
     """A stream in place of one that was closed before the command began."""
-    return open(os.devnull, "w", encoding="utf-8")  # stays open as long as the process lives
+    return open(os.devnull, "w", encoding="utf-8")
+
+
+def _run(given: list[str]) -> int:
+    """Run a command, report its error, and return its exit code."""
+    debug, as_json = "--debug" in given, "--json" in given
+    try:
+        plain = [arg for arg in given if arg != "--debug"]
+        code = int(cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        code, context = 2, error.ctx if isinstance(error, click.UsageError) else None
+        hint = f"Try '{context.command_path} --help'." if context else ""
+        _report([_instead(error) or " ".join(error.format_message().split())], code, as_json, hint)
+    except Stopped as error:
+        code = error.interrupted.exit_code
+        _report([str(error.interrupted)], code, as_json)
+    except (KeyboardInterrupt, click.Abort):
+        code = INTERRUPTED
+        _report(["stopped; nothing unfinished is left behind"], code, as_json)
+    except BrokenPipeError:  # whoever reads stdout has gone
+        code = 1
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        code = error.exit_code if isinstance(error, IbdataError) else 1
+        _report(_lines(error), code, as_json)
+    return code
 
 
 def _flush() -> None:
-    """Flush stdout and stderr; Python changes the exit code if they cannot be written at exit."""
+    """Flush stdout and stderr; Python would complain, and change the exit code, if they cannot be written."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -193,22 +190,18 @@ def _lines(error: Exception) -> list[str]:
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 
-def _report(lines: list[str], code: int, as_json: bool, context: click.Context | None = None) -> None:
+def _report(lines: list[str], code: int, as_json: bool, hint: str = "") -> None:
     with suppress(OSError):  # stderr or stdout may be what cannot be written
-        _tell(lines, code, as_json, context)
-
-
-def _tell(lines: list[str], code: int, as_json: bool, context: click.Context | None) -> None:
-    for line in lines:
-        say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
-    if context is not None:
-        say(f"Try '{context.command_path} --help'.", err=True)
-    if as_json:
-        place = PLACE.match(lines[0])
-        error = {
-            "code": code,
-            "message": "\n".join(lines),
-            "file": place["file"] if place else None,
-            "line": int(place["line"]) if place else None,
-        }
-        print_json({"version": 1, "error": error})
+        for line in lines:
+            say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+        if hint:
+            say(hint, err=True)
+        if as_json:
+            place = PLACE.match(lines[0])
+            error = {
+                "code": code,
+                "message": "\n".join(lines),
+                "file": place["file"] if place else None,
+                "line": int(place["line"]) if place else None,
+            }
+            print_json({"version": 1, "error": error})

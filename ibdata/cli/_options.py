@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
+
+from ibdata.errors import UsageError
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -31,28 +31,22 @@ class Place(click.Path):
         return value if is_url(value) else super().convert(value, param, ctx)
 
 
-LOCAL = Place(urls=False)
+class Yaml(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # not generic before click 8.2
+    """A value that is given as YAML."""
+
+    name = "YAML"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from ibdata.experiment.yaml import Document, StrictYamlError
+
+        try:
+            return Document(value).data
+        except StrictYamlError as error:
+            option = param.opts[0] if param else ""
+            raise UsageError(f"{option} {value}: {error.message}") from None
 
 
-class Listing(click.Command):
-    """A command whose help ends with a list of names and descriptions."""
-
-    def __init__(
-        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
-    ) -> None:
-        super().__init__(*args, **options)
-        self._title, self._listed = title, listed
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section(self._title):
-            formatter.write_dl(self._listed())
-
-
-def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
-    """The first paragraph of the docstring of each module, read without importing the module."""
-    (folder,) = import_module(package).__path__
-    docstrings = ((n, ast.get_docstring(ast.parse(Path(folder, f"{n}.py").read_bytes()))) for n in names)
-    return [(name, " ".join((text or "").partition("\n\n")[0].split())) for name, text in docstrings]
+LOCAL, YAML = Place(urls=False), Yaml()
 
 
 def completing(known: Callable[[click.Context], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
@@ -67,7 +61,7 @@ def completing(known: Callable[[click.Context], Iterable[str]]) -> Callable[...,
     return complete
 
 
-def _experiments(ctx: click.Context) -> Iterable[str]:
+def _experiments(ctx: click.Context) -> list[str]:
     from ibdata.experiment.shipped import shipped, suites
 
     return [*suites(), *shipped()]
@@ -109,6 +103,13 @@ set_option = click.option(
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
 split_option = click.option(
     "--split", metavar="NAME", shell_complete=splits, help="Use only rows of this split."
+)
+reward_option = click.option(
+    "--reward",
+    type=YAML,
+    metavar="REWARD",
+    default="classic",
+    help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
 )
 workers_option = click.option(
     "--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work."

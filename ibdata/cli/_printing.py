@@ -5,13 +5,16 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import click
 
 from ibdata.dataset.tabular import Table, as_text
 from ibdata.errors import hidden, printable
 from ibdata.numerics.naming import counted
+
+if TYPE_CHECKING:
+    from ibdata.dataset.reader import Dataset
 
 MAX_LINES = 12  # of a list of problems or results
 
@@ -91,6 +94,32 @@ def problems_found(problems: Sequence[Any], data: Mapping[str, Any], fine: str) 
     """The result of a check: `fine`, or the problems on stderr and the exit code 3."""
     listed = {**data, "problems": [problem._asdict() for problem in problems]}
     return Printed(listed, "", problems, 3) if problems else Printed(listed, fine)
+
+
+def made(dataset: Dataset, seconds: float | None = None) -> Printed:
+    """A dataset that a command made, perhaps with the seconds that it took."""
+    data, rows = described(dataset), [("dataset", dataset.place), *contents(dataset)]
+    if seconds is not None:
+        data["seconds"] = seconds
+        rows.append(("seconds", f"{seconds:.1f}"))
+    return Printed(data, pairs(rows))
+
+
+def described(dataset: Dataset) -> dict[str, Any]:
+    """The place, counts and content root of a dataset."""
+    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}
+
+
+def contents(dataset: Dataset) -> list[tuple[str, str]]:
+    """Rows, files and content root of a dataset, as text."""
+    counts = dataset.info_model.counts
+    lengths = dataset.episode_table["length"].unique().to_pylist() if counts.steps is None else [counts.steps]
+    steps = " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
+    return [
+        ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {steps}"),
+        ("files", f"{counts.shards:,} Parquet, {size(dataset.manifest_model.data_bytes)}"),
+        ("content root", dataset.content_root),
+    ]
 
 
 def shortened(lines: Sequence[object]) -> list[str]:

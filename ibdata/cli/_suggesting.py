@@ -1,6 +1,10 @@
-"""Groups of commands."""
+"""Groups of commands, and help that ends with a list of names."""
 
-from __future__ import annotations
+import ast
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -36,3 +40,28 @@ class Suggesting(click.Group):
         """The first sentence of a command's help."""
         command = self.get_command(ctx, name)
         return command.get_short_help_str(limit=1000) if command else ""
+
+
+class Listing(click.Command):
+    """A command whose help ends with a list of names and descriptions."""
+
+    def __init__(
+        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self._title, self._listed = title, listed
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section(self._title):
+            formatter.write_dl(self._listed())
+
+
+def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
+    """The first paragraph of the docstring of each module."""
+    (folder,) = import_module(package).__path__
+    return [(name, summary_of(ast.parse(Path(folder, f"{name}.py").read_bytes()))) for name in names]
+
+
+def summary_of(code: ast.Module | ast.FunctionDef) -> str:
+    """The first paragraph of a docstring, from code that is not imported, because that takes long."""
+    return " ".join((ast.get_docstring(code) or "").partition("\n\n")[0].split())

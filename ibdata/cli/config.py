@@ -1,7 +1,3 @@
-"""ibdata config list, policies, validate, show and schema."""
-
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any

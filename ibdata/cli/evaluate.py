@@ -1,14 +1,9 @@
-"""ibdata evaluate."""
-
-from __future__ import annotations
-
 from typing import Any
 
 import click
 
-from ibdata.cli._options import allow_code_option, policies, progress_option
+from ibdata.cli._options import YAML, allow_code_option, policies, progress_option, reward_option
 from ibdata.cli._printing import Result, prints_result
-from ibdata.cli._views import reward_option, yaml_value
 
 
 @click.command("evaluate")
@@ -24,6 +19,7 @@ from ibdata.cli._views import reward_option, yaml_value
 @click.option(
     "--setpoint",
     "setpoints",
+    type=YAML,
     multiple=True,
     default=["70"],
     metavar="P",
@@ -32,16 +28,18 @@ from ibdata.cli._views import reward_option, yaml_value
 @click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
 @click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
 @click.option(
-    "--episodes",
-    type=int,
-    default=None,
-    help="Episodes per policy and setpoint; default 100, or 200 with --against.",
+    "--episodes", type=int, help="Episodes per policy and setpoint; default 100, or 200 with --against."
 )
 @click.option(
-    "--start", default="default", metavar="S", help="Start state: default, uniform, or '{burn_in: [15, 64]}'."
+    "--start",
+    type=YAML,
+    default="default",
+    metavar="S",
+    help="Start state: default, uniform, or '{burn_in: [15, 64]}'.",
 )
 @click.option(
     "--dynamics",
+    type=YAML,
     default="siemens",
     metavar="D",
     help="Dynamics: siemens, paper, or '{base: …, field: value}'.",
@@ -50,7 +48,6 @@ from ibdata.cli._views import reward_option, yaml_value
 @click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
 @click.option(
     "--against",
-    default=None,
     metavar="SET",
     help="Compare with the shipped results of offline algorithms on an experiment such as optimized-40.",
 )
@@ -60,10 +57,8 @@ from ibdata.cli._views import reward_option, yaml_value
 def command(
     policies: tuple[str, ...],
     more_policies: tuple[str, ...],
-    setpoints: tuple[str, ...],
-    start: str,
-    dynamics: str,
-    reward: str,
+    setpoints: tuple[Any, ...],
+    reward: Any,
     **settings: Any,
 ) -> Result:
     """Simulate new episodes with policies and compare their returns.
@@ -79,14 +74,8 @@ def command(
     """
     from ibdata.evaluation import evaluate
 
-    if not (policies or more_policies):
+    named = [*policies, *more_policies]
+    if not named:
         raise click.UsageError("Missing argument 'POLICY'; ibdata config policies lists the kinds.")
-    points = [yaml_value("--setpoint", text) for text in setpoints]
-    return evaluate(
-        [*policies, *more_policies],
-        points if len(points) > 1 else points[0],
-        start=yaml_value("--start", start),
-        dynamics=yaml_value("--dynamics", dynamics),
-        view={"reward": yaml_value("--reward", reward)},
-        **settings,
-    )
+    points = list(setpoints) if len(setpoints) > 1 else setpoints[0]
+    return evaluate(named, points, view={"reward": reward}, **settings)

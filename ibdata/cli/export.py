@@ -1,29 +1,25 @@
-"""ibdata export."""
-
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ibdata.cli._options import (
-    LOCAL,
-    Listing,
-    folder_argument,
-    progress_option,
-    split_option,
-    summaries,
-)
+from ibdata.cli._options import LOCAL, YAML, folder_argument, progress_option, reward_option, split_option
 from ibdata.cli._printing import Printed, pairs, prints_result, within
-from ibdata.cli._views import view_of, view_options
+from ibdata.cli._suggesting import Listing, summaries
 from ibdata.exporters import FORMATS, added_formats
 from ibdata.numerics.naming import counted
+
+VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections")
 
 
 def _formats() -> list[tuple[str, str]]:
     added = [(each.name, f"Added by {each.module}.") for each in added_formats()]
     return summaries("ibdata.exporters", FORMATS) + added
+
+
+def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | list[str]:
+    names = [name.strip() for name in text.split(",")]
+    return names if len(names) > 1 or text.startswith(("obs_", "latent_")) else text
 
 
 @click.command("export", cls=Listing, title="Formats", listed=_formats)
@@ -42,22 +38,29 @@ def _formats() -> list[tuple[str, str]]:
     metavar="N",
     help="Observations to stack, newest first; default 1, or 30 for neorl.",
 )
-@view_options
+@click.option(
+    "--observe",
+    metavar="COLUMNS",
+    default="classic",
+    callback=_observed,
+    help="The observed columns: classic (6 variables), markov (the whole state), or names with commas, such "
+    "as obs_gain,latent_mu_v.",
+)
+@click.option("--actions", is_flag=True, help="Observe the action of the step before too.")
+@reward_option
+@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
+@click.option(
+    "--imperfections",
+    type=YAML,
+    metavar="YAML",
+    help="Delay, noise, rounding and missing values of columns, such as '{delay: {obs_fatigue: 3}}'; "
+    "docs/views.md lists them.",
+)
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
 @progress_option
 @prints_result
-def command(
-    folder: Path,
-    to: str,
-    out: Path,
-    observe: str,
-    actions: bool,
-    reward: str,
-    reward_scale: float,
-    imperfections: str | None,
-    **options: Any,
-) -> Printed:
+def command(folder: Path, to: str, out: Path, **options: Any) -> Printed:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
     Every transition is kept, including the last of each episode with its next observation. (Only if --observe
@@ -71,14 +74,14 @@ def command(
     """
     from ibdata.exporters import export
 
-    view = view_of(observe, actions, reward, reward_scale, imperfections)
-    exported = export(folder, to, out, **options, view=view)
+    view = {name: options.pop(name) for name in VIEW}
+    made = export(folder, to, out, **options, view=view)
     lines: list[tuple[str, object]] = [
-        ("export", exported.path),
-        ("rows", within(exported.rows, exported.episodes)),
-        ("format", exported.format),
+        ("export", made.path),
+        ("rows", within(made.rows, made.episodes)),
+        ("format", made.format),
     ]
-    if exported.left_out:
+    if made.left_out:
         why = "the last of each episode; generate with output: {latent: next} to keep them"
-        lines.append(("left out", f"{counted(exported.left_out, 'row')}, {why}"))
-    return Printed(exported._asdict(), f"{pairs(lines)}\n\n{exported.snippet}")
+        lines.append(("left out", f"{counted(made.left_out, 'row')}, {why}"))
+    return Printed(made._asdict(), f"{pairs(lines)}\n\n{made.snippet}")

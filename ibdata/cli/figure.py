@@ -1,13 +1,10 @@
-"""ibdata figure."""
-
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
-from ibdata.cli._options import LOCAL, Listing, summaries
+from ibdata.cli._options import LOCAL
 from ibdata.cli._printing import Printed, prints_result
+from ibdata.cli._suggesting import Listing, summaries
 from ibdata.plots import DYNAMICS, figure, names
 
 

@@ -1,14 +1,9 @@
-"""ibdata finalize."""
-
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
-from ibdata.cli._made import made
 from ibdata.cli._options import folder_argument
-from ibdata.cli._printing import Printed, prints_result
+from ibdata.cli._printing import Printed, made, prints_result
 
 
 @click.command("finalize")

@@ -1,5 +1,3 @@
-"""ibdata generate."""
-
 from __future__ import annotations
 
 import time
@@ -9,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._made import described, made
 from ibdata.cli._options import (
     Place,
     allow_code_option,
@@ -19,7 +16,7 @@ from ibdata.cli._options import (
     set_option,
     workers_option,
 )
-from ibdata.cli._printing import Printed, pairs, prints_result, size
+from ibdata.cli._printing import Printed, described, made, pairs, prints_result, size
 from ibdata.errors import UsageError
 from ibdata.numerics.naming import counted
 
@@ -31,11 +28,7 @@ if TYPE_CHECKING:
 @click.command("generate")
 @click.argument("config", required=False, metavar="CONFIG", shell_complete=configs)
 @click.option(
-    "--config",
-    "config_option",
-    metavar="CONFIG",
-    shell_complete=configs,
-    help="Same as the argument CONFIG.",
+    "--config", "option", metavar="CONFIG", shell_complete=configs, help="Same as the argument CONFIG."
 )
 @click.option(
     "--out",
@@ -77,11 +70,11 @@ if TYPE_CHECKING:
 @prints_result
 def command(
     config: str | None,
-    config_option: str | None,
+    option: str | None,
     out: Path | str | None,
     dry_run: bool,
     shards: str | None,
-    **options: Any,
+    **settings: Any,
 ) -> Printed:
     """Generate the dataset of an experiment, or of each experiment in a folder.
 
@@ -94,24 +87,17 @@ def command(
     ibdata generate siemens-offline --dry-run
     ibdata generate random.yaml --shards $SLURM_ARRAY_TASK_ID/3
     """
-    config = _only_one(config, config_option)
+    config = _only_one(config, option)
     if dry_run:
-        return _dry_run(config, out, shards, options)
+        return _dry_run(config, out, shards, settings)
     from ibdata.generation.generate import generate
 
     start = time.perf_counter()
-    found = generate(config, out, shards=shards, **options)
+    found = generate(config, out, shards=shards, **settings)
     seconds = time.perf_counter() - start
-    return _datasets(found, seconds) if shards is None else _part(found, shards)
-
-
-def _dry_run(config: str, out: Path | str | None, shards: str | None, options: dict[str, Any]) -> Printed:
-    from ibdata.generation.estimate import estimate
-
     if shards is not None:
-        raise UsageError("--shards: found --dry-run too, but these cannot be combined")
-    of_run = ("engine", "address", "progress")
-    return _estimate(estimate(config, out, **{k: v for k, v in options.items() if k not in of_run}))
+        return _part(found, shards)
+    return _suite(found, seconds) if isinstance(found, Mapping) else made(found, seconds)
 
 
 def _only_one(argument: str | None, option: str | None) -> str:
@@ -124,12 +110,9 @@ def _only_one(argument: str | None, option: str | None) -> str:
     return config
 
 
-def _datasets(found: Dataset | Mapping[str, Dataset], seconds: float) -> Printed:
-    if not isinstance(found, Mapping):
-        return made(found, seconds)
+def _suite(found: Mapping[str, Dataset], seconds: float) -> Printed:
     datasets = list(found.values())
-    rows = sum(map(len, datasets))
-    folder = str(datasets[0].path.parent)
+    folder, rows = str(datasets[0].path.parent), sum(map(len, datasets))
     lines = [f"{d.place}: {counted(len(d), 'row')}, content root {d.content_root}" for d in datasets]
     total = [
         ("datasets", f"{len(datasets)} in {folder}"),
@@ -155,8 +138,15 @@ def _part(part: PartMade, shards: str) -> Printed:
     return Printed(plain, text)
 
 
-def _estimate(found: Mapping[str, Any]) -> Printed:
+def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: dict[str, Any]) -> Printed:
     """What `generate` would make, and what it would do with what is at its place."""
+    from ibdata.generation.estimate import estimate
+
+    if shards is not None:
+        raise UsageError("--shards: found --dry-run too, but these cannot be combined")
+    for name in ("engine", "address", "progress"):
+        del settings[name]
+    found = estimate(config, out, **settings)
     lines = []
     for run in found.get("experiments", []):
         lines.append(
@@ -164,6 +154,8 @@ def _estimate(found: Mapping[str, Any]) -> Printed:
         )
         if run["folder"]:
             lines.append(f"    {run['folder']}")
+    if lines:
+        lines.append("")
     workers = counted(found["workers"], "worker")
     total = [
         ("out", f"{found['out']} (nothing is written)"),
@@ -173,4 +165,4 @@ def _estimate(found: Mapping[str, Any]) -> Printed:
     ]
     if found.get("folder"):
         total.append(("folder", found["folder"]))
-    return Printed(found, "\n".join([*lines, *([""] if lines else []), pairs(total)]))
+    return Printed(found, "\n".join([*lines, pairs(total)]))

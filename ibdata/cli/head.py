@@ -1,7 +1,3 @@
-"""ibdata head."""
-
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,3 @@
-"""ibdata info."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -7,9 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ibdata.cli._made import contents
 from ibdata.cli._options import place_argument
-from ibdata.cli._printing import MAX_LINES, Printed, pairs, prints_result, table, within
+from ibdata.cli._printing import MAX_LINES, Printed, contents, pairs, prints_result, table, within
 from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:

@@ -1,5 +1,3 @@
-"""ibdata ls."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,13 +1,10 @@
-"""ibdata plot."""
-
-from __future__ import annotations
-
 from pathlib import Path
 
 import click
 
-from ibdata.cli._options import LOCAL, Listing, folder_argument, progress_option, summaries
+from ibdata.cli._options import LOCAL, folder_argument, progress_option
 from ibdata.cli._printing import Printed, lines, prints_result
+from ibdata.cli._suggesting import Listing, summaries
 from ibdata.plots import FORMS, plot, plots
 
 

@@ -1,5 +1,3 @@
-"""ibdata split."""
-
 from __future__ import annotations
 
 from collections.abc import Mapping

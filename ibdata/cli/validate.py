@@ -1,7 +1,3 @@
-"""ibdata validate."""
-
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

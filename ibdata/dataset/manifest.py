@@ -60,6 +60,10 @@ def _remedy(files: Storage) -> str:
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():
         return f"; ibdata generate {name} makes data/{name}"
+    if any(folder.glob(f"*/{PATH}")):
+        return f"; ibdata ls {folder} lists the datasets in it"
+    if any(each.startswith(f"{name}/") for each in shipped()):
+        return f"; ibdata generate {name} makes the datasets of data/{name}"
     found: dict[str, Path] = {}
     with suppress(OSError, ValueError):
         for base in (folder.parent, folder.parent / "data", Path("data")):

@@ -15,7 +15,6 @@ from ibdata.system.storage import refuse_url
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset, Place
-    from ibdata.plots.summary import Summary
 
 FOLDER = "figures"
 DYNAMICS = ("siemens", "paper")
@@ -82,8 +81,7 @@ def figure(
 
     module = import_module(f"ibdata.plots.paper.{name}")
     chosen = module.SEED if seed is None else seed
-    data = image(lambda drawing: module.draw(drawing, dynamics, chosen), module.SIZE, form)
-    _write(path, data)
+    _write(path, image(lambda drawing: module.draw(drawing, dynamics, chosen), form))
     return path
 
 
@@ -116,54 +114,45 @@ def plot(
         ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
+    from ibdata.dataset.reader import opened
+
     refuse_url(out)
     _one_of("form", form, FORMS)
-    summary = _summary(dataset, progress)
-    folder = Path(FOLDER, _folder_name(summary.dataset)) if out is None else Path(out)
-    paths = {name: folder / f"{name}.{form}" for name in _sizes(summary)}
+    shown = opened(dataset)
+    folder = Path(FOLDER, _folder_name(shown)) if out is None else Path(out)
+    paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
     for path in paths.values():
         _refuse_existing(path, overwrite)
-    for name, data in _drawn(summary, form).items():
+    for name, data in drawn(shown, form, progress).items():
         _write(paths[name], data)
     return Pictures(paths.values())
 
 
-def drawn(dataset: Dataset) -> dict[str, bytes]:
-    """The pictures of a dataset as PNG, by name. Raises DatasetError and ImportError as `plot` does."""
-    return _drawn(_summary(dataset), "png")
-
-
-def _summary(dataset: Place, progress: bool | None = False) -> Summary:
-    from ibdata.dataset.reader import opened
+def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
+    """The pictures of a dataset by name. Raises DatasetError and ImportError as `plot` does."""
+    from ibdata.plots.style import DATASET_DPI, image
     from ibdata.plots.summary import Summary
+    from ibdata.system.progress import bar
 
-    return Summary(opened(dataset), progress)
+    made, wanted = {}, _of(dataset)
+    summary = Summary(dataset, progress)
+    with bar(progress, len(wanted), "pictures", "draw") as advance:
+        for name in wanted:
+            module = module_of(name)
+            heading = f"{module.TITLE}: {dataset.info_model.name}"
+            made[name] = image(partial(module.draw, summary=summary), form, heading, DATASET_DPI)
+            advance(1)
+    return made
+
+
+def _of(dataset: Dataset) -> list[str]:
+    """The pictures that show something of a dataset."""
+    return [name for name in plots() if name != "splits" or dataset.splits]
 
 
 def _folder_name(dataset: Dataset) -> str:
     """The last part of a dataset's folder or URL."""
     return os.path.basename(os.path.abspath(dataset.place.partition("?")[0]))
-
-
-def _sizes(summary: Summary) -> dict[str, tuple[float, float]]:
-    """The sizes in inches of the pictures that show something of this dataset, by name."""
-    sizes = {name: module_of(name).size(summary) for name in plots()}
-    return {name: size for name, size in sizes.items() if size is not None}
-
-
-def _drawn(summary: Summary, form: str) -> dict[str, bytes]:
-    from ibdata.plots.style import DATASET_DPI, image
-    from ibdata.system.progress import bar
-
-    made, sizes = {}, _sizes(summary)
-    summary.counts  # noqa: B018  # counted first, with a bar of its own
-    with bar(summary.progress, len(sizes), "pictures", "draw") as advance:
-        for name, size in sizes.items():
-            module = module_of(name)
-            heading = f"{module.TITLE}: {summary.dataset.info_model.name}"
-            made[name] = image(partial(module.draw, summary=summary), size, form, heading, DATASET_DPI)
-            advance(1)
-    return made
 
 
 def module_of(name: str) -> Any:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ibdata.dataset.models import Quantile
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError
-from ibdata.plots.groups import Episodes, Floats, Numbers
+from ibdata.plots.style import Floats, Numbers
 from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS
 
@@ -42,28 +42,28 @@ class Counts(NamedTuple):
     actions: Numbers  # (policies, actions, bins)
 
 
-def count(dataset: Dataset, episodes: Episodes, progress: bool | None = False) -> Counts:
-    """Count the rows of a dataset. Raises DatasetError if rows or statistics are damaged."""
-    cells, policies = (len(episodes.setpoints), len(episodes.policies)), len(episodes.policies)
-    cost_edges = (_cost_edges(dataset, COSTS[0]), _cost_edges(dataset, COSTS[1]))
+def count(
+    dataset: Dataset, cells: tuple[int, int], setpoint: Numbers, policy: Numbers, progress: bool | None
+) -> Counts:
+    """Count the rows by the groups (setpoint, policy) of their episodes (n,)."""
     made = Counts(
         np.zeros(cells, np.int64),
         np.linspace(*_range(dataset, "reward"), REWARD_BINS + 1),
         np.zeros((*cells, REWARD_BINS), np.int64),
-        np.zeros((policies, len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
-        cost_edges,
+        np.zeros((cells[1], len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
+        (_cost_edges(dataset, COSTS[0]), _cost_edges(dataset, COSTS[1])),
         np.zeros((COST_BINS, COST_BINS), np.int64),
         np.zeros((*cells, 2)),
-        np.zeros((policies, len(ACTIONS), len(ACTION_EDGES) - 1), np.int64),
+        np.zeros((cells[1], len(ACTIONS), len(ACTION_EDGES) - 1), np.int64),
     )
-    stops = np.cumsum(episodes.length)
+    stops = np.cumsum(dataset.episodes["length"])
     first = 0
     with bar(progress, len(dataset), "rows", "count") as advance:
         for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
             stop = first + batch.num_rows
-            of = np.searchsorted(stops, np.arange(first, stop), side="right")
+            episode = np.searchsorted(stops, np.arange(first, stop), side="right")
             x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
-            _add(made, x, episodes.setpoint[of], episodes.policy[of])
+            _add(made, x, setpoint[episode], policy[episode])
             advance(batch.num_rows)
             first = stop
     rows = made.rows[..., None]
@@ -77,10 +77,10 @@ def _add(made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
     for i, (a, b) in enumerate(PAIRS):
         _into(made.coverage[:, i], policy, places[a], places[b])
-    costs = list(zip([x[name] for name in COSTS], made.cost_edges, strict=True))
-    near = np.logical_and(*(_within(values, edges) for values, edges in costs))
-    _into(made.costs, *(bins(values[near], edges) for values, edges in costs))
-    for i, (values, _) in enumerate(costs):
+    costs, (c, f) = [x[name] for name in COSTS], made.cost_edges
+    near = (costs[0] >= c[0]) & (costs[0] <= c[-1]) & (costs[1] >= f[0]) & (costs[1] <= f[-1])
+    _into(made.costs, bins(costs[0][near], c), bins(costs[1][near], f))
+    for i, values in enumerate(costs):
         _into(made.mean_costs[..., i], setpoint, policy, weights=values)
     for i, name in enumerate(ACTIONS):
         _into(made.actions[:, i], policy, bins(x[name], ACTION_EDGES))
@@ -93,11 +93,6 @@ def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:
     array([0, 0, 1, 1])
     """
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-
-
-def _within(values: npt.NDArray[Any], edges: Floats) -> npt.NDArray[np.bool_]:
-    inside: npt.NDArray[np.bool_] = (values >= edges[0]) & (values <= edges[-1])
-    return inside
 
 
 def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] | None = None) -> None:

@@ -30,11 +30,12 @@ PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
     ("hidden:\nfatigue's μ", (("mu_v", "μᵛ", BLUE, "-"), ("mu_g", "μᵍ", ORANGE, "--"))),
     ("hidden:\ndirection φ", (("direction", "φ", GREEN, "-"),)),
 )
+VARIABLES = [name for _, lines in PANELS for name, *_ in lines]
 # By the first variable of a panel.
 LIMITS = {"velocity": (-5.0, 105.0), "mu_v": (-0.25, 5.25), "direction": (-6.5, 6.5)}
 
 
-def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
+def draw_episode(figure: Figure, steps: Mapping[str, Any]) -> None:
     """Draw variables of the state, by name and with a value per step, in those panels that have data."""
     panels = [panel for panel in PANELS if panel[1][0][0] in steps]
     axes = figure.subplots(len(panels), 1, sharex=True)
@@ -52,4 +53,4 @@ def draw(figure: Figure, steps: Mapping[str, Any]) -> None:
 
 def frame(steps: Mapping[str, Any]) -> npt.NDArray[np.uint8]:
     """Draw the episode so far as bytes (600, 900, 3)."""
-    return pixels(lambda figure: draw(figure, steps), SIZE)
+    return pixels(lambda figure: draw_episode(figure, steps), SIZE)

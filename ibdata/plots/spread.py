@@ -1,29 +1,21 @@
 """The spread of a value at each setpoint, by policy: quantiles as lines and marks."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from ibdata.plots.groups import Floats
-from ibdata.plots.style import SERIES, legend_above
+from ibdata.plots.style import SERIES, WIDTH, Floats, legend_above
 from ibdata.plots.summary import Summary
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 FAR = 8.0  # times as large as the smallest is the largest value of a logarithmic axis
 
 
-def size(summary: Summary) -> tuple[float, float]:
-    """(width, height) in inches."""
-    rows = len(summary.episodes.setpoints) * max(2, len(summary.episodes.policies))
-    return 4.8, 2.0 + 0.14 * rows
-
-
-def draw(figure: Figure, summary: Summary, found: Floats, label: str, what: str) -> None:
+def draw_spread(figure: Figure, summary: Summary, found: Floats, label: str, what: str) -> None:
     """Draw quantiles (setpoints, policies, 5), which are NaN where a policy does not occur."""
-    setpoints, policies = summary.episodes.setpoints, summary.episodes.policies
+    setpoints, policies = summary.setpoints, summary.policies
+    figure.set_size_inches(WIDTH, 2.0 + 0.14 * len(setpoints) * max(2, len(policies)))
     axes = figure.subplots()
     for j, (name, (color, marker, _)) in enumerate(zip(policies, SERIES, strict=False)):
         there = np.flatnonzero(np.isfinite(found[:, j, 0]))

@@ -45,12 +45,17 @@ SETTINGS: Any = {
     "text.parse_math": False,  # a $ in the names of a dataset stays a $
     "svg.hashsalt": "ibdata",  # without it, the ids in the file are random
 }
+WIDTH = 4.8  # of a picture of a dataset, in inches
 GREYS = LinearSegmentedColormap.from_list("greys", ["0.82", "0.1"])  # also the lightest differs from white
 DPI = 150
 DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100
 LEFT = 0.015  # of the texts above a picture
 HEADING = 56  # characters of a line above a picture
+
+
+Numbers = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 
 @contextmanager
@@ -62,29 +67,22 @@ def _plain() -> Iterator[None]:
         yield
 
 
-def image(
-    draw: Callable[[Figure], None],
-    size: tuple[float, float],
-    form: str,
-    heading: str | None = None,
-    dpi: int = DPI,
-) -> bytes:
+def image(draw: Callable[[Figure], None], form: str, heading: str | None = None, dpi: int = DPI) -> bytes:
     """Render a picture as the bytes of a file.
 
     Args:
-        draw: draws into an empty figure.
-        size: (width, height) in inches.
+        draw: Draws into an empty figure, and sets its size.
         form: "png" or "svg".
-        heading: a text to write above the figure's own title.
-        dpi: pixels per inch of a PNG.
+        heading: A text to write above the figure's own title.
+        dpi: Pixels per inch of a PNG.
     """
     with _plain():
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(layout="constrained")
         draw(figure)
         if heading:
             lines = textwrap.wrap(heading, HEADING)
             figure.suptitle("\n" * len(lines) + figure.get_suptitle(), x=LEFT, ha="left", size=9)
-            top = 1.0 - matplotlib.rcParams["figure.constrained_layout.h_pad"] / size[1]
+            top = 1.0 - matplotlib.rcParams["figure.constrained_layout.h_pad"] / figure.get_figheight()
             figure.text(LEFT, top, "\n".join(lines), va="top", weight="bold")
         out = io.BytesIO()
         metadata = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
@@ -123,6 +121,6 @@ def counted(
 
 def count_bar(figure: Figure, shown: Any, axes: Any, **options: Any) -> None:
     """Draw the colour bar of an image of counts."""
-    bar = figure.colorbar(shown, ax=axes, label="steps", format="{x:g}", **options)
+    bar = figure.colorbar(shown, ax=axes, label="steps", format="{x:,g}", **options)
     bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,68 +1,55 @@
-"""The data of the pictures of a dataset, read on first use."""
+"""What the pictures of a dataset show: its episodes in groups, and counts of its rows."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset.reader import Dataset
-from ibdata.plots.counts import Counts, count
-from ibdata.plots.episode import PANELS
-from ibdata.plots.groups import Episodes, episodes_of
+from ibdata.errors import DatasetError
+from ibdata.plots.counts import count
+from ibdata.plots.style import SERIES, Floats
 
-MOST_STEPS = 1000  # of the episode whose traces are drawn
+MOST_SETPOINTS = 12
 
 
 class Summary:
-    """A dataset's episodes, counts and one episode's traces."""
+    """A dataset with its rows counted and its episodes in groups, few enough to be told apart in a picture.
+
+    With more than 12 setpoints, neighbours share a group. With more than 7 policies, the last group has all
+    others.
+
+    Attributes:
+        setpoints, policies: The names of the groups.
+        setpoint, policy: The groups of each episode (n,), by number.
+        counts: Histograms over all rows.
+
+    Raises:
+        DatasetError: A setpoint or return is not a finite number, or rows or statistics are damaged.
+    """
 
     def __init__(self, dataset: Dataset, progress: bool | None = False) -> None:
-        self.dataset, self.progress = dataset, progress
-        self.columns = {column.name: column for column in dataset.info_model.columns}
+        self.dataset = dataset
+        self.episodes = dataset.episodes
+        self.setpoints, self.setpoint = _grouped(self._finite("setpoint"))
+        self.policies, self.policy = _first(list(self.episodes["policy"]))
+        self.returns = self._finite("return")
+        cells = (len(self.setpoints), len(self.policies))
+        self.counts = count(dataset, cells, self.setpoint, self.policy, progress)
 
-    @cached_property
-    def episodes(self) -> Episodes:
-        """The episodes in groups."""
-        return episodes_of(self.dataset)
-
-    @cached_property
-    def counts(self) -> Counts:
-        """Histograms over all rows."""
-        return count(self.dataset, self.episodes, self.progress)
-
-    @cached_property
-    def typical(self) -> int:
-        """The number of the episode with the median return, or of the first of several."""
-        returns = self.episodes.returns
-        return int(np.flatnonzero(returns == np.quantile(returns, 0.5, method="inverted_cdf"))[0])
-
-    @cached_property
-    def traces(self) -> Mapping[str, npt.NDArray[Any]]:
-        """The first 1000 steps of the typical episode: variables by name, for `episode.draw`."""
-        names = {
-            variable: column
-            for _, lines in PANELS
-            for variable, *_ in lines
-            for column in (f"obs_{variable}", f"latent_{variable}")
-            if column in self.columns
-        }
-        episode = self.dataset.episodes.iloc[self.typical]
-        stop = min(int(episode["row_stop"]), int(episode["row_start"]) + MOST_STEPS)
-        parts: list[npt.NDArray[Any]] = [
-            np.stack([column.to_numpy() for column in batch.columns])
-            for batch in self.dataset.shard_batches(
-                int(episode["shard"]), list(names.values()), MOST_STEPS, int(episode["row_start"]), stop
+    def _finite(self, name: str) -> Floats:
+        values = self.episodes[name].to_numpy()
+        if not np.isfinite(values).all():
+            place = self.dataset.place
+            raise DatasetError(
+                f"{place}: found a {name} that is infinite or nan, expected finite numbers; see ibdata "
+                f"validate {place}"
             )
-        ]
-        return dict(zip(names, np.concatenate(parts, axis=1), strict=True))
+        return values
 
     def label(self, column: str) -> str:
         """The label of a column on an axis: its meaning and its unit, from meta/dataset.json."""
-        described = self.columns[column]
+        [described] = [each for each in self.dataset.info_model.columns if each.name == column]
         unit = {"1": "", "cost": " (cost units)"}.get(described.unit, f" ({described.unit})")
         return f"{described.description}{unit}"
 
@@ -70,3 +57,30 @@ class Summary:
     def setpoint_label(self) -> str:
         """The label of the groups of setpoints."""
         return "setpoint p at the start" if self.dataset.info_model.drifting else "setpoint p"
+
+
+def _grouped(setpoint: Floats) -> tuple[list[str], npt.NDArray[np.int64]]:
+    """Names of groups of neighbouring setpoints, and the group of each episode."""
+    values, number = np.unique(setpoint, return_inverse=True)
+    runs = np.array_split(values, min(len(values), MOST_SETPOINTS))
+    group_of = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+    return [_span(run) for run in runs], group_of[number]
+
+
+def _span(values: Floats) -> str:
+    """Setpoints as a label.
+
+    >>> _span(np.array([10.0, 20.0, 30.0]))
+    '10 – 30'
+    """
+    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} – {values[-1]:g}"
+
+
+def _first(policy: list[str]) -> tuple[list[str], npt.NDArray[np.int64]]:
+    """The policies, or the first six and the number of the others, and the group of each episode."""
+    labels = list(dict.fromkeys(policy))
+    shown, most = labels, len(SERIES)
+    if len(labels) > most:
+        shown = [*labels[: most - 1], f"{len(labels) - most + 1} others"]
+    group_of = {label: min(i, len(shown) - 1) for i, label in enumerate(labels)}
+    return shown, np.array([group_of[label] for label in policy])

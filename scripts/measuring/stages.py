@@ -116,4 +116,4 @@ def writing() -> list[Row]:
 def timed_rows(calls: dict[str, Callable[[], Any]], transitions: int) -> list[Row]:
     """A row with the time of each call a transition."""
     parts = paired(*calls.values())
-    return [(name, f"{1e9 * s / transitions:.0f} ns", "", "") for name, s in zip(calls, parts, strict=True)]
+    return [Row(name, f"{1e9 * s / transitions:.0f} ns") for name, s in zip(calls, parts, strict=True)]

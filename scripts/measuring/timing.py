@@ -1,4 +1,4 @@
-"""Experiments for measurements, timers, and a temporary folder for datasets."""
+"""Experiments for measurements, timers, and runs in a temporary folder."""
 
 import json
 import shutil
@@ -17,7 +17,9 @@ COMMAND = Path(sys.executable).with_name("ibdata")
 TIMES = 5
 MILLION = 1_000_000
 CHILD = """
-import json, os, sys, time
+import json, os, shutil, sys, time
+for name in ("small", "child"):
+    shutil.rmtree(name, ignore_errors=True)
 experiment, small, processors = json.loads(sys.argv[1])
 if processors:
     os.sched_setaffinity(0, set(list(os.sched_getaffinity(0))[:processors]))
@@ -31,7 +33,23 @@ took = time.perf_counter() - start, time.process_time() - before
 peak = [line for line in open("/proc/self/status") if line.startswith("VmHWM")][0].split()[1]
 print(json.dumps([*took, int(peak) / 1024]))
 """
-Row = tuple[str, str, str, str]  # what, measured, target, remark
+
+
+class Row(NamedTuple):
+    """A line of a table of docs/performance.md."""
+
+    what: str
+    measured: str
+    target: str = ""
+    remark: str = ""
+
+
+class Child(NamedTuple):
+    """What a run in a process of its own took: seconds, seconds of processor time, and peak memory in MB."""
+
+    seconds: float
+    processor: float
+    peak: float
 
 
 def described(rows: int, **changes: Any) -> Experiment:
@@ -60,44 +78,30 @@ def paired(*calls: Callable[[], Any], times: int = TIMES) -> list[float]:
     return [statistics.median(column) for column in zip(*rounds, strict=True)]
 
 
-class Child(NamedTuple):
-    """What a run in a process of its own took: seconds, seconds of processor time, and peak memory in MB."""
-
-    seconds: float
-    processor: float
-    peak: float
-
-
 class Scratch:
     """Runs in a temporary folder."""
 
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
 
-    def generate(self, experiment: Experiment, workers: int | None = 1, name: str = "x") -> ibdata.Dataset:
-        """Generate a dataset, replacing an older one."""
-        shutil.rmtree(self.folder / name, ignore_errors=True)
-        made: ibdata.Dataset = ibdata.generate(experiment, self.folder / name, workers=workers)
+    def generate(self, experiment: Experiment, workers: int | None = 1) -> ibdata.Dataset:
+        """Generate a dataset in place of the one before."""
+        shutil.rmtree(self.folder / "x", ignore_errors=True)
+        made: ibdata.Dataset = ibdata.generate(experiment, self.folder / "x", workers=workers)
         return made
 
+    def run(self, *command: Any) -> str:
+        """Run a command, and return what it prints last."""
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=True)
+        return (done.stdout.splitlines() or [""])[-1]
+
     def script(self, text: str, *arguments: str) -> float:
-        """Run a script and return the number that it prints last."""
-        done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", text, *arguments],
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return float(done.stdout.split()[-1])
+        """Run a script in three processes, and return the median of the numbers that they print."""
+        command = (sys.executable, "-W", "ignore", "-c", text, *arguments)
+        return statistics.median(float(self.run(*command)) for _ in range(3))
 
     def child(self, experiment: Experiment, processors: int | None = None) -> Child:
         """Measure a run, after a small one, in a process of its own that may use so many processors."""
-        (self.folder / "child.py").write_text(CHILD)
-        for name in ("child", "small"):
-            shutil.rmtree(self.folder / name, ignore_errors=True)
         given = json.dumps([experiment.plain(), described(10_000).plain(), processors])
-        done = subprocess.run(
-            [sys.executable, "child.py", given], cwd=self.folder, check=True, capture_output=True, text=True
-        )
-        return Child(*json.loads(done.stdout))
+        (self.folder / "child.py").write_text(CHILD)
+        return Child(*json.loads(self.run(sys.executable, "child.py", given)))

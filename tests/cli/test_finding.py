@@ -68,6 +68,7 @@ def test_datasets_are_listed_with_totals_of_folders(made, made_at, run):
     assert lines[1][0::7] == ["data/one", "finished"]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert out.splitlines()[3].startswith(".: 2 datasets, 15 rows, ")
+    assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
     Path("linked").mkdir()
     Path("linked/far").symlink_to(made.path)
     Path("linked/up").symlink_to(made.path.parent.parent)
@@ -114,6 +115,7 @@ def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, n
         (("export", "data/tiny", "--split", "l"), ["low"]),
         (("evaluate", "saf"), ["safe"]),
         (("repr",), ["reproduce"]),
+        (("generate", "--res"), ["--resume"]),
     ],
     ids=str,
 )

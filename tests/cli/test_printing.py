@@ -176,20 +176,6 @@ def test_a_stream_of_any_encoding_is_written(made, command, env):
             json.loads(done.stdout.decode("ascii"))
 
 
-def test_files_of_text_name_their_encoding():
-    ruff = Path(sys.executable).with_name("ruff")
-    options = [
-        "check",
-        "--isolated",
-        "--preview",
-        "--select=PLW1514",
-        "--no-cache",
-        "--output-format=concise",
-    ]
-    found = subprocess.run([ruff, *options, Path(ibdata.__file__).parent], capture_output=True, text=True)
-    assert found.returncode == 0, found.stdout
-
-
 def test_no_line_of_help_is_wider_than_a_terminal(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     from ibdata.cli import cli

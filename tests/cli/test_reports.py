@@ -65,7 +65,11 @@ def test_head_prints_the_columns_and_split_asked_for(ibdata, data):
     ("args", "code", "message"),
     [
         (("info", "safe"), 3, "; ibdata generate safe makes data/safe"),
-        (("stats", "data/neorl-like"), 3, "meta/manifest.json is missing"),
+        (
+            ("stats", "data/neorl-like"),
+            3,
+            "; ibdata generate neorl-like makes the datasets of data/neorl-like",
+        ),
         (("stats", "d4rl-like/medium"), 3, "; ibdata generate d4rl-like/medium makes data/d4rl-like/"),
         (("info", "nowhere"), 3, "nowhere: no finished dataset here: meta/manifest.json is missing"),
         (("head", "DATA", "--columns", "nope"), 2, "column: found 'nope', expected one of episode, step"),

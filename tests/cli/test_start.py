@@ -79,20 +79,6 @@ def test_help_lists_every_picture(run, name, listed):
     assert all(f"\n  {each} " in out for each in listed())
 
 
-def test_the_shell_completes_commands_and_options(command):
-    env = {
-        "_IBDATA_COMPLETE": "bash_complete",
-        "COMP_WORDS": "ibdata gen",
-        "COMP_CWORD": "1",
-        "PATH": "/usr/bin",
-    }
-    done = subprocess.run([command], env=env, capture_output=True, text=True, check=True)
-    assert done.stdout == "plain,generate\n"
-    env |= {"COMP_WORDS": "ibdata generate --res", "COMP_CWORD": "2"}
-    done = subprocess.run([command], env=env, capture_output=True, text=True, check=True)
-    assert done.stdout == "plain,--resume\n"
-
-
 def test_a_removed_current_folder_is_named(tmp_path):
     leave = "import os, sys; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone'); "
     leave += f"os.execv({IBDATA!r}, [{IBDATA!r}, 'generate', '--config', 'random.yaml'])"

@@ -1,7 +1,5 @@
 """The reference returns are those of the policies, and give the scale of the scores."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -23,6 +21,7 @@ SETTINGS = [
     for dynamics in ("siemens", "paper")
     for length in ((100, 0.97), (1000, 1.0))
 ]
+settings = pytest.mark.parametrize("settings", SETTINGS, ids=str)
 
 
 def block(policy, dynamics="siemens"):
@@ -36,7 +35,7 @@ def row(dynamics, start, steps, discount, policy, setpoint):
     return next(r for r in results if (r.policy, r.setpoint) == (policy, setpoint))
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@settings
 def test_every_policy_has_a_return_at_every_setpoint(settings):
     """All six from the default start, and those that define the scores from the others."""
     results, default = scale(*settings).results, settings[1] == "default"
@@ -66,18 +65,10 @@ def test_every_policy_has_a_return_at_every_setpoint(settings):
 def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpoint):
     stored = row(dynamics, start, steps, discount, policy, setpoint)
     episodes = scale(dynamics, start, steps, discount).episodes
-    [found] = evaluate(
-        block(policy, dynamics),
-        setpoint,
-        start=start,
-        dynamics=dynamics,
-        steps=steps,
-        discount=discount,
-        episodes=episodes,
-    ).results
-    for name in ("mean_return", "standard_error", "p10", "mean_reward"):
+    options = {"start": start, "dynamics": dynamics, "steps": steps, "discount": discount}
+    [found] = evaluate(block(policy, dynamics), setpoint, episodes=episodes, **options).results
+    for name in ("mean_return", "standard_error", "p10", "mean_reward", "interval"):
         assert getattr(found, name) == pytest.approx(getattr(stored, name), rel=1e-9)
-    assert found.interval == pytest.approx(stored.interval, rel=1e-9)
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -90,25 +81,20 @@ def test_other_random_numbers_give_the_same_returns(policy):
         assert found.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@settings
 def test_the_ends_of_every_scale_are_0_and_100(settings):
+    """And the expert is better than optimized at every setpoint."""
     made = scale(*settings)
     for setpoint in SETPOINTS:
-        low, high, best = (row(*settings, policy, setpoint).mean_return for policy in ENDS)
+        rows = [row(*settings, policy, setpoint) for policy in ENDS]
+        low, high, best = (r.mean_return for r in rows)
         assert [made.score(setpoint, x) for x in (low, high)] == pytest.approx([0.0, 100.0])
         assert [made.score(setpoint, x, "expert") for x in (low, best)] == pytest.approx([0.0, 100.0])
+        assert best - high > 3 * math.hypot(rows[1].standard_error, rows[2].standard_error)
     means = [np.mean([row(*settings, policy, p).mean_return for p in SETPOINTS]) for policy in ENDS]
     assert made.ends(SETPOINTS) == pytest.approx((means[0], means[1]))
     assert made.ends(SETPOINTS, "expert") == pytest.approx((means[0], means[2]))
     assert made.ends([70.0, 71.0]) is None
-
-
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_the_expert_is_better_than_optimized_at_every_setpoint(settings):
-    for setpoint in SETPOINTS:
-        worse, better = (row(*settings, policy, setpoint) for policy in ENDS[1:])
-        error = math.hypot(worse.standard_error, better.standard_error)
-        assert better.mean_return - worse.mean_return > 3 * error
 
 
 def test_the_page_shows_the_rewards_of_the_file():
@@ -116,6 +102,7 @@ def test_the_page_shows_the_rewards_of_the_file():
     page = (ROOT / "docs/evaluation.md").read_text(encoding="utf-8")
     scales = json.loads(made.FILE.read_text(encoding="utf-8"))["scales"]
     assert measured(page).strip() == made.rewards(scales)
+    assert reference().made_by == "scripts/reference-returns"
 
 
 def test_a_scale_says_where_its_episodes_start():
@@ -160,7 +147,3 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
 )
 def test_only_equal_things_are_compared(settings):
     assert scale(*settings) is None
-
-
-def test_the_file_says_how_it_was_made():
-    assert reference().made_by == "scripts/reference-returns"

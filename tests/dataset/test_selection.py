@@ -1,7 +1,5 @@
 """Rows by setpoint, policy and split."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +15,7 @@ SELECTIONS = {
     "a label": {"policy": "calm"},
     "labels": {"policy": ("calm", "random")},
     "both": {"setpoint": 20, "policy": "calm"},
+    "a split": {"split": "source"},
     "with a split": {"split": "target", "policy": "random"},
     "with a label": {"split": "calm", "setpoint": [70]},
     "nothing": {"split": "source", "setpoint": 70},
@@ -24,9 +23,9 @@ SELECTIONS = {
 
 
 @pytest.fixture(scope="module")
-def labelled(declared, tmp_path_factory):
+def labelled(declared, made_at, tmp_path_factory):
     """The dataset of the other tests with splits that are labels, beside those that are files."""
-    made = ibdata.generate(declared, tmp_path_factory.mktemp("selection") / "small", workers=1)
+    made = made_at(declared, tmp_path_factory.mktemp("selection") / "small")
     return ibdata.split(made.path, by="policy")
 
 
@@ -78,14 +77,17 @@ def test_moving_setpoints_count_by_their_first_value(moving):
     ids=str,
 )
 def test_an_unknown_name_is_one_line_that_lists_the_known_ones(labelled, selection, line):
-    for read in (labelled.to_pandas, labelled.table, lambda **given: list(labelled.iter_batches(**given))):
+    reads = [labelled.to_pandas, labelled.table, labelled.arrays]
+    for read in (*reads, lambda **given: list(labelled.iter_batches(**given))):
         with pytest.raises(UsageError) as error:
             read(**selection)
         assert str(error.value).startswith(line)
         assert "\n" not in str(error.value)
 
 
-def test_a_long_list_of_names_is_cut(describe, tmp_path):
+def test_where_there_are_no_splits_or_many_setpoints(describe, moving, tmp_path):
+    with pytest.raises(UsageError, match=r"^split: found 'train', expected no split: the dataset declares"):
+        moving.statistics("train")
     many = describe(setpoints=[float(p) for p in range(50)], episodes=1, steps=1)
     with pytest.raises(UsageError, match=r"one of 0, 1, .*, 39 and 10 more; "):
         ibdata.generate(many, tmp_path / "many", workers=1).arrays(setpoint=50)

@@ -1,7 +1,5 @@
 """Splits that were made later: how they are read, and what a damaged meta/splits.json gives."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -37,26 +35,24 @@ def split(copied):
     return ibdata.open(copied)
 
 
-def test_splits_say_whether_they_are_declared(split):
+def test_later_splits_follow_the_declared_ones(split, dataset):
     assert list(split.splits) == ["source", "target", "odd", "first"]
     assert split.splits["odd"] == {"episodes": 3, "rows": 120, "declared": False}
     assert split.splits["source"]["declared"]
-
-
-def test_the_later_splits_of_episodes_follow_their_declared_ones(split, dataset):
-    declared = [list(names) for names in dataset.episodes["splits"]]
     expected = [
         [*names, *(name for name in LATER if any(a <= e < b for a, b in LATER[name]["runs"]))]
-        for e, names in enumerate(declared)
+        for e, names in enumerate(dataset.episodes["splits"])
     ]
     assert [list(names) for names in split.episodes["splits"]] == expected
-    assert expected[0] == ["source", "first"]
 
 
 def test_a_later_split_holds_its_episodes_and_no_others(split):
     rows = split.to_pandas()
-    expected = rows[rows["episode"].isin([1, 4, 5])]
-    assert split.to_pandas(split="odd")["reward"].tolist() == expected["reward"].tolist()
+    expected = rows[rows["episode"].isin([1, 4, 5])]["reward"].tolist()
+    assert split.to_pandas(split="odd")["reward"].tolist() == expected
+    assert split.arrays(split="odd")["rewards"].tolist() == expected
+    batches = list(split.iter_batches(["reward"], "odd", 7))
+    assert [x for batch in batches for x in batch["reward"].to_pylist()] == expected
     assert split.table(["episode"], "odd", setpoint=70)["episode"].unique().to_pylist() == [4, 5]
     assert len(split.windows(split="odd")) == 120
 
@@ -74,19 +70,6 @@ def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatc
         quantiles = np.quantile(x, [float(q) for q in described["quantiles"]], method="inverted_cdf")
         if most > len(x):
             assert list(described["quantiles"].values()) == quantiles.tolist()
-
-
-def test_statistics_of_a_split_are_the_same_of_both_kinds(dataset, copied):
-    def as_later(listed):
-        runs = [[0, 3], [6, 9]]
-        listed["same"] = {**LATER["first"], "episodes": 6, "rows": 240, "runs": runs}
-
-    change(copied, as_later)
-    stored, computed = dataset.statistics("source"), ibdata.open(copied).statistics("same")
-    for name, described in stored.items():
-        quantiles = computed[name].pop("quantiles")
-        assert quantiles == described["quantiles"]
-        assert computed[name] == pytest.approx({k: described[k] for k in computed[name]}, rel=1e-9)
 
 
 DAMAGE = {
@@ -139,13 +122,12 @@ READS = {
 }
 
 
-@pytest.mark.parametrize("read", READS.values(), ids=READS)
-def test_a_dataset_replaced_after_opening_is_refused(describe, tmp_path, read):
-    old = ibdata.generate(describe(), tmp_path / "x", workers=1)
-    ibdata.generate(describe(steps=20), tmp_path / "other", workers=1)
-    opened = ibdata.open(old.path)
-    old.path.rename(tmp_path / "old")
-    (tmp_path / "other").rename(old.path)
-    with pytest.raises(BusyError, match=r"x: replaced while it was read; open it again$") as error:
-        read(opened)
-    assert error.value.exit_code == 75
+def test_a_dataset_replaced_after_opening_is_refused(describe, made_at, tmp_path):
+    made_at(describe(), tmp_path / "x")
+    opened = {name: ibdata.open(tmp_path / "x") for name in READS}
+    ibdata.generate(describe(steps=20), tmp_path / "x", workers=1, overwrite=True)
+    for name, read in READS.items():
+        with pytest.raises(BusyError, match=r"x: replaced while it was read; open it again$") as error:
+            read(opened[name])
+        assert error.value.exit_code == 75
+    assert len(ibdata.open(tmp_path / "x").table()) == 240

@@ -1,12 +1,9 @@
 """Results show as text in a terminal and as tables in a notebook, and become DataFrames."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import re
 
-import pandas as pd
 import pytest
 
 import ibdata
@@ -40,18 +37,14 @@ def test_a_dataset_shows_what_it_holds_and_its_splits(dataset, moving):
     assert shown[:5] == ["small", "480", "12", "[random, calm]", "[20, 70]"]
     assert shown[5] == f"{dataset.content_root[:12]}…"
     assert shown[7:] == ["source", "6", "240", "whole files", "target", "4", "160", "whole files"]
-    assert "<p>no splits</p>" in moving._repr_html_()
-
-
-def test_splits_are_a_dict_and_a_table(dataset, moving):
     assert dataset.splits == {
         "source": {"episodes": 6, "rows": 240, "declared": True},
         "target": {"episodes": 4, "rows": 160, "declared": True},
     }
     assert repr(dataset.splits).split("\n")[0].split() == ["split", "episodes", "rows", "kind"]
     assert dataset.splits.to_pandas()["rows"].tolist() == [240, 160]
-    assert repr(moving.splits) == "no splits"
-    assert moving.splits == {}
+    assert "<p>no splits</p>" in moving._repr_html_()
+    assert (repr(moving.splits), moving.splits) == ("no splits", {})
 
 
 def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
@@ -65,11 +58,8 @@ def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
 
 def test_the_problems_are_a_list_and_a_table(copied):
     fine = ibdata.validate(copied)
-    assert fine == []
-    assert (repr(fine), list(fine.to_pandas().columns)) == (
-        "no problems",
-        ["path", "row", "rule", "message"],
-    )
+    assert (fine, repr(fine)) == ([], "no problems")
+    assert list(fine.to_pandas().columns) == ["path", "row", "rule", "message"]
     (copied / "meta/statistics.json").write_text("other")
     found = ibdata.validate(copied)
     assert isinstance(found, list)
@@ -88,18 +78,16 @@ def test_an_evaluation_shows_results_differences_and_scale(evaluation):
     text = repr(evaluation)
     assert evaluation.scale in text
     rows = [line.split() for line in text.split("\n")]
-    assert [row[:2] for row in rows[1:7]] == [
-        [p, s] for p in ("optimized", "safe") for s in ("50", "70", "all")
-    ]
+    named = [[policy, place] for policy in ("optimized", "safe") for place in ("50", "70", "all")]
+    assert [row[:2] for row in rows[1:7]] == named
     assert ["safe", "optimized", "all"] in [row[:3] for row in rows]
     assert "all" in cells(evaluation._repr_html_())
-    alone = ibdata.evaluate("safe", steps=3, episodes=1, discount=1)
-    assert len(repr(alone).split("\n")) == 4  # a row, and why it has neither error nor score
-    assert "–" in repr(alone)
-
-
-def test_an_evaluation_becomes_a_frame_of_its_results(evaluation):
     frame = evaluation.to_pandas()
     assert frame["mean_return"].tolist() == [result.mean_return for result in evaluation.results]
     assert frame["setpoint"].isna().tolist() == [False, False, True] * 2
-    assert isinstance(frame, pd.DataFrame)
+
+
+def test_a_single_episode_has_neither_error_nor_score():
+    alone = repr(ibdata.evaluate("safe", steps=3, episodes=1, discount=1))
+    assert len(alone.split("\n")) == 4  # a row, and why
+    assert "–" in alone

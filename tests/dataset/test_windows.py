@@ -1,7 +1,5 @@
 """Windows in memory and in a folder."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -13,20 +11,13 @@ import ibdata
 from ibdata.errors import UsageError
 
 
-def test_a_transition_has_the_values_of_the_arrays(dataset):
-    windows, arrays = dataset.windows(history=3), dataset.arrays(history=3)
+@pytest.mark.parametrize("history", [1, 3])
+def test_windows_are_chosen_as_rows_of_arrays(dataset, history):
+    windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
     assert len(windows) == len(arrays["rewards"])
     for index in (0, 1, len(windows) - 1, -1):
         one = windows[index]
         assert all((one[name] == arrays[name][index]).all() for name in one)
-    batch = windows.__getitems__([5, 3])
-    assert len(batch) == 2
-    assert [one["rewards"] for one in batch] == arrays["rewards"][[5, 3]].tolist()
-
-
-@pytest.mark.parametrize("history", [1, 3])
-def test_slices_and_masks_choose_as_they_do_of_arrays(dataset, history):
-    windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
     mask = arrays["rewards"] > np.median(arrays["rewards"])
     for found, rows in (
         (windows[3:9], slice(3, 9)),
@@ -37,6 +28,8 @@ def test_slices_and_masks_choose_as_they_do_of_arrays(dataset, history):
         (windows.batch([]), []),
     ):
         assert all(np.array_equal(found[name], arrays[name][rows]) for name in found)
+    batch = windows.__getitems__([5, 3])
+    assert [one["rewards"] for one in batch] == arrays["rewards"][[5, 3]].tolist()
 
 
 @pytest.mark.parametrize("given", [[True, False], [0.9], [[0, 1]], 3, ["0"], np.zeros(0, bool)])
@@ -54,9 +47,9 @@ def test_a_number_beyond_the_end_is_an_index_error(dataset, index):
 
 
 def test_values_are_kept_once_and_not_for_each_history(dataset):
-    for history in (1, 30):
-        stored = dataset.windows(history=history)._stored
-        assert stored.frames.shape == (len(dataset) + len(dataset.episodes), 6)
+    windows = dataset.windows(history=30)
+    assert windows._stored.frames.shape == (len(dataset) + len(dataset.episodes), 6)
+    assert repr(windows) == "<ibdata.Windows: 480 transitions, 30 frames of 6 numbers>"
 
 
 def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypatch):
@@ -64,6 +57,9 @@ def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypa
     made = dataset.windows(history=4, folder=folder, split="target")
     assert not made._stored.frames.flags.writeable
     assert [path.name for path in folder.parent.iterdir()] == ["windows"]
+    described = json.loads((folder / "windows.json").read_text())
+    assert described["content_root"] == dataset.content_root
+    assert described["view"]["frame"][-1] == "obs_consumption"
     monkeypatch.setattr("ibdata.dataset.stored_windows._write", None)
     again = dataset.windows(history=2, folder=folder, split="target")
     plain = dataset.arrays(history=2, split="target")
@@ -106,13 +102,6 @@ def test_a_writer_that_fails_leaves_nothing_behind(dataset, tmp_path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
-def test_windows_are_not_kept_within_a_dataset(dataset):
-    with pytest.raises(UsageError, match="lies within the dataset"):
-        dataset.windows(folder=dataset.path / "data" / "windows")
-    with pytest.raises(UsageError, match=r"^folder: .* cannot be written: File name too long"):
-        dataset.windows(folder=dataset.path.parent / ("w" * 300))
-
-
 def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, monkeypatch):
     """A map that cannot be filled would end the process."""
 
@@ -126,7 +115,17 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkeypatch):
+def test_a_folder_that_cannot_hold_windows_is_refused(dataset):
+    for folder, line in (
+        (dataset.path / "data" / "windows", "lies within the dataset"),
+        (dataset.path.parent / ("w" * 300), "^folder: .* cannot be written: File name too long"),
+        ("s3://a/b", "^s3://a/b: found a URL, expected a path on this machine$"),
+    ):
+        with pytest.raises(UsageError, match=line):
+            dataset.windows(folder=folder)
+
+
+def test_a_damaged_folder_is_refused(dataset, tmp_path):
     folder = tmp_path / "windows"
     dataset.windows(folder=folder)
     whole = (folder / "frames.npy").read_bytes()
@@ -135,18 +134,3 @@ def test_a_folder_that_is_damaged_or_a_url_is_one_line(dataset, tmp_path, monkey
         (folder / "frames.npy").write_bytes(other)
         with pytest.raises(UsageError, match=r"^folder: .*windows is damaged .*; remove it, or choose anot"):
             dataset.windows(folder=folder)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match=r"^s3://a/b: found a URL, expected a path on this machine$"):
-        dataset.windows(folder="s3://a/b")
-    assert list(tmp_path.iterdir()) == [folder]
-
-
-def test_the_folder_says_what_it_holds(dataset, tmp_path):
-    dataset.windows(folder=tmp_path / "windows", view={"actions": True})
-    described = json.loads((tmp_path / "windows" / "windows.json").read_text())
-    assert described["content_root"] == dataset.content_root
-    assert described["view"]["frame"][-1] == "previous_act_shift"
-
-
-def test_it_shows_what_it_is(dataset):
-    assert repr(dataset.windows(history=3)) == "<ibdata.Windows: 480 transitions, 3 frames of 6 numbers>"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from helpers import ROOT
+from helpers.pages import check_guide
+
+from ibdata.exporters import FORMATS
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, flags=re.MULTILINE | re.DOTALL)
@@ -36,18 +37,7 @@ def test_the_ten_lines_are_ten():
 @pytest.mark.slow
 def test_the_ten_lines_print_what_they_say(tmp_path: Path):
     section = TEXT[TEXT.index("## Ten lines") : TEXT.index("## Paper or siemens?")]
-    (tmp_path / "page.md").write_text(section)
-    command = [sys.executable, str(ROOT / "scripts/guide"), "page.md"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    (text,) = (block for language, block in BLOCKS if language == "text")
-    assert done.stdout == text
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md"])
-def test_links_and_pictures_lead_somewhere_and_are_relative(page: str):
-    for target in re.findall(r"\]\(([^)#\s]+)", (ROOT / page).read_text(encoding="utf-8")):
-        assert target.startswith("https://") or (ROOT / target).exists(), target
+    check_guide(section, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -68,8 +58,6 @@ def test_the_speed_is_the_one_that_was_measured():
 
 
 def test_the_columns_and_formats_are_those_that_exist():
-    from ibdata.exporters import FORMATS
-
     assert f"{len(FORMATS)} export\n  formats" in TEXT
     page = (ROOT / "docs/columns.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`.+?) \|", TEXT, flags=re.MULTILINE)

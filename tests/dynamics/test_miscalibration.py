@@ -1,4 +1,7 @@
-"""Mis-calibration: the turning direction φ with its domain δ and response ψ."""
+"""Mis-calibration: the turning direction φ with its domain δ and response ψ, and the penalty m.
+
+The paper's figures 3a to 3c are played through `step` in `tests/reference/test_figures.py`.
+"""
 
 from __future__ import annotations
 
@@ -6,61 +9,56 @@ import itertools
 
 import mpmath
 import pytest
+from helpers import printed_equations as printed
 
 from ibdata.dynamics.miscalibration import (
+    ALPHA,
+    BETA,
+    KAPPA,
+    OMEGA_EXPONENT,
+    OMEGA_FACTOR,
     PHI_MAX,
+    R_MIN,
+    R_OPT,
     RHO_S,
     SAFE_ZONE,
-    direction_step,
-    entered_domain,
-    entered_response,
-    reflected_direction,
-    sgn,
-    turned_response,
+    penalty,
     update_direction,
 )
 
+mp = mpmath.mp.clone()
+mp.dps = 60
 SIGNS, PHIS = (-1, 1), range(-PHI_MAX, PHI_MAX + 1)
-SHIFTS = (-1.5, -1.0, -0.5, -0.13, -SAFE_ZONE, -0.1, 0.0, 0.1, SAFE_ZONE, 0.13, 0.5, 1.0, 1.5)
-EVERYTHING = list(itertools.product(SIGNS, SIGNS, PHIS, SHIFTS))
-VALUES = [
-    *((sgn, (x,), sign) for x, sign in ((-0.3, -1), (-0.0, 0), (2.0, 1), (float("inf"), 1))),
-    *((entered_domain, (delta, he), sgn(he)) for delta in SIGNS for he in (-1.0, -0.13, 0.13, 1.0)),
-    *((entered_domain, (delta, he), delta) for delta in SIGNS for he in (-SAFE_ZONE, 0.0, SAFE_ZONE)),
-    (entered_response, (-1, 1, -1), 1),  # the domain has just changed
-    (entered_response, (-1, -1, 1), 1),
-    (entered_response, (-1, 1, 1), -1),
-    (entered_response, (1, -1, -1), 1),
-    (direction_step, (4, 1, 1, 0.0), -1),  # safe: back towards 0
-    (direction_step, (4, 1, 1, SAFE_ZONE), -1),  # |hᵉ| = z is still safe
-    (direction_step, (0, 1, 1, 0.0), 0),
-    (direction_step, (-6, 1, -1, 0.5), 0),  # held at the opposite bound -6 δ̂
-    (direction_step, (6, -1, -1, -0.5), 0),
-    (direction_step, (6, 1, -1, 0.5), -1),  # at the own bound it turns
-    (direction_step, (4, 1, 1, 0.5), 1),  # ψ̂ · sgn(hᵉ)
-    (direction_step, (4, 1, -1, 0.5), -1),
-    (direction_step, (-4, -1, 1, -0.5), -1),
-    *((turned_response, (1, phi), -1 if abs(phi) >= 6 else 1) for phi in range(-7, 8)),
-    # 12 - ((7 + 24) mod 24) = 12 - 7 = 5; 12 - ((-7 + 24) mod 24) = 12 - 17 = -5.
-    *((reflected_direction, (phi,), {7: 5, -7: -5}.get(phi, phi)) for phi in range(-7, 8)),
-    # δ changes at φ = -6, so that φ̂ = -7, which is reflected to -5; ψ is -1 at once.
-    (update_direction, (1, -1, -6, -1.0), (-1, -1, -5)),
-    (update_direction, (-1, -1, 6, 1.0), (1, -1, 5)),
-]
+SHIFTS = (-1.5, -0.9, -0.4, -0.13, -SAFE_ZONE, -0.05, 0.0, 0.1, SAFE_ZONE, 0.13, 0.2, 0.7, 1.1, 1.5)
 
 
-def track(shifts, state=(1, 1, 0)):
-    """The states (δ, ψ, φ) after each effective shift, from the state of a start."""
-    states = []
-    for he in shifts:
-        state = update_direction(*state, he)
-        states.append(state)
-    return states
+@pytest.mark.parametrize("phi", PHIS)
+@pytest.mark.parametrize(("delta", "psi"), list(itertools.product(SIGNS, SIGNS)))
+def test_the_direction_turns_as_printed(delta, psi, phi):
+    """As the second implementation of equations (9) to (16), at every state and on both sides of z."""
+    for he in SHIFTS:
+        found = update_direction(delta, psi, phi, he)
+        assert found == printed.latents_of_miscalibration(delta, psi, phi, he), he
+        assert found[0] in SIGNS
+        assert found[1] in SIGNS
+        assert abs(found[2]) <= PHI_MAX
+        assert abs(found[2] - phi) <= 1
 
 
-@pytest.mark.parametrize(("rule", "arguments", "value"), VALUES)
-def test_a_rule_has_its_value_by_hand(rule, arguments, value):
-    assert rule(*arguments) == value
+@pytest.mark.parametrize(
+    ("before", "he", "after"),
+    [
+        ((1, 1, 4), SAFE_ZONE, (1, 1, 3)),  # |hᵉ| = z is still safe: back towards 0
+        ((1, -1, 4), 0.5, (1, -1, 3)),  # ψ̂ · sgn(hᵉ)
+        ((-1, -1, 4), 0.5, (1, 1, 5)),  # another domain begins with an advantageous response
+        ((1, -1, -6), 0.5, (1, -1, -6)),  # held at the opposite bound -6 δ̂
+        ((1, 1, 6), 0.5, (1, -1, 5)),  # φ̂ = 7 is reflected: 12 - ((7 + 24) mod 24)
+        ((1, -1, -6), -1.0, (-1, -1, -5)),
+        ((-1, -1, -1), 0.0, (1, 1, 0)),  # reset
+    ],
+)
+def test_a_direction_by_hand(before, he, after):
+    assert update_direction(*before, he) == after
 
 
 def test_the_safe_zone_is_the_rounded_value_of_its_formula():
@@ -69,53 +67,58 @@ def test_the_safe_zone_is_the_rounded_value_of_its_formula():
     assert round(SAFE_ZONE, 4) == 0.1294  # the paper prints 0.1309, which is π/24
 
 
-def test_one_full_turn_of_the_optimal_policy_follows_the_sine():
-    """Figure 3a: hᵉ = sin(πφ/12) for the φ of the next step, up to 6, back to 0, and mirrored.
-
-    ψ turns at 6, and both it and δ are reset at φ = 0 in the safe zone.
-    """
-    up = [*range(1, 7), *range(5, -1, -1)]
-    phis = up + [-phi for phi in up]
-    shifts = [sgn(phi) * RHO_S[abs(phi)] for phi in phis]
-    half = [*[1] * 5, *[-1] * 6, 1]
-    assert track(shifts) == list(zip([1] * 12 + [-1] * 11 + [1], half * 2, phis, strict=True))
+def constants():
+    """α, β, κ of Eqs. (34) to (39)."""
+    epsilon = mp.cbrt(1 + mp.sqrt(2)) / mp.sqrt(3)
+    zeta = epsilon + 1 / (3 * epsilon)
+    bias = 8 * mp.sqrt(mp.mpf(2) / 27)
+    lambda_ = 2 * zeta**2 - zeta**4 + bias * zeta
+    return 2 / lambda_, 1 / lambda_, -bias / lambda_
 
 
-def test_a_turn_that_gives_up_half_way_goes_back_step_by_step():
-    """Figure 3b: Δh = +1 +1 +1 -1 -1 -1 from hᵉ = 0, one action being 0.2876 of hᵉ, then no action."""
-    shifts = [0.28757671678 * k for k in (1, 2, 3, 2, 1, 0, 0, 0, 0, 0)]
-    assert [phi for _, _, phi in track(shifts)] == [1, 2, 3, 4, 5, 4, 3, 2, 1, 0]
+def radii(phi):
+    """|ρˢ|, |r_opt| and |r_min| for φ >= 0, Eqs. (18) and (43) to (47), with ϱ = 1."""
+    _, beta, kappa = constants()
+    rho_s = mp.sin(mp.pi * phi / 12)
+    q = kappa * rho_s / (8 * beta)
+    if phi == 3:  # q² = 1/27: the square root is 0, and both branches of (44) are 2/√3
+        r_min = 2 / mp.sqrt(3)
+    elif q < -mp.sqrt(mp.mpf(1) / 27):
+        u = mp.cbrt(-q + mp.sqrt(q * q - mp.mpf(1) / 27))
+        r_min = u + 1 / (3 * u)
+    else:
+        r_min = mp.sqrt(mp.mpf(4) / 3) * mp.cos(mp.acos(-q * mp.sqrt(27)) / 3)
+    return rho_s, max(rho_s, mp.sin(mp.pi / 12)), r_min  # 2 z = sin 15°
 
 
-def test_a_constant_shift_ends_at_the_opposite_bound_and_stays():
-    """Figure 3c."""
-    states = track([1.0] * 22)
-    assert [phi for _, _, phi in states] == [*range(1, 7), *range(5, -7, -1), *[-6] * 4]
-    assert states[-1] == (1, -1, -6)
+def test_the_constants_are_the_rounded_values_of_the_appendix():
+    alpha, beta, kappa = constants()
+    assert (float(alpha), float(beta), float(kappa)) == (ALPHA, BETA, KAPPA)
+    assert [round(x, 10) for x in (ALPHA, BETA, KAPPA)] == [0.5849066324, 0.2924533162, -0.6367656874]
 
 
-@pytest.mark.parametrize("start", list(itertools.product(SIGNS, SIGNS, PHIS)))
-def test_the_safe_zone_brings_the_start_back_within_six_steps(start):
-    states = track([0.0] * 7, start)
-    assert states[5:] == [(1, 1, 0)] * 2
-    assert [abs(phi) for _, _, phi in states] == [max(0, abs(start[2]) - i) for i in range(1, 8)]
+@pytest.mark.parametrize("phi", range(7))
+def test_the_tables_are_the_rounded_values_of_the_appendix(phi):
+    rho_s, r_opt, r_min = radii(phi)
+    exponent = (2 - r_opt) / (2 - r_min)
+    factor = (2 - r_min) / (2 - r_opt) ** exponent
+    tables = (RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR)
+    assert [t[phi] for t in tables] == [float(x) for x in (rho_s, r_opt, r_min, exponent, factor)]
+    assert {len(t) for t in tables} == {7}
 
 
-def test_every_step_keeps_its_ranges_and_turns_by_at_most_one():
-    for delta, psi, phi, he in EVERYTHING:
-        delta_next, psi_next, phi_next = update_direction(delta, psi, phi, he)
-        assert delta_next in SIGNS
-        assert psi_next in SIGNS
-        assert phi_next in PHIS
-        assert abs(phi_next - phi) <= 1
-        assert abs(phi_next) < PHI_MAX or psi_next == -1
-
-
-def test_the_two_domains_are_mirror_images_but_for_the_reset():
-    """At φ = 0 in the safe zone both sides are reset to δ = 1, which is no mirror image."""
-    for delta, psi, phi, he in EVERYTHING:
-        here, there = update_direction(delta, psi, phi, he), update_direction(-delta, psi, -phi, -he)
-        if here[2] == 0 and abs(he) <= SAFE_ZONE:
-            assert here == there == (1, 1, 0)
-        else:
-            assert there == (-here[0], here[1], -here[2])
+@pytest.mark.parametrize("phi", PHIS)
+@pytest.mark.parametrize("he", SHIFTS)
+def test_the_penalty_is_that_of_the_appendix(phi, he):
+    """Eqs. (17), (18) and (40) to (47) at 60 digits, with the sign of φ kept in ρˢ."""
+    alpha, beta, kappa = constants()
+    rho_s, r_opt, r_min = radii(abs(phi))
+    size = mp.mpf(abs(he))
+    if size <= r_opt:
+        omega = size * r_min / r_opt
+    else:
+        exponent = (2 - r_opt) / (2 - r_min)
+        omega = r_min + (2 - r_min) / (2 - r_opt) ** exponent * (size - r_opt) ** exponent
+    omega = omega if he > 0 else -omega
+    m = -alpha * omega**2 + beta * omega**4 + kappa * (rho_s if phi >= 0 else -rho_s) * omega
+    assert penalty(phi, he) == pytest.approx(float(m), abs=5e-15)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.levels import FULL
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.noise_law import (
     amplification_cdf,
     least_noise,
     noise_component_cdf,
-    quadrature,
     squashed_exponential_cdf,
 )
 
-DRAWS = 100_000
+DRAWS = 100_000 if FULL else 20_000
 # μᵛ, μᵍ before the step; velocity and gain, which give the effective values.
 STATES = {
     "normal": (0.2, 0.3, 50.0, 50.0),
@@ -51,28 +51,13 @@ def test_the_five_states_are_different_cases():
     np.testing.assert_allclose(found, [3.06, -np.inf, 0.495, -np.inf, np.inf])
 
 
-def test_without_the_event_the_noise_is_squashed():
-    """P(ηᵉ <= 0.1) = P(σ(e/10) <= 0.55) = P(e <= 10 log(11/9)) = 1 - (9/11)¹⁰ in the authors' code."""
-    k = SIEMENS.parameters
-    assert squashed_exponential_cdf(np.array([0.1]), k)[0] == pytest.approx(1 - (9 / 11) ** 10)
-    (never,) = noise_component_cdf(np.array([0.1]), np.array([0.0]), k._replace(bernoulli_low=0.0))
-    assert never == pytest.approx(1 - (9 / 11) ** 10)
-
-
 @pytest.mark.parametrize("mean", [0.05, 0.1, 1.0])
 @pytest.mark.parametrize("base", [SIEMENS, PAPER], ids=["siemens", "paper"])
 def test_the_closed_form_is_the_integral_over_the_uniform_draw(base, mean):
     k = base.parameters._replace(eta_mean=mean, bernoulli_low=1.0, bernoulli_high=1.0)  # always the event
-    u = (np.arange(200_000) + 0.5) / 200_000
+    u = (np.arange(20_000) + 0.5) / 20_000
     for x in (0.05, 0.4, 0.52, 0.6, 0.9, 1.0):
         for effective in (0.02, 0.5, 1.0):
             by_hand = squashed_exponential_cdf(1.0 - (1.0 - x) / (1.0 - effective * u), k).mean()
             found = noise_component_cdf(np.array(x), np.array(effective), k)
-            assert float(found) == pytest.approx(by_hand, abs=2e-5)
-
-
-def test_the_quadrature_integrates_polynomials_and_kinks():
-    x, weights = quadrature()
-    assert weights.sum() == pytest.approx(1.0)
-    assert (weights * x**3).sum() == pytest.approx(0.25)
-    assert (weights * np.minimum(x, 1.0 - x)).sum() == pytest.approx(0.25)
+            assert float(found) == pytest.approx(by_hand, abs=2e-4)

@@ -14,29 +14,22 @@ NAN, INF = np.nan, np.inf
 ZERO = np.zeros((2, 3))
 BAD_ACTIONS = [
     (np.zeros(3), r"found shape \(3,\), expected \(2, 3\)"),
-    (np.zeros((3, 2)), r"found shape \(3, 2\), expected \(2, 3\)"),
     (np.zeros((1, 3)), r"found shape \(1, 3\), expected \(2, 3\)"),
     ([[0.0, 0.0, 0.0], [0.0, NAN, 1.0]], r"found \[ 0. nan  1.\] in lane 1, expected finite"),
     ([[INF, 0.0, 0.0], [0.0, 0.0, 1.0]], r"found \[inf  0.  0.\] in lane 0, expected finite"),
 ]
 BAD_STATES = [
-    *((name, wrong) for name in FIELDS if name not in INTEGERS for wrong in (NAN, INF)),
-    *(("setpoint", -0.1), ("setpoint", 100.1), ("velocity", 1e9), ("operational_cost", -1.0)),
-    *(("domain", 2), ("response", -2), ("direction", -7), ("direction", 7), ("direction", -(2**63))),
-    *(("mu_v", -0.1), ("mu_g", 5.1), ("drift_rate", 1e300), ("drift_left", -2)),
+    *((name, NAN) for name in FIELDS if name not in INTEGERS),
+    *(("setpoint", -0.1), ("setpoint", 100.1), ("velocity", INF), ("operational_cost", -1.0)),
+    *(("domain", 2), ("response", -2), ("direction", 7), ("direction", -(2**63)), ("drift_left", -2)),
+    *(("mu_v", -0.1), ("mu_g", 5.1), ("drift_rate", 1e300)),
 ]
 BAD_STARTS = [
     ({"setpoint": 100.5}, r"setpoint: found 100.5, expected numbers in \[0, 100\]"),
-    ({"setpoint": -0.1}, r"setpoint: found -0.1, expected numbers in \[0, 100\]"),
     ({"setpoint": NAN}, r"setpoint: found nan, expected numbers in \[0, 100\]"),
-    ({"setpoint": 50.0, "velocity": INF}, "velocity: found inf, expected numbers in"),
     ({"setpoint": 50.0, "gain": [1.0, 101.0]}, r"gain: found \[  1. 101.\], expected numbers in"),
-    ({"setpoint": 50.0, "shift": -1.0}, "shift: found -1.0, expected numbers in"),
     ({"setpoint": [[50.0]]}, r"setpoint: found shape \(1, 1\), expected a number or \(n,\)"),
-    (
-        {"setpoint": [1.0, 2.0], "gain": [1.0, 2.0, 3.0]},
-        r"found setpoint \(2,\), velocity \(\), gain \(3,\), .*, expected equal",
-    ),
+    ({"setpoint": [1.0, 2.0], "gain": [1.0, 2.0, 3.0]}, r"found setpoint \(2,\), velocity \(\), gain \(3,\)"),
 ]
 
 
@@ -65,8 +58,8 @@ def test_an_action_that_is_none_is_refused(state, noise, action, message):
 @pytest.mark.parametrize("name", Noise._fields)
 def test_noise_of_another_shape_or_law_is_refused(state, noise, name):
     low, high = {"exp": (0.0, 745.2), "normal": (-40.0, 40.0)}.get(name.split("_")[0], (0.0, 1.0 - 2.0**-53))
-    outside = ([0.5, np.nextafter(low, -INF)], [0.5, np.nextafter(high, INF)], [0.5, NAN], [INF, 0.5])
-    for wrong in ([0.5], [0.5, 0.5, 0.5], 0.5, [[0.5], [0.5]], *outside):
+    outside = ([0.5, np.nextafter(low, -INF)], [0.5, np.nextafter(high, INF)], [0.5, NAN])
+    for wrong in ([0.5], [[0.5], [0.5]], *outside):
         message = rf"(?s)^step: noise.{name}: found .*, expected 2 numbers of (Exp|U|N)\("
         with pytest.raises(ValueError, match=message):
             step(state, ZERO, noise._replace(**{name: np.array(wrong)}))
@@ -88,14 +81,13 @@ def test_a_state_of_other_arrays_is_refused(state, noise, part):
             step(State(**(parts | {part: wrong})), ZERO, noise)
 
 
-@pytest.mark.parametrize("name", FIELDS)
-def test_a_replaced_field_must_have_its_length_and_type(state, name):
-    with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected \(2,"):
-        state.replace(**{name: getattr(state, name)[:1]})
-    for wrong in (0.5, NAN) if name in INTEGERS else ():
-        field = np.array([getattr(state, name)[0], wrong])
-        with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected whole numbers"):
-            state.replace(**{name: field})
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [("velocity", [1.0], r"\(2,"), ("domain", [1], r"\(2,"), ("direction", [1, 0.5], "whole numbers")],
+)
+def test_a_replaced_field_must_have_its_length_and_type(state, name, value, expected):
+    with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected {expected}"):
+        state.replace(**{name: np.array(value)})
 
 
 def test_a_state_says_which_variables_it_has(state):

@@ -9,9 +9,8 @@ import pytest
 from helpers.evaluating import NUDGE, returns
 from helpers.watching import Watching
 
-from ibdata import evaluate, generate
+from ibdata import evaluate
 from ibdata.dynamics import VARIANTS, Noise, initial_state, step
-from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.play import _digests
 from ibdata.experiment import Experiment
 from ibdata.numerics.exact import exponential, normal
@@ -25,10 +24,7 @@ POLICY = (
     '{"dynamics": "siemens", "label": "evaluate", "policy": {"kind": "random"}, '
     '"setpoint": "0x1.1800000000000p+6", "start": "default"}'
 )
-ADDRESSES = {
-    ENVIRONMENT: "de83d400",
-    POLICY: "ad3c2f08",
-}
+ADDRESSES = {ENVIRONMENT: "de83d400", POLICY: "ad3c2f08"}
 
 
 class Predicting:
@@ -95,18 +91,6 @@ def test_all_policies_meet_the_same_environment(start):
     assert (found.returns[0] != found.returns[2]).all()
 
 
-def test_a_policy_of_ones_own_meets_it_too():
-    np.testing.assert_array_equal(returns(Watching()), returns("constant"))
-
-
-def test_an_evaluation_shares_no_random_number_with_a_dataset(tmp_path):
-    """The same cells, with random actions and with none."""
-    for policy in ("random", "constant"):
-        experiment = Experiment(name="x", setpoints=70, policies=[{"kind": policy}], episodes=4, steps=30)
-        made = generate(experiment, tmp_path / policy, workers=1).episodes["return"].to_numpy()
-        assert not np.isclose(made, returns(policy, discount=1.0)[0]).any()
-
-
 def test_nothing_but_the_address_matters():
     """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
     few = returns("random", [10.0, 70.0])
@@ -144,32 +128,3 @@ def test_predict_gets_flat_histories_and_may_return_a_state():
     assert {x.shape for x in model.seen[-30:]} == {(4, 12)}
     np.testing.assert_array_equal(model.seen[-1][:, 6:], model.seen[-2][:, :6])
     np.testing.assert_array_equal(returns(Predicting(lambda x: np.zeros((len(x), 3)))), returns("constant"))
-
-
-def test_an_answer_that_is_no_action_names_the_policy_and_the_step():
-    with pytest.raises(PolicyError) as caught:
-        returns(Predicting(lambda observation: observation[:, :2]))
-    assert str(caught.value) == (
-        "policy predicting: episode 0: step 0: found actions of shape (32, 2), expected actions of shape "
-        "(32, 3); it was given observations (32, 1, 6) and random numbers (32, 0)"
-    )
-
-
-@pytest.mark.parametrize("episodes", [10**11, 2**47, 10**400])
-def test_more_episodes_than_memory_holds_are_refused(episodes):
-    with pytest.raises(UsageError, match=r"^episodes: this number takes .* GB of memory, but"):
-        evaluate("safe", episodes=episodes)
-
-
-def test_numbers_of_numpy_are_numbers():
-    found = evaluate("safe", np.float32(70), steps=np.int64(3), episodes=np.int32(2), seed=np.uint64(4))
-    assert (found.returns == evaluate("safe", 70, steps=3, episodes=2, seed=4).returns).all()
-
-
-def test_a_model_of_which_no_environment_is_known_is_played_as_it_is():
-    class Wrapped(Predicting):
-        def get_vec_normalize_env(self):
-            return None
-
-    wrapped, plain = (kind(lambda seen: seen[:, 1:4] / 200.0) for kind in (Wrapped, Predicting))
-    assert (returns(wrapped) == returns(plain)).all()

@@ -29,6 +29,8 @@ def test_the_statistics_are_those_of_the_returns():
     assert overall.standard_error == pytest.approx(np.hypot(low.standard_error, high.standard_error) / 2.0)
     assert overall.p10 == np.quantile(found.returns, 0.1)
     assert (low.episodes, overall.episodes) == (50, 100)
+    assert (found.steps, found.discount) == (30, 0.97)
+    assert json.loads(json.dumps(found.plain()))["results"][1]["policy"] == "random"
     assert low.mean_reward == pytest.approx(returns("random", 10.0, episodes=50, discount=1.0).mean() / 30)
 
 
@@ -43,11 +45,6 @@ def test_differences_are_paired_and_of_every_two_policies():
     difference = found.differences[4]
     assert difference.mean_difference == pytest.approx(by_hand.mean())
     assert difference.standard_error == pytest.approx(by_hand.std(ddof=1) / np.sqrt(20))
-
-
-def test_one_episode_has_no_standard_error():
-    [result] = evaluate("random", steps=5, episodes=1).results
-    assert result.standard_error is result.interval is None
 
 
 SETTINGS = [
@@ -114,22 +111,12 @@ def test_what_is_missing_has_a_reason(arguments, notes):
     assert missing == bool(notes)
 
 
-def test_steps_and_discount_are_told():
-    found = evaluate("constant", steps=3, episodes=2, discount=0.5)
-    assert (found.steps, found.discount, found.results[0].episodes) == (3, 0.5, 2)
-
-
 def test_clipped_actions_are_counted_by_policy_and_setpoint():
     def rising(seen):  # beyond 1 at the setpoint 70 only, for every second episode
         return np.where((seen[:, :1] > 50) & (np.arange(len(seen))[:, None] % 2 == 0), 1.5, 1.0) * np.ones(3)
 
     found = evaluate({"rising": rising, "still": "constant"}, [10.0, 70.0], steps=3, episodes=4)
     assert [r.clipped for r in found.results] == [0.0, 0.5, 0.25, 0.0, 0.0, 0.0]
-
-
-def test_plain_is_json():
-    plain = evaluate(["random", "safe"], episodes=3, steps=5).plain()
-    assert json.loads(json.dumps(plain))["results"][1]["policy"] == "safe"
 
 
 def test_a_moving_setpoint_begins_where_it_says():

@@ -67,18 +67,6 @@ def test_rewards_are_weighted_as_in_a_dataset():
     assert change == pytest.approx(cost[0] - cost[1], abs=1e-4)
 
 
-def test_a_function_gets_the_frames_side_by_side():
-    shapes = []
-
-    def act(observations):
-        shapes.append(observations.shape)
-        return np.zeros((len(observations), 3))
-
-    ibdata.evaluate(act, **ALIKE, view={"observe": "markov"}, history=2)
-    assert (3, 40) in shapes
-    assert {width for _, width in shapes} == {40}
-
-
 def test_a_view_that_nobody_could_see_is_refused():
     with pytest.raises(UsageError, match="view: found one, but no object that could see it"):
         ibdata.evaluate("safe", **ALIKE, view={"observe": "markov"})

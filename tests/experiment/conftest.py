@@ -1,10 +1,12 @@
-"""Fixtures that load experiments from text and list their problems."""
+"""Fixtures that load experiments from text and list their problems, and the schema."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 
 from ibdata.errors import ConfigError
@@ -22,6 +24,14 @@ def with_lines() -> Callable[..., str]:
         return "\n".join([*lines, *(line for line in LEAST if line.split(":")[0] not in given), ""])
 
     return of
+
+
+@pytest.fixture(scope="session")
+def schema() -> Any:
+    """The JSON Schema of experiments, as a validator."""
+    schema = Experiment.model_json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
 
 
 @pytest.fixture

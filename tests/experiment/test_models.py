@@ -203,21 +203,22 @@ def test_an_experiment_never_changes():
         made.output.latent = False
 
 
-CHANGES = {
-    "dynamics": "paper",
-    "setpoints": [10.0, 30.0],
-    "policies": [{"kind": "safe"}],
-    "start": "uniform",
-    "steps": 7,
-    "output": {"dtype": "float64"},
-}
-
-
-@pytest.mark.parametrize("key", CHANGES)
-def test_a_changed_copy_is_the_experiment_with_the_change(key):
-    used, fresh = experiment(), experiment(**{key: CHANGES[key]})
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"dynamics": "paper"},
+        {"setpoints": [10.0, 30.0]},
+        {"policies": [{"kind": "safe"}]},
+        {"start": "uniform"},
+        {"steps": 7},
+        {"output": {"dtype": "float64"}},
+    ],
+    ids=str,
+)
+def test_a_changed_copy_is_the_experiment_with_the_change(change):
+    used, fresh = experiment(), experiment(**change)
     _ = used.cells, used.variant, used.labels, used.drifting  # kept from now on
-    changed = used.model_copy(update={key: CHANGES[key]})
+    changed = used.model_copy(update=change)
     assert changed == fresh
     assert (changed.cells, changed.variant, changed.labels) == (fresh.cells, fresh.variant, fresh.labels)
 

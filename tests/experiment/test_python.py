@@ -121,8 +121,6 @@ def test_an_override_replaces_all_of_a_block_and_no_other():
     ("given", "overrides", "line"),
     [
         ({"steps": 0}, {}, "steps: found 0, expected a whole number of at least 1"),
-        ({"epsiodes": 1}, {}, "epsiodes: no such option; did you mean 'episodes'?"),
-        ({"policies": ["rndom"]}, {}, f"policies.0: found 'rndom', expected one of {', '.join(POLICIES)}"),
         ({}, {"steps": 0}, "override steps: found 0, expected a whole number of at least 1"),
         ({}, {"output": {"dtyp": 1}}, "override output.dtyp: no such option; did you mean 'dtype'?"),
         ({}, {"a..b": 1}, "override: found the key 'a..b', expected names joined by dots"),

@@ -1,4 +1,4 @@
-"""Folders of experiments: their files, and the errors in them."""
+"""The search for an experiment by path or name, and folders of experiments."""
 
 from __future__ import annotations
 
@@ -29,17 +29,11 @@ def folder():
     return made
 
 
-def problems(*args):
-    with pytest.raises(ConfigError) as caught:
-        load_all(*args)
-    return list(caught.value.problems)
-
-
-def test_a_folder_is_loaded_in_the_order_of_its_files(folder):
-    assert [experiment.name for experiment in load_all(folder)] == ["second", "first"]
-    assert load_all(folder / "a.yaml") == [load(folder / "a.yaml")]
-    made = load_all(folder, ["steps=3"], seed=4)
-    assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
+def test_find_takes_a_path_and_else_a_shipped_name():
+    assert find("random") == find("random.yaml") == shipped()["random"]
+    Path("random.yaml").write_text(TEXT.format(name="x"))
+    assert find("random.yaml") == Path("random.yaml")
+    assert load("random.yaml").setpoints == 70.0
 
 
 def test_a_suite_and_its_files_are_shipped_by_name():
@@ -49,23 +43,35 @@ def test_a_suite_and_its_files_are_shipped_by_name():
     assert len(load_all("siemens-offline")) == 16
 
 
-def test_the_name_of_a_folder_without_experiments_is_free(folder):
+def test_the_name_of_a_folder_without_experiments_is_free():
     Path("random").mkdir()
     assert find("random") == shipped()["random"]
     (Path("random") / "x.yaml").write_text(TEXT.format(name="x"))
     assert find("random") == Path("random")
 
 
+def test_a_folder_is_loaded_in_the_order_of_its_files(folder):
+    assert [experiment.name for experiment in load_all(folder)] == ["second", "first"]
+    assert load_all(folder / "a.yaml") == [load(folder / "a.yaml")]
+    made = load_all(folder, ["steps=3"], seed=4)
+    assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
+
+
+def problems(*args):
+    with pytest.raises(ConfigError) as caught:
+        load_all(*args)
+    return list(caught.value.problems)
+
+
 def test_the_problems_of_all_files_are_told_at_once(folder):
-    (folder / "a.yaml").write_text("name: A\nsetpoints: 70\npolicies: [{kind: random}]\n")
-    (folder / "b.yaml").write_text("name: b\nsetpoints: 101\npolicies: [{kind: random}]\n")
+    (folder / "a.yaml").write_text(TEXT.format(name="A"))
+    (folder / "b.yaml").write_text(TEXT.format(name="b").replace("70", "101"))
     first, second = problems(folder)
     assert first.startswith("two/a.yaml:1:7: name: found 'A'")
     assert second == "two/b.yaml:2:12: setpoints: found 101, expected a number of at most 100"
 
 
 def test_a_problem_of_an_override_is_told_once(folder):
-    assert problems(folder, ["stpes=3"]) == ["override stpes: no such option; did you mean 'steps'?"]
     assert problems(folder, ["policies.1.kind=safe"]) == ["override policies.1.kind: there is no item 1"]
 
 
@@ -83,3 +89,18 @@ def test_what_is_no_experiment_is_refused(config):
         UsageError, match=f"^config: found {re.escape(repr(config))}, expected a file, the name"
     ):
         load(config)
+
+
+@pytest.mark.parametrize(("config", "near"), [("randm.yaml", "; did you mean 'random'?"), ("zzzzzz", "")])
+def test_a_config_that_is_nowhere_is_refused_with_names(config, near):
+    with pytest.raises(UsageError) as caught:
+        load(config)
+    names = ", ".join([*(name for name in shipped() if "/" not in name), *suites()])
+    assert str(caught.value) == f"config: found {config!r}, expected a file or one of {names}{near}"
+
+
+@pytest.mark.parametrize("config", ["x" * 300, "a\0b", ".", ""], ids=["long", "NUL", "folder", "empty"])
+def test_a_path_that_cannot_be_read_is_a_usage_error(config):
+    with pytest.raises(UsageError) as caught:
+        load(config)
+    assert not isinstance(caught.value, ConfigError)

@@ -61,24 +61,22 @@ def error_of(text):
     return caught.value
 
 
+CONTROL = "not valid YAML: unacceptable character"
+NOT_UTF_8 = "found bytes that are not UTF-8, expected UTF-8 text"
+NO_TEXT = [
+    *(("\0a: 1", 1, CONTROL), ("a: 1\nb: x\0y\n", 2, CONTROL), ("a: 1\nb: \x7f", 2, CONTROL)),
+    *((b"\xff", 1, NOT_UTF_8), (b"a: 1\nb: \xe9\n", 2, NOT_UTF_8), (b"\xed\xa0\x80", 1, NOT_UTF_8)),
+    ("a: 1\n".encode("utf-16"), 1, NOT_UTF_8),
+]
+
+
 @pytest.mark.parametrize(("text", "place", "message"), REFUSED.values(), ids=REFUSED)
 def test_what_is_not_plain_data_is_refused_with_its_place(text, place, message):
     assert str(error_of(text)) == f"{place}: {message}"
     assert str(error_of(text.encode())) == f"{place}: {message}"
 
 
-CONTROL = "not valid YAML: unacceptable character"
-NOT_UTF_8 = "found bytes that are not UTF-8, expected UTF-8 text"
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "message"),
-    [
-        *(("\0a: 1", 1, CONTROL), ("a: 1\nb: x\0y\n", 2, CONTROL), ("a: 1\nb: \x7f", 2, CONTROL)),
-        *((b"\xff", 1, NOT_UTF_8), (b"a: 1\nb: \xe9\n", 2, NOT_UTF_8), (b"\xed\xa0\x80", 1, NOT_UTF_8)),
-        ("a: 1\n".encode("utf-16"), 1, NOT_UTF_8),
-    ],
-)
+@pytest.mark.parametrize(("text", "line", "message"), NO_TEXT)
 def test_what_is_no_text_is_refused_in_its_line(text, line, message):
     error = error_of(text)
     assert error.line == line

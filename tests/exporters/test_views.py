@@ -1,7 +1,5 @@
 """What an export of a view says of itself, and what is exported beside a view."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 
@@ -50,17 +48,6 @@ def test_an_export_says_what_it_shows(dataset, tmp_path, to, view):
     assert found["reward"] == view["reward"]
     assert ("episodes" in found) == bool(found["imperfections"])
     assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
-
-
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-def test_csv_has_a_column_for_each_number_of_a_frame(dataset, tmp_path, view):
-    made = ibdata.export(dataset, "csv", tmp_path / "made.csv", history=2, view=view)
-    found = pd.read_csv(made.path)
-    frames = [
-        f"{prefix}{name}{lag}" for prefix in ("", "next_") for lag in ("", "_lag_1") for name in made.frame
-    ]
-    assert set(frames) <= set(found.columns)
-    assert len(set(found.columns)) == len(found.columns)
 
 
 @pytest.mark.parametrize("to", ["npz", "d4rl", "csv"])

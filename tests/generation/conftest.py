@@ -1,7 +1,5 @@
 """Every test of whole runs begins in an empty folder; `here` has the files of a custom policy."""
 
-from __future__ import annotations
-
 import textwrap
 
 import pytest

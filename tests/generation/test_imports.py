@@ -1,7 +1,5 @@
 """What custom policies import: it is recorded however it is found, and the session imports none of it."""
 
-from __future__ import annotations
-
 import sys
 import textwrap
 from pathlib import Path
@@ -9,22 +7,38 @@ from pathlib import Path
 import pytest
 
 import ibdata
-from ibdata import Experiment
 from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.slow
-OWN = Experiment.model_validate(
-    {"name": "own", "setpoints": [20, 70], "policies": [{"kind": "custom", "target": "pol_imports:P"}],
-     "episodes": 1, "steps": 2, "output": {"shard_rows": 2}}
-)  # fmt: skip
+OWN = {
+    "name": "own",
+    "setpoints": [20, 70],
+    "policies": [{"kind": "custom", "target": "pol_imports:P"}],
+    "episodes": 1,
+    "steps": 2,
+    "output": {"shard_rows": 2},
+}
 POLICY = """
     import numpy as np
 
     class P:
         def predict(self, observations):
+            {}
             return np.full((len(observations), 3), SIZE)
     """
-BESIDE = "import sys, pathlib\nLIB = str(pathlib.Path(__file__).with_name('lib'))\nsys.path.insert(0, LIB)\n"
+BESIDE = """
+    import sys, pathlib
+    LIB = str(pathlib.Path(__file__).with_name('lib'))
+    sys.path.insert(0, LIB)
+    from helper_a import SIZE
+    sys.path.remove(LIB)
+    """
+BY_NAME = "import importlib\nSIZE = importlib.import_module('helper_' + 'f').SIZE\n"
+WAYS = {  # code at the top, and at the first step; the module that it imports
+    "for the import only": (BESIDE, "pass", "lib/helper_a.py"),
+    "by its name": (BY_NAME, "pass", "helper_f.py"),
+    "at the first step": ("", "from helper_g import SIZE", "helper_g.py"),
+}
 
 
 @pytest.fixture(autouse=True)
@@ -33,42 +47,23 @@ def here(monkeypatch):
     Path("lib").mkdir()
 
 
-def policy(first: str) -> None:
-    Path("pol_imports.py").write_text(textwrap.dedent(first) + textwrap.dedent(POLICY))
-
-
-def for_the_import_only():
-    policy(BESIDE + "from helper_a import SIZE\nsys.path.remove(LIB)\n")
-    return "lib/helper_a.py"
-
-
-def by_its_name():
-    policy("import importlib\nSIZE = importlib.import_module('helper_' + 'f').SIZE\n")
-    return "helper_f.py"
-
-
-def at_the_first_step():
-    text = textwrap.dedent(POLICY).replace("return", "from helper_g import SIZE\n        return")
-    Path("pol_imports.py").write_text(text)
-    return "helper_g.py"
-
-
-WAYS = (for_the_import_only, by_its_name, at_the_first_step)
+def policy(first, step="pass", path="pol_imports.py"):
+    Path(path).write_text(textwrap.dedent(first) + textwrap.dedent(POLICY).format(step))
 
 
 def generate(out, **options):
     return ibdata.generate(OWN, out, **{"workers": 1, "allow_code": True, **options})
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_an_imported_module_is_recorded_and_does_not_mix(way):
-    helper = Path(way())
+@pytest.mark.parametrize(("first", "step", "path"), WAYS.values(), ids=WAYS)
+def test_an_imported_module_is_recorded_and_does_not_mix(first, step, path):
+    policy(first, step)
+    helper, before = Path(path), set(sys.modules)
     helper.write_text("SIZE = 0.25\n")
-    before = set(sys.modules)
-    ibdata.generate(OWN, "half", shards="1/2", workers=1, allow_code=True)
+    generate("half", shards="1/2")
     helper.write_text("SIZE = 0.75\n")
     with pytest.raises(UsageError, match=f"with other code, in (.*/)?{helper.name};"):
-        ibdata.generate(OWN, "half", shards="2/2", workers=1, allow_code=True)
+        generate("half", shards="2/2")
     for size, workers in ((0.75, 1), (0.25, 2)):
         helper.write_text(f"SIZE = {size}\n")
         made = generate(f"all-{size}", workers=workers)
@@ -82,13 +77,12 @@ def test_helpers_of_one_name_in_two_folders_are_refused(named):
     policies = []
     for folder, size in (("a_own", 0.25), ("b_own", 0.75)):
         Path(folder).mkdir()
-        policy(f"{named}\n")
-        Path("pol_imports.py").rename(Path(folder, "policy.py"))
+        policy(f"{named}\n", path=f"{folder}/policy.py")
         Path(folder, "helper_two.py").write_text(f"SIZE = {size}\n")
         policies.append({"kind": "custom", "target": f"{folder}/policy.py:P", "name": folder})
     line = r"b_own/helper_two\.py: found another module with the name helper_two in use, .*/a_own/"
     with pytest.raises(UsageError, match=line):
-        ibdata.generate({**OWN.plain(), "policies": policies}, "two", allow_code=True)
+        ibdata.generate({**OWN, "policies": policies}, "two", allow_code=True)
 
 
 def test_what_the_session_changed_in_a_module_does_not_count(monkeypatch):

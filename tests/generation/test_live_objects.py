@@ -1,7 +1,5 @@
 """Objects of a Python session as policies of a run, which nobody can repeat."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -34,14 +32,16 @@ def test_an_object_acts_and_its_class_is_recorded(plain):
     assert made.manifest["reproducible"] is False
     assert [code["target"] for code in made.manifest["code"]] == ["live:Mine", "live:_lambda_"]
     first, second = (made.manifest["experiments"][0]["policies"][i] for i in (0, 2))
-    assert first | {"params": {}} == {
-        "kind": "custom", "target": "live:Mine", "params": {}, "history": 1, "uniforms": 0,
-        "deterministic": False,
-    }  # fmt: skip
+    assert (first["kind"], first["target"], first["history"]) == ("custom", "live:Mine", 1)
     assert len(first["params"]["run"]) == 32
     assert first["params"] != second["params"]
     assert ibdata.validate("out") == []
     assert "Nobody can make it again: " in (made.path / "README.md").read_text()
+
+
+def without_a_shard(plain):
+    next((ibdata.open("out").path / "data").iterdir()).unlink()
+    ibdata.repair("out", allow_code=True)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +51,12 @@ def test_an_object_acts_and_its_class_is_recorded(plain):
         lambda plain: ibdata.generate(plain, "other", resume=True),
         lambda plain: ibdata.generate(plain, "other", shards="1/2"),
         lambda plain: ibdata.generate("out/meta/experiment.yaml", "other"),
+        without_a_shard,
     ],
 )
 def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
     ibdata.generate(plain, "out")
-    with pytest.raises(UsageError, match=r"^(out|x): found live:Mine, an object .* kind: custom$"):
+    with pytest.raises(UsageError, match=r"(out|x): found live:Mine, an object .* kind: custom$"):
         call(plain)
 
 
@@ -70,31 +71,23 @@ def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
         ibdata.generate(plain, "out")
 
 
-def test_repair_refuses_to_make_its_shards(plain, shard_file):
-    made = ibdata.generate(plain, "out")
-    (made.path / shard_file("out", 0)).unlink()
-    with pytest.raises(UsageError, match=r"out: found live:Mine"):
-        ibdata.repair("out", allow_code=True)
-
-
 def test_a_second_run_is_another_experiment(plain):
     ibdata.generate(plain, "out")
     with pytest.raises(UsageError, match="out: holds the dataset of another experiment; --overwrite"):
         ibdata.generate(plain, "out")
     experiment = ibdata.load(plain, {"steps": 4})
-    del plain
     assert ibdata.estimate(experiment)["rows"] == 32
     made = ibdata.generate(experiment, "out", overwrite=True)
     assert ibdata.generate(experiment, "out").content_root == made.content_root
 
 
-def test_options_of_an_object_are_those_of_a_block(tmp_path):
+def test_options_of_an_object_are_those_of_a_block():
     class Noisy:
         def act(self, history, u):
             assert history.shape[1:] == (2, 6)
             return 2.0 * u - 1.0
 
     block = {"kind": "custom", "target": Noisy(), "uniforms": 3, "history": 2, "name": "noisy"}
-    made = ibdata.generate({"name": "x", "setpoints": 70, "steps": 5, "policies": [block]}, tmp_path / "out")
+    made = ibdata.generate({"name": "x", "setpoints": 70, "steps": 5, "policies": [block]}, "out")
     assert set(made.to_pandas()["policy"]) == {"noisy"}
     assert made.to_pandas()["act_gain"].nunique() == 5

@@ -1,7 +1,5 @@
 """Datasets of networks carry the weights, and need nothing else to be made and checked again."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest
@@ -10,7 +8,6 @@ from helpers import networks
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
-from ibdata.experiment import load
 from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
 
@@ -50,35 +47,28 @@ def made(learned):
     return ibdata.generate(learned, "made", workers=1)
 
 
-def test_a_dataset_carries_its_weights_once(made):
-    """The weights are a file of the dataset, byte by byte, which the manifest lists."""
+def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
+    """On another machine, it is validated, reproduced, repaired, split and made again."""
     (path,) = (path for path in made.manifest_model.entries() if manifest.WEIGHTS.fullmatch(path))
     assert (made.path / path).read_bytes() == networks.weights()
     assert made.manifest_model.entries()[path].sha256 == file_sha256(made.path / path)
-
-
-def test_a_dataset_is_made_and_checked_without_the_user_s_file(made, elsewhere):
-    """On another machine, a dataset is validated, reproduced, repaired, split and made again."""
     elsewhere()
     assert ibdata.validate(made.path) == []
     assert ibdata.reproduce(made.path)[1] == []
     elsewhere()
     again = ibdata.generate(made.path / manifest.EXPERIMENT, "again", workers=1)
-    assert again.content_root == made.content_root
     assert ibdata.difference(made, again) == []
     for lost in ("data/*-00001-*.parquet", "meta/statistics.json"):
         next(made.path.glob(lost)).unlink()
     elsewhere()
     assert len(ibdata.repair(made.path)) == 2
     elsewhere()
-    ibdata.split(made.path, "policy")
-    copy = ibdata.split(made.path, by=None, materialize="copy")
+    copy = ibdata.split(made.path, "policy", materialize="copy")
     elsewhere()
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
 
 
 def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
-    """The part of a run holds the weights, so that `finalize` works where the user's file is gone."""
     for i in (1, 2):
         ibdata.generate(learned, "parts", shards=f"{i}/2", workers=1)
     elsewhere()
@@ -99,7 +89,6 @@ def test_a_run_goes_on_with_its_own_weights_only(learned):
 
 
 def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
-    """Datasets of two networks are two experiments, and their merged dataset has both files."""
     (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
     other = ibdata.generate(learned, "other", workers=1)
     assert any("sha256" in line for line in ibdata.difference(made, other))
@@ -112,14 +101,13 @@ def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
 
 @pytest.mark.slow
 def test_workers_get_the_weights_from_the_experiment(learned, made):
-    """Worker processes need no file of the user."""
-    experiment = load(learned)
+    experiment = ibdata.load(learned)
     shutil.rmtree(learned.parent)
     assert ibdata.generate(experiment, "several", workers=2).content_root == made.content_root
 
 
 def test_a_policy_is_evaluated_from_its_file(learned):
-    """A network is evaluated by its YAML block, whose file lies beside it, and by a mapping."""
+    """By its YAML block, whose file lies beside it, and by a mapping."""
     block = learned.parent / "policy.yaml"
     block.write_text("{kind: network, file: actor.safetensors}")
     here = ibdata.evaluate(str(block), episodes=2, steps=5).returns

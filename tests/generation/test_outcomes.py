@@ -1,7 +1,5 @@
 """What `generate` does with what is at its place, and what a preview says that it would do."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -59,24 +57,6 @@ def linked():
     Path("out").symlink_to("elsewhere")
 
 
-STATES = {
-    "nothing": lambda: None,
-    "an empty folder": lambda: Path("out").mkdir(),
-    "a file": lambda: Path("out").write_text("mine"),
-    "a folder": foreign,
-    "the dataset": dataset,
-    "a link to it": linked,
-    "with a report": with_file(manifest.REPORT),
-    "with a note": with_file("notes.txt"),
-    "with another manifest": with_file(manifest.PATH),
-    "without a manifest": without(manifest.PATH),
-    "without its experiment": without(manifest.EXPERIMENT),
-    "another dataset": lambda: dataset(OTHER),
-    "begun": begun,
-    "begun in vain": without_a_shard,
-    "another begun": lambda: begun(OTHER),
-    "replacing another": replacing,
-}
 REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
 BEGUN = "out: holds an unfinished run; --resume to go on with it"
 ANOTHER = "out: holds an unfinished run of another experiment; --overwrite to start again, or choose another"
@@ -85,24 +65,25 @@ FOREIGN = "out: not a dataset of ibdata, left as it is; choose another --out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing; run ibdata repair "
-OUTCOMES = {  # without options, with --resume, with --overwrite
-    "nothing": ("made", "made", "made"),
-    "an empty folder": ("made", "made", "made"),
-    "a file": (FILE, FILE, FILE),
-    "a folder": (FOREIGN, FOREIGN, FOREIGN),
-    "the dataset": ("there", "there", "replaced"),
-    "a link to it": ("there", "there", "replaced"),
-    "with a report": ("there", "there", "replaced"),
-    "with a note": ("there", "there", NOTE),
-    "with another manifest": (DAMAGED, DAMAGED, DAMAGED),
-    "without a manifest": (FOREIGN, FOREIGN, FOREIGN),
-    "without its experiment": (LOST, LOST, "replaced"),
-    "another dataset": (REPLACE, REPLACE, "replaced"),
-    "begun": (BEGUN, "goes on", "goes on"),
-    "begun in vain": ("made", "made", "made"),
-    "another begun": (ANOTHER, ANOTHER, "discards"),
-    "replacing another": (REPLACE, REPLACE, "goes on"),
+STATES = {  # how each is made, and the outcome without options, with --resume, with --overwrite
+    "nothing": (lambda: None, "made", "made", "made"),
+    "an empty folder": (lambda: Path("out").mkdir(), "made", "made", "made"),
+    "a file": (lambda: Path("out").write_text("mine"), FILE, FILE, FILE),
+    "a folder": (foreign, FOREIGN, FOREIGN, FOREIGN),
+    "the dataset": (dataset, "there", "there", "replaced"),
+    "a link to it": (linked, "there", "there", "replaced"),
+    "with a report": (with_file(manifest.REPORT), "there", "there", "replaced"),
+    "with a note": (with_file("notes.txt"), "there", "there", NOTE),
+    "with another manifest": (with_file(manifest.PATH), DAMAGED, DAMAGED, DAMAGED),
+    "without a manifest": (without(manifest.PATH), FOREIGN, FOREIGN, FOREIGN),
+    "without its experiment": (without(manifest.EXPERIMENT), LOST, LOST, "replaced"),
+    "another dataset": (lambda: dataset(OTHER), REPLACE, REPLACE, "replaced"),
+    "begun": (begun, BEGUN, "goes on", "goes on"),
+    "begun in vain": (without_a_shard, "made", "made", "made"),
+    "another begun": (lambda: begun(OTHER), ANOTHER, ANOTHER, "discards"),
+    "replacing another": (replacing, REPLACE, REPLACE, "goes on"),
 }
+OPTIONS = {"plain": {}, "resume": {"resume": True}, "overwrite": {"overwrite": True}}
 SHARDS = {"made": 4, "replaced": 4, "discards": 4, "goes on": 3, "there": 0}
 PREVIEWS = {
     "made": None,
@@ -117,12 +98,8 @@ SAID = {
 }
 CASES = [
     pytest.param(state, options, outcome, id=f"{state}-{name}")
-    for state, outcomes in OUTCOMES.items()
-    for (name, options), outcome in zip(
-        {"plain": {}, "resume": {"resume": True}, "overwrite": {"overwrite": True}}.items(),
-        outcomes,
-        strict=True,
-    )
+    for state, (_, *outcomes) in STATES.items()
+    for (name, options), outcome in zip(OPTIONS.items(), outcomes, strict=True)
 ]
 
 
@@ -131,7 +108,7 @@ def states(tmp_path_factory):
     """A folder for each state."""
     home = tmp_path_factory.mktemp("states")
     with pytest.MonkeyPatch.context() as patch:
-        for name, prepare in STATES.items():
+        for name, (prepare, *_) in STATES.items():
             (home / name).mkdir()
             patch.chdir(home / name)
             prepare()
@@ -141,6 +118,12 @@ def states(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plain(states):
     return ibdata.open(states / "the dataset/out")
+
+
+@pytest.fixture
+def go_to(states):
+    """A function that puts a state into the current folder."""
+    return lambda state: shutil.copytree(states / state, ".", symlinks=True, dirs_exist_ok=True)
 
 
 @pytest.fixture
@@ -165,9 +148,9 @@ def preview(**options):
 
 
 @pytest.mark.parametrize(("state", "options", "outcome"), CASES)
-def test_each_state_has_one_outcome(states, plain, made, files, capsys, state, options, outcome):
+def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, state, options, outcome):
     """A run makes, replaces, resumes or refuses, as the table and a preview say, and leaves nothing else."""
-    shutil.copytree(states / state, ".", symlinks=True, dirs_exist_ok=True)
+    go_to(state)
     before = contents()
     said = preview(**options)
     assert contents() == before
@@ -187,50 +170,39 @@ def test_each_state_has_one_outcome(states, plain, made, files, capsys, state, o
     assert (contents() == before) == (outcome == "there")
 
 
-@pytest.mark.parametrize("call", [ibdata.generate, ibdata.estimate])
-def test_resume_and_overwrite_exclude_each_other(call):
-    """Both options together are refused, whatever is there."""
-    with pytest.raises(UsageError, match=r"^--resume and --overwrite exclude each other"):
-        call(TINY, "out", resume=True, overwrite=True)
-
-
 @pytest.mark.parametrize("resume", [False, True])
-def test_a_finished_dataset_needs_no_writing(plain, monkeypatch, resume):
-    """A finished dataset on a read-only disk is opened: no lock is taken and no folder is made."""
+def test_a_finished_dataset_needs_no_writing(go_to, plain, monkeypatch, resume):
+    """As on a read-only disk: no lock is taken and no folder is made."""
     monkeypatch.setattr("ibdata.generation.run.locked_part", None)
-    shutil.copytree(plain.path, "out")
+    go_to("the dataset")
     assert ibdata.generate(TINY, "out", workers=1, resume=resume).content_root == plain.content_root
 
 
-def test_a_damaged_shard_of_a_part_is_made_again(plain, made, files):
-    """A shard of an unfinished run whose file is not the one of its receipt is made again."""
-    begun()
-    (shard,) = (part_of("out") / "dataset/data").iterdir()
-    shard.write_bytes(shard.read_bytes()[:-1])
-    made.clear()
+PARTS = {
+    "a cut shard": ("dataset/data/*", lambda data: data[:-1]),
+    "an empty receipt": ("receipts/*", lambda data: b""),
+    "another receipt": ("receipts/*", lambda data: b"x" * 100),
+    "a cut receipt": ("receipts/*", lambda data: data[:-9]),
+}
+
+
+@pytest.mark.parametrize(("path", "damage"), PARTS.values(), ids=PARTS)
+def test_a_damaged_shard_of_a_part_is_made_again(go_to, plain, made, files, path, damage):
+    go_to("begun")
+    (found,) = part_of("out").glob(path)
+    found.write_bytes(damage(found.read_bytes()))
     ibdata.generate(TINY, "out", workers=1, resume=True)
     assert sorted(made) == [0, 1, 2, 3]
     assert is_right("out", plain.path, files)
 
 
-@pytest.mark.parametrize("damage", [b"", b"x" * 100, None], ids=["empty", "other", "cut"])
-def test_a_damaged_receipt_counts_as_none(plain, files, damage):
-    """A shard whose receipt cannot be read is made again."""
-    begun()
-    (path,) = (part_of("out") / "receipts").iterdir()
-    path.write_bytes(path.read_bytes()[:-9] if damage is None else damage)
-    ibdata.generate(TINY, "out", workers=1, resume=True)
-    assert is_right("out", plain.path, files)
-
-
 @pytest.mark.parametrize("note", [None, b"", b"{", b"[]", b'{"code": []}'])
-def test_a_run_without_its_note_is_begun_again_only(plain, files, note):
-    """An unfinished run whose note is lost or damaged is refused by --resume and discarded by --overwrite."""
-    begun()
+def test_a_run_without_its_note_is_begun_again_only(go_to, plain, files, note):
+    go_to("begun")
     path = part_of("out") / "run.json"
     path.unlink() if note is None else path.write_bytes(note)
     for options in ({}, {"resume": True}):
-        with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another experiment; --overw"):
+        with pytest.raises(UsageError, match=f"^{ANOTHER}"):
             ibdata.generate(TINY, "out", workers=1, **options)
     with pytest.raises(UsageError, match=r"^out: holds no run to finish"):
         ibdata.finalize("out")

@@ -1,9 +1,6 @@
 """A custom policy that exits, prints, changes the folder or leaves machine code behind does no harm."""
 
-from __future__ import annotations
-
 import json
-import subprocess
 import textwrap
 from pathlib import Path
 
@@ -14,8 +11,7 @@ from helpers.own_code import PLAIN, generate
 from helpers.python import python
 from helpers.versions import POLICY
 
-import ibdata
-from ibdata import open as read_dataset
+import ibdata as library
 
 pytestmark = pytest.mark.slow
 AT_70 = "sys.exit(0) if history[0, 0, 0] == 70 else None"
@@ -65,7 +61,7 @@ ibdata.{call}
     "call", ["generate(plain, 'out', workers=2, allow_code=True)", "evaluate(own, 70, episodes=2, steps=3)"]
 )
 def test_a_script_that_names_itself_is_told_so(tmp_path, call):
-    """A script without a guard that names its own file as the policy gets one error, and no endless loop."""
+    """Without a guard; and it does not start itself for ever."""
     (tmp_path / "train.py").write_text(NAMES_ITSELF.format(policy=POLICY, call=call))
     child = python("train.py", cwd=tmp_path)
     assert "UsageError: train.py:Own: calls ibdata with itself as a policy while" in child.stderr
@@ -88,7 +84,6 @@ GIVEN = "it was given observations (1, 1, 6) and random numbers (1, 3)"
     ],
 )
 def test_a_policy_that_exits_is_an_error(stray, ibdata, workers, place, code, line):
-    """`sys.exit(0)` in a policy is an error that names it, and not the end of the command."""
     stray(place, code)
     done = ibdata("generate", "-q", "own.yaml", "--out", "out", "--allow-code", "--workers", workers)
     last = done.stderr.splitlines()[-1]
@@ -99,21 +94,18 @@ def test_a_policy_that_exits_is_an_error(stray, ibdata, workers, place, code, li
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("place", ["module", "act"])
 def test_code_that_changes_the_folder_does_no_harm(here, stray, place, workers):
-    """A policy that goes to another folder leaves the dataset, and the session, where they were."""
     (here / "elsewhere").mkdir()
     stray(place, GO)
     generate(workers=workers)
     assert Path.cwd() == here
     assert contents("elsewhere") == {}
-    assert ibdata.validate("out") == []
+    assert library.validate("out") == []
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_what_a_policy_prints_goes_to_stderr(stray, workers, command):
-    """What a policy prints does not come between what a command answers."""
+def test_what_a_policy_prints_goes_to_stderr(stray, workers, ibdata):
     stray()
-    args = ["generate", "-q", "--json", "own.yaml", "--allow-code", "--workers", workers]
-    done = subprocess.run([command, *args], capture_output=True, text=True, timeout=120)
+    done = ibdata("generate", "-q", "--json", "own.yaml", "--allow-code", "--workers", workers)
     assert json.loads(done.stdout)["rows"] == 16
     assert {"imported", "made", "acts", "judges"} <= set(done.stderr.split())
 
@@ -158,6 +150,6 @@ def test_machine_code_of_other_files_does_not_run(here, ibdata):
         assert done.returncode == 0, done.stderr
         done = ibdata("evaluate", "--policy", "policy.yaml", "--allow-code", "--episodes", "2", "--json")
         returns.append(json.loads(done.stdout)["results"][0]["mean_return"])
-    small, large = (read_dataset(size).arrays()["actions"] for size in ("0.25", "0.75"))
+    small, large = (library.open(size).arrays()["actions"] for size in ("0.25", "0.75"))
     np.testing.assert_allclose(3 * small, large, rtol=1e-5)
     assert returns[0] == returns[2] != returns[1]

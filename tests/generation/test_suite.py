@@ -1,7 +1,5 @@
 """Generating a folder of experiments: all are checked first, and each gets its own folder."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -27,7 +25,6 @@ def two():
 @pytest.mark.slow
 @pytest.mark.parametrize("suite", suites())
 def test_a_shipped_suite_makes_valid_datasets(suite):
-    """Every experiment of a shipped suite makes a valid dataset of all its cells."""
     made = ibdata.generate(suite, workers=1, overrides=["episodes=1", "steps=20"])
     assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
     for name, dataset in made.items():
@@ -51,17 +48,19 @@ def test_a_shipped_set_is_split_by_episode(name, episodes):
     assert (plain.splits, plain.content_root) == ({}, made.content_root)
 
 
-def test_each_experiment_is_made_as_alone(two):
-    """The dataset of an experiment in a folder is the one that it makes alone."""
-    made = ibdata.generate(two, "out", workers=1, seed=3)
+@pytest.mark.parametrize("resume", [False, True])
+def test_each_experiment_is_made_as_alone(two, resume):
+    """One that is there already is not made again."""
     alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)
-    assert made["b"].path == Path("out/b")
-    assert made["b"].content_root == alone.content_root
+    done = ibdata.generate(two / "a.yaml", "out/a", workers=1, seed=3)
+    made = ibdata.generate(two, "out", workers=1, seed=3, resume=resume)
+    assert list(made) == ["a", "b"]
+    assert made["a"].manifest == done.manifest
+    assert (made["b"].path, made["b"].content_root) == (Path("out/b"), alone.content_root)
     assert ibdata.generate(two / "a.yaml", workers=1).path == Path("data/set-a")
 
 
 def test_all_are_checked_before_the_first_is_made(two):
-    """Where one experiment, place or option is wrong, no dataset is made."""
     ibdata.generate(two / "b.yaml", "data/two/b", workers=1, seed=1)
     Path("file").touch()
     for options, line in (
@@ -77,17 +76,8 @@ def test_all_are_checked_before_the_first_is_made(two):
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize("resume", [False, True])
-def test_finished_datasets_are_passed_over(two, resume):
-    """Datasets that are there are not made again, and the others are made."""
-    done = ibdata.generate(two / "a.yaml", "data/two/a", workers=1)
-    made = ibdata.generate(two, workers=1, resume=resume)
-    assert list(made) == ["a", "b"]
-    assert made["a"].manifest == done.manifest
-
-
 def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
-    """Ctrl-C ends the whole folder; --resume goes on with the dataset that was being made."""
+    """Ctrl-C ends the whole folder."""
 
     def stop(*args):
         raise KeyboardInterrupt
@@ -104,7 +94,6 @@ def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
 
 
 def test_the_estimates_are_those_of_the_single_runs(two):
-    """An estimate of a folder has a result for each experiment, and the sums; nothing is written."""
     guessed = ibdata.estimate(two, workers=1)
     assert [(g["name"], g["out"], g["rows"]) for g in guessed["experiments"]] == [
         ("set-a", "data/two/a", 5),

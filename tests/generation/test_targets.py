@@ -1,7 +1,5 @@
 """The places at which a dataset can be made, and those that are refused before the first row."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -12,7 +10,7 @@ from helpers.folders import contents, is_right
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.writing.finish import finish
 
 OTHER = TINY.model_copy(update={"seed": 1})
@@ -40,7 +38,7 @@ REFUSED = {
 
 
 @pytest.fixture(autouse=True)
-def here(tiny, tmp_path, monkeypatch) -> Path:
+def here(tiny, tmp_path, monkeypatch):
     """An empty current folder, beside two datasets."""
     (tmp_path / "here").mkdir()
     shutil.copytree(tiny[0].path, tmp_path / "a")
@@ -53,9 +51,8 @@ def here(tiny, tmp_path, monkeypatch) -> Path:
 def others():
     """Files and folders that are no dataset."""
     Path("file").write_text("mine")
-    Path("link").symlink_to("file")
-    Path("linked").symlink_to("../a/meta")
-    Path("loop").symlink_to("loop")
+    for link, to in {"link": "file", "linked": "../a/meta"}.items():
+        Path(link).symlink_to(to)
     for folder in ("folder", "forged/meta"):
         Path(folder).mkdir(parents=True)
         Path(folder, "mine").write_text("mine")
@@ -65,26 +62,11 @@ def others():
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 @pytest.mark.parametrize(("out", "line"), REFUSED.values(), ids=REFUSED)
 def test_a_place_that_cannot_be_a_dataset_is_refused(here, others, write, out, line):
-    """A place that is not free for a dataset is refused in one line, and nothing is changed."""
     before = contents(here)
     with pytest.raises(UsageError, match=line) as error:
         write(out)
     assert "\n" not in str(error.value)
-    assert (error.value.exit_code, contents(here)) == (2, before)
-
-
-@pytest.mark.parametrize("write", [WRITERS["generate"], WRITERS["merge"], ibdata.finalize])
-@pytest.mark.parametrize(
-    "out", ["file/out", "file/a/b", "loop/below", "x" * 300, "a/" + "x" * 300, "/proc/none/x"]
-)
-def test_a_refusal_of_the_system_is_one_line(others, out, write):
-    """A place that the system refuses is an error of one line that begins with it."""
-    before = contents()
-    with pytest.raises(IbdataError) as error:
-        write(out)
-    assert str(error.value).startswith(f"{out}: ")
-    assert "\n" not in str(error.value)
-    assert contents() == before
+    assert contents(here) == before
 
 
 FREE = {
@@ -94,35 +76,31 @@ FREE = {
     "dangling link": ("to-new", "scratch/new"),
     "through a link": ("scratch-link/new", "scratch/new"),
 }
+LINKS = {"to-empty": "empty", "to-new": "scratch/new", "scratch-link": "scratch"}
 
 
 @pytest.mark.parametrize("write", [WRITERS["generate"], WRITERS["materialize"]], ids=["generate", "copy"])
 @pytest.mark.parametrize(("out", "place"), FREE.values(), ids=FREE)
 def test_links_and_empty_folders_are_places(write, out, place):
-    """A dataset is made in a new or empty folder, also through links, which stay."""
     for folder in ("empty", "scratch"):
         Path(folder).mkdir()
-    for link, to in {"to-empty": "empty", "to-new": "scratch/new", "scratch-link": "scratch"}.items():
+    for link, to in LINKS.items():
         Path(link).symlink_to(to)
-    links = {path: os.readlink(path) for path in Path().iterdir() if path.is_symlink()}
     assert len(write(out)) == 20
     assert Path(place, "meta/manifest.json").is_file()
-    assert {path: os.readlink(path) for path in Path().iterdir() if path.is_symlink()} == links
-    assert not [path for path in Path().rglob(".*")]
+    assert {str(path): os.readlink(path) for path in Path().iterdir() if path.is_symlink()} == LINKS
+    assert not list(Path().rglob(".*"))
 
 
 def test_overwriting_through_a_link_replaces_its_target(tiny, files):
-    """The dataset to which a link leads is replaced, and the link stays."""
-    Path("link").symlink_to("../a")
-    ibdata.generate(OTHER, "../a", workers=1, overwrite=True)
+    Path("link").symlink_to("../b")
     ibdata.generate(TINY, "link", workers=1, overwrite=True)
-    assert os.readlink("link") == "../a"
-    assert is_right("../a", tiny[0].path, files)
+    assert os.readlink("link") == "../b"
+    assert is_right("../b", tiny[0].path, files)
 
 
 @pytest.mark.parametrize("name", ["notes.txt", "data/mine.parquet", "data/.hidden", "meta/mine.csv", "more/"])
 def test_overwriting_names_what_is_not_the_dataset_s(name):
-    """A file or folder of somebody in a dataset's folder keeps --overwrite from replacing the folder."""
     path = Path("../a", name)
     path.mkdir() if name.endswith("/") else path.write_text("mine")
     before = contents("../a")
@@ -131,21 +109,10 @@ def test_overwriting_names_what_is_not_the_dataset_s(name):
     assert contents("../a") == before
 
 
-@pytest.mark.parametrize("folder", ["..", "../a", "../a/data", "../a/meta"])
-def test_overwriting_a_folder_without_write_access_is_refused(here, monkeypatch, folder):
-    """A folder that may not be written is refused before the first row."""
-    denied, access = Path(folder).resolve(), os.access
-    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != denied and access(path, mode))
-    before = contents(here)
-    with pytest.raises(UsageError, match="cannot be written, expected a folder that --overwrite may rep"):
-        WRITERS["overwrite"]("../a")
-    assert contents(here) == before
-
-
 @pytest.mark.parametrize("number", [errno.EBUSY, errno.EXDEV], ids=errno.errorcode.get)
 @pytest.mark.parametrize("place", ["../a", "empty"])
 def test_a_folder_that_cannot_be_moved_is_refused(here, monkeypatch, place, number):
-    """A folder that the system does not move, such as one in a container's image, is refused at once."""
+    """Such as one in a container's image."""
     Path("empty").mkdir()
     before, rename = contents(here), Path.rename
 
@@ -169,8 +136,6 @@ MEANWHILE = {
 
 @pytest.mark.parametrize(("name", "write", "out"), MEANWHILE.values(), ids=MEANWHILE)
 def test_what_appears_at_the_place_meanwhile_stays(monkeypatch, name, write, out):
-    """A file that somebody puts at the place while the dataset is made is neither removed nor taken along."""
-
     def meanwhile(*args):
         Path(out).mkdir(exist_ok=True)
         Path(out, "mine").write_text("mine")

@@ -1,7 +1,5 @@
 """Threads and worker processes make the files of one, and end with the run whatever happens."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -19,16 +17,9 @@ import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import make_shard, worker, workers
-from ibdata.generation.workers import divide
 from ibdata.policies.custom import Custom
 
 slow = pytest.mark.slow  # a process starts in more than a second
-
-
-def spec_of(rows):
-    """The spec of a dataset of so many rows, in shards of a million."""
-    experiment = {"name": "x", "setpoints": 70, "policies": [{"kind": "random"}], "episodes": rows // 1000}
-    return DatasetSpec.of(Experiment.model_validate(experiment))
 
 
 @pytest.mark.parametrize(
@@ -49,12 +40,12 @@ def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked
     """Processes and threads follow from rows, processors, --workers and whether policies are custom."""
     monkeypatch.setattr(workers, "available_processors", lambda: processors)
     monkeypatch.setattr(workers, "customs", lambda spec: [Custom(target="mine:Mine")] * custom)
-    spec = spec_of(rows)
-    assert divide(spec, spec.shards, asked) == expected
+    plain = {"name": "x", "setpoints": 70, "policies": ["random"], "episodes": rows // 1000}
+    spec = DatasetSpec.of(Experiment.model_validate(plain))
+    assert workers.divide(spec, spec.shards, asked) == expected
 
 
 def test_several_threads_make_the_files_of_one(tiny, files, monkeypatch):
-    """On several processors, one process makes several shards at once, and their files are the same."""
     running, most, real = set(), [], make_shard.make_shard
 
     def counted(spec, shard, *rest):
@@ -73,7 +64,6 @@ def test_several_threads_make_the_files_of_one(tiny, files, monkeypatch):
 @slow
 @pytest.mark.parametrize("number", [2, 3])
 def test_worker_processes_make_the_files_of_one(tiny, files, number):
-    """Several worker processes make the files of a run in one."""
     ibdata.generate(TINY, "out", workers=number)
     assert is_right("out", tiny[0].path, files)
 
@@ -106,12 +96,18 @@ def test_a_script_needs_no_guard(tiny, way):
     assert (child.stdout, child.stderr) == (f"{tiny[0].content_root}\n\n", "")
 
 
+def test_a_system_that_starts_no_worker_says_so(monkeypatch):
+    def refused(*args, **options):
+        raise BlockingIOError(11, os.strerror(11))
+
+    monkeypatch.setattr(worker, "Popen", refused)
+    with pytest.raises(IbdataError, match=f"^out: cannot be written: {os.strerror(11)}"):
+        ibdata.generate(TINY, "out", workers=2)
+    assert contents() == {}
+
+
 # --- a policy by which workers fail
 
-OWN = {
-    **TINY.plain(),
-    "policies": [{"kind": "custom", "target": "failing.py:Own"}],
-}
 FAILING = """
 import os, pathlib, signal, time
 
@@ -127,7 +123,8 @@ class Own:
 def own():
     """A function that generates with a policy that executes a text at the setpoint 70."""
     Path("failing.py").write_text(FAILING)
-    Path("own.yaml").write_text(json.dumps(OWN))
+    policies = [{"kind": "custom", "target": "failing.py:Own"}]
+    Path("own.yaml").write_text(json.dumps({**TINY.plain(), "policies": policies}))
 
     def run(text, **options):
         Path("fail").write_text(text)
@@ -138,14 +135,11 @@ def own():
 
 @slow
 def test_a_killed_worker_ends_the_run_with_advice(own):
-    """A worker that is killed is an error of one line, and --resume goes on without making shards again."""
+    """And --resume goes on without making shards again."""
     others = "len(os.listdir('.out.part/receipts')) == 2"  # the shards of the other setpoint
-    with pytest.raises(IbdataError) as error:
+    line = "^a worker process ended with code -9, perhaps for lack of memory; run again with --resume and few"
+    with pytest.raises(IbdataError, match=line):
         own(f"while not {others}: time.sleep(0.05)\nos.kill(os.getpid(), signal.SIGKILL)")
-    assert str(error.value) == (
-        "a worker process ended with code -9, perhaps for lack of memory; run again with --resume "
-        "and fewer --workers"
-    )
     kept = {path for path, data in contents(part_of("out")).items() if data and path.endswith(".parquet")}
     assert len(receipts("out")) == len(kept) == 2
     made = own("", resume=True)
@@ -155,7 +149,7 @@ def test_a_killed_worker_ends_the_run_with_advice(own):
 
 @slow
 def test_an_error_of_a_worker_reaches_the_caller(own):
-    """An error in a worker has its own type and message, as without workers, and its traceback."""
+    """With its own type and message, as without workers, and its traceback."""
     raised = []
     for number in (1, 2):
         with pytest.raises(IbdataError, match=r"RuntimeError: stopped") as error:
@@ -171,7 +165,7 @@ RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=T
 @slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_workers_end_with_the_run(own, number):
-    """Workers end when the run is stopped or killed, also in the middle of a shard."""
+    """Also in the middle of a shard."""
     with pytest.raises(IbdataError):
         own("raise RuntimeError", workers=1)  # so that only the shards that fail are left
     Path("fail").write_text("open(f'worker-{os.getpid()}', 'w').close(); time.sleep(600)")
@@ -193,18 +187,6 @@ def is_running(pid):
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-def test_a_system_that_starts_no_worker_says_so(monkeypatch):
-    """A process that cannot be started is an error of one line."""
-
-    def refused(*args, **options):
-        raise BlockingIOError(11, os.strerror(11))
-
-    monkeypatch.setattr(worker, "Popen", refused)
-    with pytest.raises(IbdataError, match=f"^out: cannot be written: {os.strerror(11)}"):
-        ibdata.generate(TINY, "out", workers=2)
-    assert contents() == {}
 
 
 REPAIR = """

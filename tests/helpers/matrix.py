@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -53,7 +52,6 @@ class Matrix:
         self.folder = folder
         self.pool = ThreadPoolExecutor(max(2, len(os.sched_getaffinity(0))))
         self.started: dict[str, Future[dict[str, Any]]] = {}
-        self.seconds: dict[str, float] = {}
 
     def start(self, rows: Iterable[Row]) -> None:
         """Start the rows that have not been started; the unmodified row is always the first."""
@@ -69,9 +67,7 @@ class Matrix:
     def _run(self, row: Row) -> dict[str, Any]:
         if not (row.own_code or row == UNMODIFIED):
             self.result(UNMODIFIED)
-        begun = time.monotonic()
         child = self.child(row)
-        self.seconds[row.name] = time.monotonic() - begun
         assert child.returncode == 0, f"{row.name}: {child.stderr}"
         return {**json.loads(child.stdout), "stderr": child.stderr}
 

@@ -1,20 +1,14 @@
 """After `ibdata warm-up` nothing is left to compile."""
 
-from __future__ import annotations
-
-import subprocess
-import sys
-
 import pytest
+from helpers.python import python
 
 from ibdata.errors import IbdataError
 from ibdata.maintenance import compile_all
 from ibdata.system.cache_folders import CacheFolders
 
 LATER = """
-import numpy as np, ibdata
-from ibdata.environment.lane import Lane
-from ibdata.environment.settings import settings
+import ibdata
 from ibdata.maintenance.compile_all import compile_all
 from ibdata.numerics.code_cache import CodeCache
 print(compile_all().folder)
@@ -32,15 +26,14 @@ plain = {"name": "x", "setpoints": [20], "policies": policies, "episodes": 2, "s
 for latent in (True, False, "full", "next"):
     for dtype in ("float32", "float64"):
         output = {"latent": latent, "dtype": dtype, "shard_rows": 10}
-        one = ibdata.Experiment.model_validate({**plain, "output": output})
-        ibdata.generate(one, f"{latent}-{dtype}", workers=1)
+        ibdata.generate({**plain, "output": output}, f"{latent}-{dtype}", workers=1)
 print(new)
 """
 
 
 @pytest.mark.slow
 def test_nothing_is_compiled_after_it(tmp_path):
-    done = subprocess.run([sys.executable, "-c", LATER], cwd=tmp_path, capture_output=True, text=True)
+    done = python("-c", LATER, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[1:] == ["[]"]
 

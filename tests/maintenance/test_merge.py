@@ -1,7 +1,5 @@
 """Merging: all episodes are there, none twice, and the result is a valid dataset."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -9,9 +7,7 @@ import pytest
 from helpers.forging import seal
 
 import ibdata
-from ibdata.dataset.difference import difference
 from ibdata.errors import DatasetError, UsageError
-from ibdata.maintenance.repair import repair
 
 PLAIN = {
     "name": "a",
@@ -37,18 +33,17 @@ def make(made_at, tmp_path):
     return lambda name, **changes: made_at({**PLAIN, "name": name, **changes}, tmp_path / name)
 
 
-@pytest.fixture
-def pair(make):
+@pytest.fixture(scope="module")
+def pair(made_at, tmp_path_factory):
     """Two datasets that differ in seed, policy, length of episodes, shards and splits."""
-    return make("a"), make(**OTHER)
+    folder = tmp_path_factory.mktemp("pair")
+    return [made_at(plain, folder / plain["name"]) for plain in (PLAIN, OTHER)]
 
 
 @pytest.fixture(scope="module")
-def merged(made_at, tmp_path_factory):
+def merged(pair, tmp_path_factory):
     """The two datasets of `pair` in one, which no test changes."""
-    folder = tmp_path_factory.mktemp("merged")
-    made = [made_at(plain, folder / plain["name"]) for plain in (PLAIN, OTHER)]
-    return ibdata.merge([each.path for each in made], folder / "both")
+    return ibdata.merge([each.path for each in pair], tmp_path_factory.mktemp("merged") / "both")
 
 
 def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
@@ -61,28 +56,24 @@ def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
     assert frame["reward"].tolist() == rewards
     counts = {"rows": 84, "episodes": 18, "steps": None, "cells": 4, "shards": 4 + 12}
     assert merged.info["counts"] == counts
-    assert merged.splits["low"]["episodes"] == 3
-    assert merged.splits["high"]["episodes"] == 6
+    assert {name: split["episodes"] for name, split in merged.splits.items()} == {"low": 3, "high": 6}
     assert ibdata.validate(merged.path) == []
     assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
 
 
-def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged):
-    assert ibdata.reproduce(merged.path) == (18, [])
-    assert ibdata.reproduce(merged.path, "4-9") == (6, [])
-    assert ibdata.reproduce(merged.path, 7) == (7, [])
+@pytest.mark.parametrize(("episodes", "count"), [(None, 18), ("4-9", 6), (7, 7)])
+def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged, episodes, count):
+    assert ibdata.reproduce(merged.path, episodes) == (count, [])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "damage", ["shard 0", "shard 11", "meta/experiment-00001.yaml", "meta/statistics.json"]
-)
+@pytest.mark.parametrize("damage", ["shard 0", "shard 11", "meta/experiment-00001.yaml"])
 def test_a_merged_dataset_is_repaired(merged, shard_file, tmp_path, damage):
     folder = Path(shutil.copytree(merged.path, tmp_path / "both"))
     file = shard_file(folder, int(damage.split()[1])) if damage.startswith("shard") else damage
     whole = (folder / file).read_bytes()
     (folder / file).unlink()
-    assert repair(folder, workers=1) == [file]
+    assert ibdata.repair(folder, workers=1) == [file]
     assert (folder / file).read_bytes() == whole
     assert ibdata.validate(folder) == []
 
@@ -100,11 +91,10 @@ def test_the_order_of_merging_does_not_change_the_root(make, tmp_path):
 def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     a, b = make("a"), make("b", seed=1)
     ibdata.split(a.path, by="episode", fractions=(2 / 3, 1 / 3))
-    merged = ibdata.merge([a.path, b.path], tmp_path / "both")
-    splits = merged.splits
+    splits = ibdata.merge([a.path, b.path], tmp_path / "both").splits
     assert {name: split["episodes"] for name, split in splits.items()} == {"low": 6, "train": 4, "test": 2}
     assert all(split["declared"] for split in splits.values())
-    assert ibdata.validate(merged.path) == []
+    assert ibdata.validate(tmp_path / "both") == []
 
 
 def test_a_merged_dataset_can_be_split_by_setpoint(merged, tmp_path):
@@ -113,31 +103,28 @@ def test_a_merged_dataset_can_be_split_by_setpoint(merged, tmp_path):
     assert ibdata.validate(split.path) == []
 
 
+NO_LATENT = {"seed": 1, "output": {"latent": False}}
+SAME = "setpoint 20, policy random: the same episodes are also in"
+
+
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({}, "setpoint 20, policy random: the same episodes are also in"),
-        ({"steps": 9}, "setpoint 20, policy random: the same episodes are also in"),
-        (
-            {"episodes": 1, "policies": [{"kind": "random", "name": "other"}]},
-            "policy other: the same episodes",
-        ),
-        (
-            {"seed": 1, "output": {"latent": False}},
-            "column latent_theta_1: found none, expected float32 as in",
-        ),
+        ({}, SAME),
+        ({"steps": 9}, SAME),
+        ({"episodes": 1, "policies": [{"kind": "random", "name": "other"}]}, "policy other: the same episod"),
+        (NO_LATENT, "column latent_theta_1: found none, expected float32 as in"),
         ({"seed": 1, "output": {"dtype": "float64"}}, "column obs_setpoint: found float64, expected float32"),
         (
-            {"seed": 1, "setpoints": "drifting", "splits": {}, "output": {"latent": False}},
+            {**NO_LATENT, "setpoints": "drifting", "splits": {}},
             "found moving setpoints, expected constant ones as in",
         ),
     ],
 )
 def test_shared_episodes_and_other_columns_are_refused(make, tmp_path, change, line):
     a = make("a", output=change["output"]) if "setpoints" in change else make("a")
-    b = make("b", **change)
     with pytest.raises(UsageError) as error:
-        ibdata.merge([a.path, b.path], tmp_path / "both")
+        ibdata.merge([a.path, make("b", **change).path], tmp_path / "both")
     assert line in str(error.value)
     assert not (tmp_path / "both").exists()
 
@@ -151,16 +138,6 @@ def test_shared_episodes_are_named_exactly(make, tmp_path):
     assert f"also in {first.path}; make one of the datasets with another --seed" in str(error.value)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["both\n", "x" * 65])
-def test_a_folder_name_that_names_no_dataset_gives_another_name(make, tmp_path, name):
-    merged = ibdata.merge([make("a").path, make("b", seed=1).path], tmp_path / name)
-    assert merged.info["name"] == "merged"
-    assert ibdata.validate(merged.path) == []
-    again = ibdata.merge([merged.path, make("c", seed=2).path], tmp_path / "again")
-    assert again.info["name"] == "again"
-
-
 def test_equal_episodes_are_found_where_the_experiments_differ(make, tmp_path):
     """Two experiments never make equal episodes; but a manifest may name another seed for its rows."""
     a = make("a")
@@ -171,21 +148,27 @@ def test_equal_episodes_are_found_where_the_experiments_differ(make, tmp_path):
     assert not (tmp_path / "both").exists()
 
 
-def test_a_damaged_source_is_an_error(pair, shard_file, tmp_path):
-    path, other = (pair[1].path / shard_file(pair[1].path, number) for number in (1, 2))
+def test_a_damaged_source_is_an_error(make, shard_file, tmp_path):
+    a, b = make("a"), make(**OTHER)
+    path, other = (b.path / shard_file(b.path, number) for number in (1, 2))
     path.write_bytes(other.read_bytes())
     with pytest.raises(DatasetError, match="found other content than it lists"):
-        ibdata.merge([d.path for d in pair], tmp_path / "both")
+        ibdata.merge([a.path, b.path], tmp_path / "both")
     assert not (tmp_path / "both").exists()
 
 
-def test_one_dataset_is_refused(pair, tmp_path):
-    with pytest.raises(UsageError, match="found 1 dataset, expected at least 2"):
-        ibdata.merge([pair[0].path], tmp_path / "both")
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["both\n", "x" * 65])
+def test_a_folder_name_that_names_no_dataset_gives_another_name(pair, make, tmp_path, name):
+    merged = ibdata.merge([each.path for each in pair], tmp_path / name)
+    assert merged.info["name"] == "merged"
+    assert ibdata.validate(merged.path) == []
+    again = ibdata.merge([merged.path, make("c", seed=2).path], tmp_path / "again")
+    assert again.info["name"] == "again"
 
 
 def test_the_difference_counts_what_only_one_has(pair, merged):
-    lines = difference(merged, pair[0])
-    assert lines == difference(merged.path, pair[0].path)
+    lines = ibdata.difference(merged, pair[0])
+    assert lines == ibdata.difference(merged.path, pair[0].path)
     assert "experiments: 2 and 1" in lines
     assert any("only the first has: " in line for line in lines)

@@ -1,6 +1,4 @@
-"""Impossible options of `split` are refused in one line, and change nothing."""
-
-from __future__ import annotations
+"""Impossible options of `split` are refused in one line, and change nothing; tests/corpus has more."""
 
 import pytest
 from helpers.folders import contents
@@ -13,11 +11,7 @@ TRANSFER = {"source": [50], "target": [75]}
 REFUSED = [
     ({"source": [50], "target": [50]}, "found 50 as source and target, expected different"),
     ({"source": [50]}, "found none as source and target"),
-    ({"source": [50], "target": [70]}, "found setpoint 70, expected one of 10, 30, 50, 75, 90"),
-    (
-        {**TRANSFER, "shots": 6},
-        "found a budget of 6 episodes, expected at most 5, the episodes of each policy",
-    ),
+    ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
     ({**TRANSFER, "shots": 0}, "found 0 shots, expected at least 1"),
     ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
     ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),
@@ -26,23 +20,15 @@ REFUSED = [
     ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
     ({"scheme": "leave-one-ou"}, "expected one of transfer, leave-one-out"),
     ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
-    ({"scheme": "leave-one-out", "target": [50]}, "but the scheme leave-one-out uses no other option"),
-    ({"by": "episode", "fractions": (0.5, 0.499999)}, "found fractions 0.5, 0.499999, expected 2 or 3"),
     ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
-    ({"by": "episode", "fractions": (1.1, -0.1)}, "found fractions 1.1, -0.1"),
     ({"by": "episode", "fractions": 0.8}, "found fractions 0.8, expected 2 or 3"),
     ({"by": "episode", "shots": 1}, "found --shots, but a split by episode uses only --fractions"),
-    ({"by": "colour"}, "found 'colour', expected by setpoint, episode or policy"),
-    ({}, "found nothing, expected by setpoint"),
-    ({"by": "policy", "scheme": "transfer"}, "found --scheme, but a split by policy uses no other option"),
-    ({"by": "policy", "prefix": "No"}, "found the name 'No-random', expected at most 64 of a-z"),
     (
         {"by": "policy", "names": {"saef": "x"}},
-        "found 'saef' to be renamed, expected one of random, safe; did",
+        "found 'saef' to be renamed, expected one of random, safe; di",
     ),
     ({"by": "policy", "names": {"safe": "random"}}, "found one name for two splits"),
     ({"remove": ["x"], "prefix": "a"}, "found a name or a prefix, but no splits to make"),
-    ({"remove": ["x"]}, "found 'x' to be removed, expected no name: no splits were made later"),
 ]
 
 

@@ -1,7 +1,5 @@
 """Splits equal their definitions, written as sets of episodes: schemes, and ranges that overlap."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

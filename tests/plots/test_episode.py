@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ibdata.plots.data import episodes
-from ibdata.plots.episode import PANELS, draw, frame
+from ibdata.plots.episode import PANELS, draw_episode, frame
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +20,7 @@ def seen(steps):
 def test_the_panels_draw_what_is_seen_and_what_is_hidden():
     steps = seen(80)
     figure = Figure()
-    draw(figure, steps)
+    draw_episode(figure, steps)
     for axes, (_, variables) in zip(figure.axes, PANELS, strict=True):
         assert len(axes.get_lines()) == len(variables)
         for line, (name, label, *_) in zip(axes.get_lines(), variables, strict=True):

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from ibdata.dynamics import VARIANTS
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.plots import DYNAMICS, figure, names
 
 pytestmark = pytest.mark.slow
@@ -81,6 +81,9 @@ def test_a_file_that_exists_is_replaced_only_when_told_to(ibdata, tmp_path):
     (tmp_path / "link.png").symlink_to("nowhere")
     with pytest.raises(UsageError, match="exists already"):
         figure("setpoints", tmp_path / "link.png")
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(UsageError, match=r"exists already; choose another name$"):
+        figure("setpoints", tmp_path / "a.png", overwrite=True)
 
 
 @pytest.mark.parametrize(
@@ -105,30 +108,6 @@ def test_what_cannot_be_meant_is_refused_first(tmp_path, monkeypatch, given, mes
     assert os.listdir(tmp_path) == []
 
 
-def test_a_folder_is_not_overwritten(tmp_path):
-    (tmp_path / "a.png").mkdir()
-    with pytest.raises(UsageError, match=r"exists already; choose another name$"):
-        figure("setpoints", tmp_path / "a.png", overwrite=True)
-
-
-def test_where_the_system_refuses_nothing_is_left(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(IbdataError, match=r"a\.png: cannot be written: ") as caught:
-        figure("setpoints", tmp_path / "file" / "a.png")
-    assert caught.value.exit_code == 1
-    assert os.listdir(tmp_path) == ["file"]
-
-
-def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path, monkeypatch):
-    def fail(*_):
-        raise RuntimeError("cannot be drawn")
-
-    monkeypatch.setattr("ibdata.plots.paper.setpoints.paths", fail)
-    with pytest.raises(RuntimeError):
-        figure("setpoints", tmp_path / "folder" / "a.png")
-    assert os.listdir(tmp_path) == []
-
-
 def test_without_matplotlib_the_command_says_what_to_install(tmp_path):
     code = "import sys; sys.modules['matplotlib'] = None; from ibdata.cli import main; main(sys.argv[1:])"
     done = subprocess.run(
@@ -138,15 +117,3 @@ def test_without_matplotlib_the_command_says_what_to_install(tmp_path):
     needed = "ibdata.plots needs the package matplotlib: pip install matplotlib, or 'ibdata[plot]'"
     assert done.stderr == f"ibdata: {needed}\n"
     assert os.listdir(tmp_path) == []
-
-
-def test_no_window_is_opened_and_help_needs_no_matplotlib(tmp_path):
-    code = f"""
-import sys
-import ibdata.cli.figure
-assert not {{"matplotlib", "numpy"}} & set(sys.modules)
-import ibdata.plots
-ibdata.plots.figure("setpoints", {str(tmp_path / "a.png")!r})
-assert "matplotlib.pyplot" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)

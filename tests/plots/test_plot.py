@@ -48,24 +48,11 @@ def test_the_command_draws_what_python_draws(ibdata, merged, tmp_path):
     assert plots() == NAMES
 
 
-def test_each_dataset_has_its_own_folder_by_default(ibdata, merged, make, tmp_path):
-    other = shutil.copytree(make().path, tmp_path / "other")
-    for folder in (merged.path, other):
-        assert ibdata("plot", str(folder)).returncode == 0
-    assert sorted(os.listdir(tmp_path / "figures")) == ["both", "other"]
-    assert "splits.png" not in os.listdir(tmp_path / "figures" / "other")
-
-
 def test_a_notebook_shows_the_pictures(many, tmp_path):
     for form, kind in (("png", "png"), ("svg", "svg+xml")):
         shown = plot(many, tmp_path / form, form=form)._repr_html_()
         assert re.findall('alt="(.*?)"', shown) == NAMES
         assert shown.count(f"data:image/{kind};base64,") == len(NAMES)
-
-
-def test_the_help_describes_each_picture(ibdata):
-    printed = ibdata("plot", "--help").stdout
-    assert all(f"\n  {name} " in printed for name in NAMES)
 
 
 def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
@@ -160,9 +147,10 @@ def test_a_damaged_dataset_is_told_to_be_validated(make, tmp_path, shard_file, s
 def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
     code = f"""
 import sys
-import ibdata.cli.plot
+import ibdata.cli.figure, ibdata.cli.plot, ibdata.plots
 assert not {{"matplotlib", "numpy"}} & set(sys.modules)
-ibdata.cli.plot.plot({str(merged.path)!r}, {str(tmp_path)!r})
+ibdata.plots.figure("setpoints", {str(tmp_path / "a.png")!r})
+ibdata.plots.plot({str(merged.path)!r}, {str(tmp_path)!r})
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -75,12 +75,8 @@ def test_its_form_is_what_differs_from_defaults(block):
     assert (policy.label, named.label, named.form()) == (block["kind"], "mine", policy.form())
     if "actor.safetensors" not in json.dumps(block):  # which the form names by its hash
         assert json.loads(json.dumps(policy.form())) == block
-
-
-@pytest.mark.parametrize("kind", [block["kind"] for block in BLOCKS if set(block) == {"kind"}])
-def test_an_option_with_its_default_is_not_in_the_form(kind):
-    default = policy_of({"kind": kind})
-    assert policy_of({"kind": kind, **default.model_dump(exclude={"name"})}).form() == {"kind": kind}
+    if set(block) == {"kind"}:
+        assert policy_of({**block, **policy.model_dump(exclude={"name"})}).form() == block
 
 
 @blocks
@@ -126,18 +122,11 @@ class Ramp(Policy):
     def decide(self, given):
         return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.uniforms, given.memory)
 '''
-CONFIG = "name: x\nsetpoints: 70\nsteps: 3\npolicies: [{kind: %s, slope: 0.5}]\n"
 CHILD = """
-import json
-from ibdata.errors import ConfigError
-from ibdata.experiment import load
+from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
-columns = rollout(load("ramp.yaml"), 0, 1)
-actions = [columns.table[columns.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")]
-try:
-    load("wrong.yaml")
-except ConfigError as error:
-    print(json.dumps([actions, str(error)]))
+made = rollout(Experiment(name="x", setpoints=70, steps=3, policies=[{"kind": "ramp", "slope": 0.5}]), 0, 1)
+print([made.table[made.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")])
 """
 
 
@@ -146,26 +135,13 @@ def test_a_file_in_the_folder_is_all_a_new_policy_takes(tmp_path):
     package = Path(ibdata.__file__).parent
     shutil.copytree(package, tmp_path / "ibdata", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "ibdata/policies/ramp.py").write_text(RAMP)
-    (tmp_path / "ramp.yaml").write_text(CONFIG % "ramp")
-    (tmp_path / "wrong.yaml").write_text(CONFIG % "rmp")
     variables = {
         "PYTHONPATH": str(tmp_path),
         "NUMBA_DISABLE_JIT": "1",
         "IBDATA_CACHE_DIR": str(tmp_path / "c"),
     }
+    command = [sys.executable, "-W", "error", "-c", CHILD]
     child = subprocess.run(
-        [sys.executable, "-W", "error", "-c", CHILD],
-        cwd=tmp_path,
-        env=os.environ | variables,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+        command, cwd=tmp_path, env=os.environ | variables, capture_output=True, text=True, timeout=120
     )
-    assert child.returncode == 0, child.stderr
-    actions, message = json.loads(child.stdout)
-    assert actions == [[0.5] * 3] * 3
-    kinds = ", ".join(sorted([*POLICIES, "ramp"]))
-    assert message == (
-        f"wrong.yaml:4:19: policies.0.kind: found 'rmp', expected one of {kinds}; did you mean 'ramp'?"
-    )
+    assert (child.stderr, child.stdout.strip()) == ("", str([[0.5] * 3] * 3))

@@ -36,11 +36,10 @@ def make(mine):
     [
         ("Centred", {"uniforms": 3, "params": {"theta": 0.3}}),
         ("Resetting", {"uniforms": 3}),
-        ("Recurrent", {"deterministic": True}),
     ],
 )
-def test_the_root_is_the_same_over_files_and_repair(make, shard_file, name, options):
-    together, apart = make(name, **options), make(name, rows=36, **options)
+def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, name, options):
+    together, apart = make(name, **options), make(name, rows=36, workers=2, **options)
     assert together.content_root == apart.content_root
     assert (len(together.manifest["shards"]), len(apart.manifest["shards"])) == (2, 4)
     lost = shard_file(apart.path, 2)
@@ -48,12 +47,6 @@ def test_the_root_is_the_same_over_files_and_repair(make, shard_file, name, opti
     assert ibdata.repair(apart.path, workers=1, allow_code=True) == [lost]
     known = np.isfinite(apart.to_pandas()["action_log_prob"])
     assert known.any() == (name != "Resetting")
-
-
-@pytest.mark.slow
-def test_the_root_is_the_same_over_workers(make):
-    made = [make("Resetting", rows=36, workers=workers, uniforms=3) for workers in (1, 2, 3)]
-    assert len({each.content_root for each in made}) == 1
 
 
 def test_the_options_must_give_what_an_object_needs(make):

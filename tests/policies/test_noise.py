@@ -38,13 +38,6 @@ def test_it_has_the_moments_of_its_equation():
     assert np.corrcoef(x[:, 20, 0], x[:, 20, 1])[0, 1] == pytest.approx(0.0, abs=0.1)
 
 
-def test_its_process_goes_on_beyond_the_bounds_of_the_action():
-    policy = OrnsteinUhlenbeck(sigma=0.9)
-    given, actions = list(playing(policy, 200, 30))[-1]
-    assert np.abs(given.memory).max() > 1.5
-    assert np.abs(actions).max() == 1.0
-
-
 def test_the_transform_is_the_inverse_one_of_numpy():
     random, n = np.random.default_rng(0), 64
     c = random.normal(size=n) + 1j * random.normal(size=n)
@@ -79,8 +72,3 @@ def test_coloured_noise_is_stationary_and_repeats_itself():
 def test_pink_noise_is_added_to_the_base():
     noise, both = (played(ColouredNoise(**base, scale=1e-3, period=8), 5, 8) for base in ({}, {"base": BASE}))
     np.testing.assert_allclose(both - noise, np.full((5, 8, 3), BASE["action"]), atol=1e-6)
-
-
-def test_a_period_that_is_no_power_of_two_is_refused():
-    with pytest.raises(ValueError, match="found 1000, expected a power of two"):
-        ColouredNoise(period=1000)

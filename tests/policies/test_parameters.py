@@ -6,11 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.errors import ConfigError
-from ibdata.experiment import Experiment, as_yaml, load, validated
+from ibdata.experiment import Experiment, as_yaml, validated
 from ibdata.experiment.yaml import Document
 
 endless: list = []
@@ -42,15 +43,6 @@ def test_what_would_not_come_back_as_it_was_is_refused(params, problem):
         validated(plain(params))
 
 
-def test_it_is_said_with_its_line(tmp_path):
-    block = "  - kind: custom\n    target: a:b\n    params: {limit: 1e400, fine: 1e300}"
-    (tmp_path / "own.yaml").write_text(f"name: own\nsetpoints: 50\npolicies:\n{block}")
-    with pytest.raises(
-        ConfigError, match=r"own\.yaml:6:13: policies\.0\.params: found what JSON cannot hold"
-    ):
-        load(tmp_path / "own.yaml")
-
-
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\x85"), max_size=8)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
 LEAVES = st.none() | st.booleans() | st.integers() | NUMBERS | TEXTS
@@ -62,7 +54,7 @@ PARAMS = st.dictionaries(
 
 
 @given(PARAMS)
-@settings(derandomize=True, deadline=None)
+@tries(100)
 def test_all_others_come_back_from_the_manifest_and_from_yaml(params):
     made = Experiment.model_validate(plain(params))
     assert made.policies[0].params == params
@@ -70,16 +62,10 @@ def test_all_others_come_back_from_the_manifest_and_from_yaml(params):
         other = Experiment.model_validate(again)
         assert other == made
         assert repr(other.policies[0].params) == repr(made.policies[0].params)
-        assert [cell.digest for cell in other.cells] == [cell.digest for cell in made.cells]
-
-
-class Half(float):
-    """A number of one's own type, as numpy has them."""
 
 
 def test_they_are_from_the_start_what_json_makes_of_them():
-    params = {"pair": [1, 2], "half": Half(0.5), "numpy": np.float64(0.25), "tuple": (1, 2)}
+    params = {"pair": [1, 2], "numpy": np.float64(0.25), "tuple": (1, 2)}
     made = Experiment.model_validate(plain(params)).policies[0].params
     params["pair"].append(3)
-    assert made == {"pair": [1, 2], "half": 0.5, "numpy": 0.25, "tuple": [1, 2]}
-    assert [type(value) for value in made.values()] == [list, float, float, list]
+    assert repr(made) == repr({"pair": [1, 2], "numpy": 0.25, "tuple": [1, 2]})

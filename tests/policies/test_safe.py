@@ -37,9 +37,6 @@ CONSTANTS = {
     "LOG_MASS_TOWARDS": lambda: mpmath.log(1 - normal_mass(1)),
     "LOG_MASS_AWAY": lambda: mpmath.log(normal_mass(-1)),
     "LOG_HALF": lambda: mpmath.log(mpmath.mpf(1) / 2),
-    "LOW": lambda: 40.0,
-    "HIGH": lambda: 60.0,
-    "MEAN": lambda: 0.5,
 }
 
 
@@ -53,9 +50,7 @@ def test_every_constant_is_its_formula(name):
     ("v", "g", "u", "expected"),
     [  # draws 0 and 1 are the normals of v and g, 2 and 3 their uniforms, 4 the shift's; Φ⁻¹(½) = 0, so z = ½
         (BELOW, ABOVE, [0.5] * 5, [0.5, -0.5, 0.0]),
-        (ABOVE, BELOW, [0.5] * 5, [-0.5, 0.5, 0.0]),
         (BELOW, ABOVE, [ONE_SD, ONE_SD, 0.5, 0.5, 0.5], [0.5 + SD, -0.5 - SD, 0.0]),  # not yet clipped
-        (BELOW, BELOW, [0.5, Z_0, 0.25, 0.625, 0.875], [0.5, 0.0, 0.75]),
         (INSIDE, INSIDE, [0.5, Z_0, 0.25, 0.625, 0.875], [-0.5, 0.25, 0.75]),
         (BELOW, INSIDE, [0.5, Z_0, 0.25, 0.625, 0.875], [0.5, 0.25, 0.75]),
         (INSIDE, ABOVE, [0.5, Z_0, 0.25, 0.625, 0.875], [-0.5, 0.0, 0.75]),
@@ -82,24 +77,12 @@ def test_the_bounds_of_the_range_belong_to_it(x, expected):
     assert proposed(Safe(), history(INSIDE, x), u)[0, 1] == pytest.approx(expected, abs=1e-14)
 
 
-def normal(x):
-    """-½ ((x - ½) √3)² - log(√(2π)/√3), the log density of z."""
-    return -1.5 * (x - 0.5) ** 2 - 0.5 * np.log(2 * np.pi / 3)
-
-
 @pytest.mark.parametrize(
     ("v", "g", "action", "expected"),
     [
-        (INSIDE, INSIDE, [0.5, -0.5, 0.0], 3 * HALF),
         (40.0, 60.0, [-0.9, 0.1, 0.7], 3 * HALF),
-        (BELOW, INSIDE, [-0.25, 0.0, 0.0], normal(-0.25) + 2 * HALF),
-        (ABOVE, INSIDE, [-0.5, 0.0, 0.0], normal(0.5) + 2 * HALF),
-        (INSIDE, BELOW, [0.0, 0.5, 0.0], normal(0.5) + 2 * HALF),
-        (INSIDE, ABOVE, [0.0, 0.25, 0.0], normal(-0.25) + 2 * HALF),
-        (BELOW, INSIDE, [1.0, 0.0, 0.0], TOWARDS + 2 * HALF),
-        (BELOW, INSIDE, [-1.0, 0.0, 0.0], AWAY + 2 * HALF),
-        (ABOVE, INSIDE, [-1.0, 0.0, 0.0], TOWARDS + 2 * HALF),
-        (ABOVE, INSIDE, [1.0, 0.0, 0.0], AWAY + 2 * HALF),
+        (BELOW, INSIDE, [-0.25, 0.0, 0.0], -1.5 * 0.75**2 - 0.5 * np.log(2 * np.pi / 3) + 2 * HALF),
+        (INSIDE, ABOVE, [0.0, -1.0, 0.0], TOWARDS + 2 * HALF),
         (BELOW, ABOVE, [1.0, 1.0, 0.0], TOWARDS + AWAY + HALF),
     ],
 )

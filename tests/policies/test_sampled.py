@@ -7,10 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from helpers import networks
-from helpers.asking import action_of
 from helpers.blocks import actor
-from pydantic import ValidationError
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
@@ -18,10 +15,7 @@ from ibdata.policies.gaussian import Gaussian
 from ibdata.policies.network import TANH_EDGE, Network
 from ibdata.policies.sampled import ATANH_OF_EDGE, Sampled, log_component, rounded_to
 
-NORMAL = {"mean": [0.3, -1.2, 2.0], "log_std": [-1.0, 0.2, -0.5]}
-EDGY = {"mean": [7.0, 7.4, -12.0], "log_std": [-2.0, -3.0, 0.5]}  # tanh 7.278 = 1 - 2⁻²⁰
-NARROW = {"mean": [0.3, -1.2, 9.0], "log_std": [-20.0, -17.0, -16.0]}  # beside the float32 grid
-COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (2.0, -0.5), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5), (0.0, 2.0)]
+COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5)]
 
 
 @pytest.fixture
@@ -46,22 +40,6 @@ def drawn(policy, n):
 def density(action, mean, log_std, by_tanh=True):
     action = np.float32(action)
     return log_component(action, *rounded_to(action, by_tanh), mean, log_std, by_tanh)
-
-
-def test_a_share_of_the_steps_plays_a_whole_draw(sampled):
-    policy = sampled(**NORMAL, share=0.25)
-    given, action = drawn(policy, 4000)
-    same = action == action_of(policy.base, given.observations)
-    assert (same.all(axis=1) == (given.uniforms[:, 0] >= 0.25)).all()
-    assert not (same.any(axis=1) & ~same.all(axis=1)).any()
-
-
-def test_draws_have_the_distribution_of_the_network(sampled):
-    _, action = drawn(sampled(**NORMAL, share=1.0), 40_000)
-    before = np.arctanh(action.astype(np.float64))
-    error = np.exp(NORMAL["log_std"]) / math.sqrt(40_000)
-    assert (np.abs(before.mean(axis=0) - NORMAL["mean"]) < 4.0 * error).all()
-    np.testing.assert_allclose(before.std(axis=0), np.exp(NORMAL["log_std"]), rtol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -94,8 +72,8 @@ def test_the_density_of_a_number_integrates_to_1(mean, log_std, by_tanh):
     assert inside + masses == pytest.approx(1.0, abs=2e-4)
 
 
-@pytest.mark.parametrize("log_std", [-20.0, -17.0, -15.0, -13.0])
-@pytest.mark.parametrize("mean", [0.5493061443340549, -0.3, 1.2, 7.27])
+@pytest.mark.parametrize("log_std", [-20.0, -15.0])
+@pytest.mark.parametrize("mean", [0.5493061443340549, -0.3, 7.27])
 def test_masses_of_float32_actions_add_up_to_1_if_it_is_narrow(mean, log_std):
     """0.5493 is atanh ½, where the spacing of float32 doubles."""
     action, total = np.float32(math.tanh(mean)), 0.0
@@ -127,45 +105,3 @@ def test_a_clipped_draw_has_the_density_of_gaussian_noise(sampled):
     given, action = drawn(policy, 500)
     assert (np.abs(action) == 1.0).any()
     np.testing.assert_allclose(policy.log_density(given, action), noise.log_density(given, action), rtol=1e-9)
-
-
-def test_the_mean_action_has_a_mass_of_its_own(sampled):
-    policy = sampled(**NORMAL, share=0.3)
-    given, _ = drawn(policy, 1)
-    mean = action_of(policy.base, given.observations)
-    assert policy.log_density(given, mean)[0] == pytest.approx(math.log(0.7), rel=1e-9)
-    other = mean + np.float32([0.0, 0.0, 0.01])
-    expected = math.log(0.3) + Sampled(base=policy.base, share=1.0).log_density(given, other)[0]
-    assert policy.log_density(given, other)[0] == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("outputs", [NORMAL, EDGY, NARROW])
-@pytest.mark.parametrize(("first", "second", "moved"), [(0.2, 0.8, 0.0), (0.9, 0.1, 0.0), (1.0, 1.0, 0.3)])
-def test_importance_weights_have_the_mean_1(sampled, outputs, first, second, moved):
-    """Between shares, and between networks that are moved by so many standard deviations."""
-    mean, log_std = np.array(outputs["mean"]), np.array(outputs["log_std"])
-    behaviour = sampled(**outputs, share=first, varying=0.3)
-    other = {"mean": mean + moved * np.exp(log_std), "log_std": log_std - moved}
-    target = sampled(**other, share=second, varying=0.3)
-    given, action = drawn(behaviour, 100_000)
-    weight = np.exp(target.log_density(given, action) - behaviour.log_density(given, action))
-    assert abs(weight.mean() - 1.0) <= 4.0 * weight.std() / math.sqrt(len(weight)) + 1e-9
-
-
-@pytest.mark.parametrize(
-    ("block", "message"),
-    [
-        ({"share": 0.0}, "greater than 0"),
-        ({"share": 1.1}, "less than or equal to 1"),
-        ({"base": {"kind": "optimized"}}, "network"),
-        ({"base": {"kind": "network", "file": "td3.safetensors"}}, "found weights without log_std"),
-        ({"base": {"kind": "network", "file": "actor.safetensors", "name": "x"}}, "found a name in the base"),
-    ],
-)
-def test_a_wrong_block_is_refused(sampled, tmp_path, monkeypatch, block, message):
-    monkeypatch.chdir(tmp_path)
-    policy = sampled(**NORMAL)
-    (tmp_path / "td3.safetensors").write_bytes(networks.weights(log_std=False))
-    with pytest.raises(ValidationError, match=message):
-        policy.model_copy(update=block)

@@ -50,15 +50,3 @@ def test_its_highest_peak_is_the_amplitude_and_low():
     assert np.abs(action).max(axis=1) == pytest.approx(np.full((3, 3), 0.8))
     crest = np.abs(waves(10, 1000)).max(axis=0) / waves(10, 1000).std(axis=0)
     assert (crest < 2.0).all()  # with equal phases √20 = 4.5
-
-
-def test_its_three_numbers_are_uncorrelated_over_a_period():
-    signals = waves(10, 1000)
-    covariance = signals.T @ signals / 1000
-    assert np.abs(covariance - np.diag(np.diag(covariance))).max() < 1e-12
-
-
-def test_more_sines_than_a_period_can_hold_are_refused():
-    with pytest.raises(ValueError, match="found a period of 60 steps, expected more than 60"):
-        Multisine(sines=10, period=60)
-    assert Multisine(sines=10, period=61).period == 61

@@ -59,17 +59,11 @@ def doubled(observations):
     "target", [Greedy(), Deciding(), Predicting(), doubled], ids=lambda target: type(target).__name__
 )
 def test_what_is_given_may_be_changed_and_is_a_copy(target):
-    before = HISTORY.copy()
-    np.testing.assert_array_equal(asked(target), 2.0 * before[:, 0, 1:4])
-    np.testing.assert_array_equal(HISTORY, before)
-    read_only = HISTORY.copy()
-    read_only.flags.writeable = False
-    np.testing.assert_array_equal(proposed(policy_of(target, 2), read_only, NOTHING), 2.0 * before[:, 0, 1:4])
-
-
-def test_a_density_may_change_its_arrays_too():
     history, action = HISTORY.copy(), np.ones((5, 3), np.float32)
-    log_density_of(policy_of(Greedy()), history, action)
+    history.flags.writeable = False
+    policy = policy_of(target, 2)
+    np.testing.assert_array_equal(proposed(policy, history, NOTHING), 2.0 * HISTORY[:, 0, 1:4])
+    log_density_of(policy, history, action)
     np.testing.assert_array_equal(history, HISTORY)
     np.testing.assert_array_equal(action, 1.0)
 
@@ -78,8 +72,6 @@ def test_a_density_may_change_its_arrays_too():
     ("answer", "line"),
     [
         (lambda seen: seen[:, :2], "found actions of shape (5, 2), expected actions of shape (5, 3)"),
-        (lambda seen: seen[0, :3], "found actions of shape (3,), expected actions of shape (5, 3)"),
-        (lambda seen: None, "found None, expected actions of shape (5, 3)"),
         (lambda seen: "up", "found 'up', expected actions of shape (5, 3)"),
         (lambda seen: seen[9], "IndexError: index 9 is out of bounds for axis 0 with size 5"),
     ],

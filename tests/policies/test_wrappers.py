@@ -6,13 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 from helpers.asking import log_density_of, proposed
-from helpers.blocks import BASE, policy_of
+from helpers.blocks import BASE
 
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
 from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
-from ibdata.policies.random import LOG_EDGE_TO_INSIDE as LOG_EDGE
-from ibdata.policies.random import LOG_EIGHTH
 
 EpsilonGreedy, Gaussian, Safe = (POLICIES[kind] for kind in ("epsilon_greedy", "gaussian", "safe"))
 OWN = np.array([0.5, -1.0, 0.1], dtype=np.float32)
@@ -52,32 +50,6 @@ def test_the_noise_is_the_scale_times_a_normal():
     assert action == pytest.approx([0.6959964, -1.0, float(OWN[2])], abs=1e-7)
 
 
-@pytest.mark.parametrize("action", [[0.5, 0.0, 0.0], [1.0, 0.3, 0.3], [-1.0, 0.1, 0.9]])
-def test_a_random_base_makes_a_mixture(action):
-    """log(¾ e^a + ¼ e^b), a the safe policy's density and b the uniform's."""
-    uniform = LOG_EIGHTH + LOG_EDGE * (abs(action[0]) == 1.0)
-    expected = np.log(0.75 * np.exp(log_prob(Safe(), action)) + 0.25 * np.exp(uniform))
-    policy = EpsilonGreedy(base={"kind": "safe"}, epsilon=0.25)
-    assert log_prob(policy, action) == pytest.approx(expected, abs=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("epsilon", "action", "expected"),
-    [
-        (0.2, OWN, np.log(0.8)),
-        (0.2, [0.5, -1.0, 0.2], np.log(0.2 / 8) + LOG_EDGE),
-        (0.2, [0.4, 0.3, 0.2], np.log(0.2 / 8)),
-        (0.0, OWN, 0.0),
-        (0.0, [0.4, 0.3, 0.2], -np.inf),
-        (1.0, [0.5, -0.5, 0.1], LOG_EIGHTH),
-        (1.0, OWN, LOG_EIGHTH + LOG_EDGE),  # a base that never acts has no mass
-    ],
-)
-def test_a_certain_base_has_a_mass_at_its_action(epsilon, action, expected):
-    found = log_prob(EpsilonGreedy(base=BASE, epsilon=epsilon), action)
-    assert found == pytest.approx(expected, abs=1e-14)
-
-
 @pytest.mark.parametrize("z", [-300.0, -38.0, -8.0, -3.0001, -2.9999, -1.0, -1e-9, 0.0, 0.5, 2.9, 3.1, 9.0])
 def test_log_cdf_is_the_logarithm_of_the_normal_one(z):
     with mpmath.workprec(3000):
@@ -94,20 +66,6 @@ def test_a_narrow_noise_has_finite_densities_too():
     policy, u = Gaussian(base=BASE, scale=1e-9), np.random.default_rng(4).random((1000, 3))
     action = applied(proposed(policy, seen(1000), u))
     assert np.isfinite(log_density_of(policy, seen(1000), action)).all()
-
-
-@pytest.mark.parametrize(
-    ("base", "line"),
-    [
-        ({"kind": "random"}, "expected tags"),
-        ({"kind": "safe"}, "expected tags"),
-        ({**BASE, "name": "still"}, "expected the name beside the outer kind"),
-        ({"kind": "custom", "target": "a:b"}, "found custom without deterministic: true"),
-    ],
-)
-def test_a_base_of_noise_is_certain_and_has_no_name(base, line):
-    with pytest.raises(ValueError, match=line):
-        policy_of({"kind": "gaussian", "base": base, "scale": 0.1})
 
 
 def test_a_base_without_a_density_leaves_none(monkeypatch):

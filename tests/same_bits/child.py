@@ -20,7 +20,6 @@ import re
 import struct
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numba
@@ -35,7 +34,6 @@ from ibdata.generation import receipt, worker, workers
 from ibdata.system.part import Part
 
 HERE = Path(__file__).resolve().parent
-STARTED = time.monotonic()
 BEGIN = """\
 import sys
 sys.path[:] = sys.argv[2:]
@@ -199,7 +197,6 @@ def main(spec: dict[str, object]) -> None:
             "workers": len(others),
             "versions": {"python": platform.python_version(), "numpy": np.__version__}
             | {"numba": numba.__version__, "pyarrow": pa.__version__},
-            "seconds": time.monotonic() - STARTED,
         },
         sys.stdout,
     )

@@ -9,21 +9,12 @@ from helpers.matrix import SIZE, UNMODIFIED, Matrix, Row
 from ruamel.yaml import YAML
 
 HERE = Path(__file__).parent
-HEADING = pytest.StashKey()
-
-
-def pytest_generate_tests(metafunc):
-    """A test that takes a `row` runs for each of its module's ROWS: name -> arguments of Row."""
-    if "row" in metafunc.fixturenames:
-        rows = [Row(name, **given) for name, given in metafunc.module.ROWS.items()]
-        metafunc.parametrize("row", rows, ids=[row.name for row in rows])
 
 
 @pytest.fixture(scope="session")
 def matrix(request, tmp_path_factory):
     """All rows of the tests that run, begun at once."""
     made = Matrix(tmp_path_factory.mktemp("same-bits"))
-    request.config.stash[HEADING] = made.seconds
     if not hasattr(request.config, "workerinput"):
         params = [item.callspec.params for item in request.session.items if hasattr(item, "callspec")]
         made.start(given["row"] for given in params if isinstance(given.get("row"), Row))
@@ -59,11 +50,3 @@ def check(golden, unmodified):
                 assert made["files"] == unmodified["results"][name]["files"]
 
     return same
-
-
-def pytest_terminal_summary(terminalreporter, config):
-    seconds = config.stash.get(HEADING, None)
-    if seconds:
-        terminalreporter.section("same bits: seconds of each child")
-        for name, value in seconds.items():
-            terminalreporter.write_line(f"{value:7.1f}  {name}")

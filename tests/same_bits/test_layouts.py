@@ -15,8 +15,7 @@ WORKERS = (1, 2, 5)
 BLOCKS = ((1, 1), (3, 7), (256, 256), (1024, 1000))  # lanes, chunk
 SHARDS = (None, 1, 1e9)  # usual; one a dataset; one an episode
 STOPS = (None, 1)  # interrupted after so many shards and resumed in other blocks
-# Every value of each.
-FEW = (
+FEW = (  # every value of each
     (1, BLOCKS[1], 1, None),
     (1, BLOCKS[3], None, 1),
     (2, BLOCKS[0], 1, None),
@@ -31,26 +30,29 @@ def _row(workers, blocks, shards, stop):
     lanes, chunk = blocks
     spec = {"workers": workers, "lanes": lanes, "chunk": chunk, "expect": {"lanes": lanes, "chunk": chunk}}
     spec |= ({"shards": shards} if shards else {}) | ({"stop_after": stop} if stop else {})
-    name = f"{workers} workers, {lanes} lanes, chunk {chunk}, {f'{shards:g}' if shards else 'usual'} shards"
-    return name + (", resumed" if stop else ""), {"spec": spec}
+    cut = f"{shards:g}" if shards else "usual"
+    name = f"{workers} workers, {lanes} lanes, chunk {chunk}, {cut} shards" + (", resumed" if stop else "")
+    return Row(name, spec=spec)
 
 
-ROWS = dict(_row(*x) for x in (ALL if os.environ.get("IBDATA_SAME_BITS") == "full" else FEW))
+ROWS = [_row(*x) for x in (ALL if os.environ.get("IBDATA_SAME_BITS") == "full" else FEW)]
 
 
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_how_the_work_is_divided_does_not_change_the_data(row, matrix, check):
     result = matrix.result(row)
     check(result, row)
     assert (result["workers"] > 0) == (row.spec["workers"] > 1)
 
 
-def test_datasets_cut_into_the_same_shards_have_the_same_files(matrix, unmodified):
+def test_datasets_cut_into_the_same_shards_have_the_same_files(matrix):
     """Those cut in the usual way are held against golden files in every row."""
     made = defaultdict(list)
-    for name, given in ROWS.items():
-        made[given["spec"].get("shards")].append(matrix.result(Row(name, **given))["results"])
-    assert min(len(results) for results in made.values()) > 1
+    for row in ROWS:
+        made[row.spec.get("shards")].append(matrix.result(row)["results"])
+    assert set(made) == set(SHARDS)
     for results in made.values():
+        assert len(results) > 1
         assert all(other == results[0] for other in results)
-    counts = {k: [len(x["shards"]) for x in results[0].values()] for k, results in made.items()}
-    assert len(set(map(str, counts.values()))) == len(SHARDS), counts
+    counts = [[len(each["shards"]) for each in results[0].values()] for results in made.values()]
+    assert len(set(map(str, counts))) == len(SHARDS)

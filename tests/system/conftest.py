@@ -1,7 +1,5 @@
 """A URL in pyarrow's local file system."""
 
-from __future__ import annotations
-
 import pytest
 
 

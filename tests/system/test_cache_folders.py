@@ -1,7 +1,5 @@
 """The folders for what is kept between processes."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 
@@ -21,17 +19,15 @@ def home(tmp_path, monkeypatch):
     cache_folders.cache_clear()
 
 
-def test_the_users_cache_is_the_default(home):
-    """Without variables, it is the user's cache, which is made."""
-    assert cache_folders() == ((str(home / ".cache/ibdata"),), True)
-    assert (home / ".cache/ibdata").is_dir()
-
-
-@pytest.mark.parametrize(("variable", "below"), [("IBDATA_CACHE_DIR", ""), ("XDG_CACHE_HOME", "ibdata")])
-def test_a_variable_names_another(variable, below, tmp_path, monkeypatch):
-    """Either variable does."""
-    monkeypatch.setenv(variable, str(tmp_path / "asked"))
-    assert cache_folders() == ((os.path.join(tmp_path, "asked", below).rstrip("/"),), True)
+@pytest.mark.parametrize(
+    ("variable", "folder"),
+    [("", "home/.cache/ibdata"), ("IBDATA_CACHE_DIR", "asked"), ("XDG_CACHE_HOME", "asked/ibdata")],
+)
+def test_the_users_cache_or_a_variable_names_the_folder(variable, folder, tmp_path, monkeypatch):
+    if variable:
+        monkeypatch.setenv(variable, str(tmp_path / "asked"))
+    assert cache_folders() == ((str(tmp_path / folder),), True)
+    assert (tmp_path / folder).is_dir()
 
 
 def test_a_read_only_folder_is_only_looked_into(home, tmp_path, monkeypatch):
@@ -42,18 +38,13 @@ def test_a_read_only_folder_is_only_looked_into(home, tmp_path, monkeypatch):
     assert cache_folders() == ((str(asked), str(home / ".cache/ibdata")), True)
 
 
-def test_a_temporary_folder_is_the_last_resort(home, tmp_path, monkeypatch):
-    """Nothing that is written there lasts."""
+def test_a_temporary_folder_is_the_last_resort(tmp_path, monkeypatch):
+    """Nothing that is written there lasts; and a ~ that stands for nobody is not taken for a name."""
     (tmp_path / "file").write_text("no folder")
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("IBDATA_CACHE_DIR", "~nobody-of-that-name/x")
     found = cache_folders()
     assert not found.lasting
     assert os.path.dirname(found.folders[-1]) == tempfile.gettempdir()
-
-
-def test_a_user_without_a_home_gets_no_folder_named_tilde(tmp_path, monkeypatch):
-    """A ~ that stands for nothing is not taken for a name."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("IBDATA_CACHE_DIR", "~nobody-of-that-name/x")
-    cache_folders()
     assert not list(tmp_path.glob("~*"))

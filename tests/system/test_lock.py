@@ -1,7 +1,5 @@
 """Locks of writers: one at a time, and none where the file system has no locks."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -18,10 +16,11 @@ from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.errors import BusyError, IbdataError
+from ibdata.generation import origin
 from ibdata.maintenance.card import card
 from ibdata.system import part as parts
 from ibdata.system.lock import locked
-from ibdata.system.part import Part, locked_part, refusals
+from ibdata.system.part import locked_part, refusals
 
 OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
@@ -35,8 +34,7 @@ WRITERS = {
     "repair": lambda: ibdata.repair("c", workers=1),
     "replace": lambda: ibdata.generate(OTHER, "a", workers=1, overwrite=True),
 }
-
-NO_LOCKS = [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK] * 3  # one for each writer
+writers = pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 
 
 @pytest.fixture(autouse=True)
@@ -49,9 +47,8 @@ def _beside_two_datasets(tiny, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # pictures of a card take seconds
 
 
-@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+@writers
 def test_a_second_writer_is_refused(write):
-    """While one process writes at a place, any other writer there gets BusyError and changes nothing."""
     with ExitStack() as held:
         for name in ("new", "a", "c"):
             held.enter_context(locked_part(Path(name).absolute()))
@@ -62,24 +59,22 @@ def test_a_second_writer_is_refused(write):
     write()
 
 
-@pytest.mark.parametrize(("write", "number"), list(zip(WRITERS.values(), NO_LOCKS, strict=True)), ids=WRITERS)
-def test_without_locks_nothing_is_written(monkeypatch, write, number):
-    """A file system without locks is named in one line, and nothing is written there."""
-
-    def flock(descriptor, operation):
-        raise OSError(number, os.strerror(number))
-
+@writers
+def test_without_locks_nothing_is_written(monkeypatch, write):
     before = contents()
-    monkeypatch.setattr(fcntl, "flock", flock)
-    with pytest.raises(IbdataError, match=r"the file system has no locks \(.*\); choose a folder ") as error:
-        write()
-    assert error.value.exit_code == 1
-    assert "\n" not in str(error.value)
-    assert contents() == before
+    for number in (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK):
+
+        def flock(descriptor, operation, number=number):
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(fcntl, "flock", flock)
+        with pytest.raises(IbdataError, match=r"the file system has no locks \(.*\); choose a fo") as error:
+            write()
+        assert error.value.exit_code == 1
+        assert contents() == before
 
 
 def test_without_locks_a_dataset_is_read(monkeypatch):
-    """Reading, validating and reproducing a dataset need no lock."""
     monkeypatch.setattr(fcntl, "flock", None)
     assert ibdata.validate("b") == []
     assert len(ibdata.open("b").table()) == 20
@@ -88,23 +83,25 @@ def test_without_locks_a_dataset_is_read(monkeypatch):
 
 
 def test_of_several_threads_one_at_a_time_has_the_lock():
-    """However often the lock's file is removed and made again, only one holds the place."""
+    """However often the lock's file is removed and made again."""
     place, inside, together = Path("new").absolute(), [], []
+
+    def once(name):
+        try:
+            with locked_part(place):
+                inside.append(name)
+                together.append(len(inside))
+                time.sleep(0.0005)
+                inside.remove(name)
+                return True
+        except BusyError:
+            time.sleep(0.0005)
+            return False
 
     def run(name):
         for _ in range(20):
-            done = False
-            while not done:
-                try:
-                    with locked_part(place) as part:
-                        assert isinstance(part, Part)
-                        inside.append(name)
-                        together.append(len(inside))
-                        time.sleep(0.0005)
-                        inside.remove(name)
-                        done = True
-                except BusyError:
-                    time.sleep(0.0005)
+            while not once(name):
+                pass
 
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(run, range(4)))
@@ -113,7 +110,6 @@ def test_of_several_threads_one_at_a_time_has_the_lock():
 
 
 def test_a_lock_waits_as_long_as_it_is_told_to():
-    """A lock that is free again in time is taken, and otherwise an error."""
     with ThreadPoolExecutor(1) as threads, locked(Path("x/lock")):
 
         def wait(seconds):
@@ -130,8 +126,6 @@ def test_a_lock_waits_as_long_as_it_is_told_to():
 
 def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
     """While the first host of an array job loads and compiles, another one can begin."""
-    from ibdata.generation import origin
-
     waiting, real = [lambda: ibdata.generate(TINY, "new", shards="2/2", workers=1)], origin.warm_up
 
     def slow(experiment):
@@ -143,8 +137,7 @@ def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
     assert ibdata.generate(TINY, "new", shards="1/2", workers=1).missing == 0
 
 
-def test_refusals_of_the_system_name_the_place():
-    """A limit of threads is a refusal of the system; another RuntimeError is none."""
+def test_a_limit_of_threads_is_a_refusal_of_the_system():
     with pytest.raises(IbdataError, match="out: the system starts no more threads"), refusals(Path("out")):
         raise RuntimeError("can't start new thread")
     with pytest.raises(RuntimeError, match="else"), refusals(Path("out")):

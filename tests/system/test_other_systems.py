@@ -1,7 +1,5 @@
 """Where Linux and macOS differ, the code for macOS does what macOS documents. Nothing here ran on macOS."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import fcntl
@@ -17,14 +15,6 @@ from ibdata.system.processes import available_processors
 F_FULLFSYNC = 51
 
 
-@pytest.fixture
-def synced(monkeypatch):
-    """What the disk is asked, in order."""
-    asked = []
-    monkeypatch.setattr(os, "fsync", lambda descriptor: asked.append("fsync"))
-    return asked
-
-
 @pytest.mark.parametrize(
     ("macos", "number", "expected"),
     [
@@ -34,19 +24,21 @@ def synced(monkeypatch):
         (True, errno.ENOTTY, "fsync"),
     ],
 )
-def test_a_file_and_its_folder_are_synced(monkeypatch, tmp_path, synced, macos, number, expected):
+def test_a_file_and_its_folder_are_synced(monkeypatch, tmp_path, macos, number, expected):
     """macOS waits for the disk itself, where the file system knows how, and other systems use fsync."""
+    asked = []
 
     def control(descriptor, command):
         if number:
             raise OSError(number, os.strerror(number))
-        synced.append(command)
+        asked.append(command)
 
+    monkeypatch.setattr(os, "fsync", lambda descriptor: asked.append("fsync"))
     if macos:
         monkeypatch.setattr(fcntl, "F_FULLFSYNC", F_FULLFSYNC, raising=False)
         monkeypatch.setattr(fcntl, "fcntl", control)
     write(tmp_path, "x", b"data")
-    assert synced == [expected] * 2
+    assert asked == [expected] * 2
 
 
 class MacOS:
@@ -74,7 +66,6 @@ def test_macos_exchanges_folders_by_its_own_call(monkeypatch, tmp_path, number, 
 
 
 def test_another_refusal_to_exchange_is_an_error(monkeypatch, tmp_path):
-    """On both systems, a refusal for another reason is an OSError."""
     with pytest.raises(FileNotFoundError):
         exchanged(tmp_path / "a", tmp_path / "b")
     monkeypatch.setattr(ctypes, "CDLL", MacOS(errno.EPERM))
@@ -83,7 +74,6 @@ def test_another_refusal_to_exchange_is_an_error(monkeypatch, tmp_path):
 
 
 def test_linux_exchanges_folders(tmp_path):
-    """Two folders change places with all that is in them."""
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / f"of-{name}").touch()
@@ -93,7 +83,6 @@ def test_linux_exchanges_folders(tmp_path):
 
 
 def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
-    """Where no room can be reserved, a file that is too large for the disk is still refused."""
     monkeypatch.delattr(os, "posix_fallocate")
     with (tmp_path / "file").open("wb") as file:
         disk.reserve(file.fileno(), 1)
@@ -101,8 +90,7 @@ def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
             disk.reserve(file.fileno(), 2**62)
 
 
-def test_the_processors_of_the_machine_count(monkeypatch):
-    """Where the processors of the process are unknown, those of the machine count."""
+def test_the_processors_of_the_machine_count_where_its_own_are_unknown(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 7)
     assert available_processors() == 7

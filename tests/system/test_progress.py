@@ -1,7 +1,5 @@
 """Bars of long tasks reach their ends, move by less than a file, and are shown only where wanted."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest
@@ -47,7 +45,7 @@ def bars(monkeypatch):
     ("workers", "processors", "steps"), [(1, 1, 10), (1, 2, 10), pytest.param(2, 2, 1000, marks=slow)]
 )
 def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, workers, processors, steps):
-    """The bar moves by less than a file, with one thread, with two, and with worker processes."""
+    """With one thread, with two, and with worker processes."""
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: processors)
     if workers == 1:
         monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", steps * 256)
@@ -58,7 +56,6 @@ def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch
 
 
 def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
-    """A run that goes on begins its bar with the shards that are finished."""
     tiny = parts(5).model_copy(update={"episodes": 4, "output": {"shard_rows": 5}})
     ibdata.generate(tiny, tmp_path, shards="1/2", workers=1)
     ibdata.generate(tiny, tmp_path, workers=1, resume=True, progress=True)
@@ -77,7 +74,6 @@ calls = [pytest.param(call, id=name, marks=[slow] if name == "plot" else []) for
 
 @pytest.mark.parametrize("call", calls)
 def test_a_bar_is_shown_in_python_when_asked_for(bars, dataset, tmp_path, call):
-    """Functions that take long show a bar only when asked for, and it reaches its end."""
     call(dataset.path, tmp_path / "one")
     assert bars == []
     call(dataset.path, tmp_path / "two", progress=True)
@@ -98,7 +94,6 @@ COMMANDS = {
 def test_a_command_shows_its_bar_only_in_a_terminal(
     bars, dataset, tmp_path, monkeypatch, line, terminal, more
 ):
-    """Commands show a bar in a terminal, and not with --quiet."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     cli.main((line + more).format(folder=dataset.path, out=tmp_path).split(), standalone_mode=False)
     assert bool(bars) == (terminal and not more)

@@ -1,7 +1,5 @@
 """Signals become exceptions, at once or at the end of a block of `held`, even if other code catches them."""
 
-from __future__ import annotations
-
 import signal
 import threading
 
@@ -26,7 +24,6 @@ def _handlers_are_as_before():
 
 @pytest.mark.parametrize("number", STOPPING)
 def test_a_signal_is_a_keyboard_interrupt(number):
-    """Each signal that asks to stop raises Interrupted, which no `except Exception` sees."""
     with pytest.raises(Interrupted) as error, stoppable():
         arrive(number)
     assert error.value.exit_code == 128 + number
@@ -36,7 +33,6 @@ def test_a_signal_is_a_keyboard_interrupt(number):
 
 @pytest.mark.parametrize("send", [arrive, signal.raise_signal])
 def test_a_signal_waits_until_what_is_held_is_done(send):
-    """In blocks of `held`, a signal is raised at the end of the outermost one."""
     done = []
 
     def work():
@@ -53,47 +49,32 @@ def test_a_signal_waits_until_what_is_held_is_done(send):
     assert done == ["inner", "outer"]
 
 
-def test_a_second_signal_changes_nothing():
-    """While a signal is handled, others are ignored, so that cleaning up is not disturbed."""
-
-    def work():
-        with stoppable():
-            try:
-                arrive(signal.SIGTERM)
-            finally:
-                assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-
-    with pytest.raises(Interrupted) as error:
-        work()
-    assert error.value.exit_code == 128 + signal.SIGTERM
-
-
-def test_an_error_made_of_the_signal_does_not_hide_it():
-    """Code that turns Interrupted into an error of its own, as a library may, does not hide the signal."""
+def test_nothing_hides_or_disturbs_a_signal():
+    """Neither a second one, nor a library that turns Interrupted into an error of its own."""
 
     def work():
         with stoppable():
             try:
                 arrive(signal.SIGHUP)
             except BaseException:
+                assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
                 raise OSError("cannot be written") from None
 
-    with pytest.raises(Interrupted):
+    with pytest.raises(Interrupted) as error:
         work()
+    assert error.value.exit_code == 128 + signal.SIGHUP
 
 
 def test_a_signal_that_is_ignored_stays_so():
-    """Under nohup, SIGHUP is ignored, and a run goes on."""
+    """As SIGHUP is under nohup."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with stoppable():
-            signal.raise_signal(signal.SIGHUP)
-    finally:
-        signal.signal(signal.SIGHUP, before)
+    with stoppable():
+        signal.raise_signal(signal.SIGHUP)
+    signal.signal(signal.SIGHUP, before)
 
 
 def test_other_threads_install_no_handlers():
-    """Python handles signals in its main thread only; elsewhere, `stoppable` does nothing."""
+    """Python handles signals in its main thread only."""
     found = []
 
     def work():

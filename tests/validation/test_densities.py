@@ -1,7 +1,5 @@
 """Densities that depend on earlier steps are recomputed from the rows by replaying the episodes."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -14,6 +12,7 @@ from ibdata.validation.rows import check_shard
 from ibdata.writing.arrow import writer_options
 
 NOISE = {"kind": "ornstein_uhlenbeck", "base": {"kind": "optimized"}}
+FADING = [{"base": {"kind": "bad"}, "steps": 7, "epsilon": [1.0, 0.0]}, {"base": NOISE}]
 POLICIES = [
     NOISE,
     {"kind": "coloured_noise", "period": 16},
@@ -22,10 +21,7 @@ POLICIES = [
     {"kind": "multisine"},
     {"kind": "gaussian", "base": {"kind": "multisine"}, "scale": 0.1},
     {"kind": "mixture", "bases": [NOISE, {"kind": "safe"}, {"kind": "coloured_noise", "period": 4}]},
-    {
-        "kind": "schedule",
-        "stages": [{"base": {"kind": "bad"}, "steps": 7, "epsilon": [1.0, 0.0]}, {"base": NOISE}],
-    },
+    {"kind": "schedule", "stages": FADING},
 ]
 STEPS = 21
 

@@ -1,12 +1,7 @@
 """Validation finds changes by a forger who corrects all hashes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -28,18 +23,19 @@ from ibdata.writing.metadata import as_json
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.stored import stored_content
 
-Json = dict[str, Any]
+
+def edit(path, change):
+    """Change a JSON file."""
+    found = json.loads(path.read_bytes())
+    change(found)
+    path.write_bytes(as_json(found))
 
 
-def swap(data: Json, a: str, b: str) -> None:
-    data[a], data[b] = data[b], data[a]
-
-
-def column(info: Json, name: str) -> Json:
+def column(info, name):
     return next(column for column in info["columns"] if column["name"] == name)
 
 
-def moved(stats: Json, share: float) -> None:
+def moved(stats, share):
     """Move a quantile by a share of the distance from the least to the greatest value."""
     reward = stats["all"]["reward"]
     reward["quantiles"]["0.5"] += share * (reward["max"] - reward["min"])
@@ -64,13 +60,16 @@ JSON = {  # changes of values that follow from the experiment or the rows, by th
 
 @pytest.mark.parametrize(("file", "change"), JSON.values(), ids=JSON)
 def test_metadata_that_do_not_follow_are_named(copied, file, change):
-    """From the experiment, or from the rows."""
-    path = copied / f"meta/{file}.json"
-    found = json.loads(path.read_bytes())
-    change(found)
-    path.write_bytes(as_json(found))
+    edit(copied / f"meta/{file}.json", change)
     seal(copied)
     assert {problem.path for problem in validate(copied)} == {f"meta/{file}.json"}
+
+
+def test_another_experiment_than_listed_is_named(copied):
+    path = copied / "meta/experiment.yaml"
+    path.write_text(path.read_text().replace("seed: 0", "seed: 5"))
+    seal(copied)
+    assert {problem.path for problem in validate(copied)} == {"meta/experiment.yaml"}
 
 
 SPLITS = {
@@ -83,58 +82,22 @@ SPLITS = {
 }
 
 
+@pytest.fixture(scope="module")
+def labelled(declared, made_at, tmp_path_factory):
+    made = made_at(declared, tmp_path_factory.mktemp("labelled") / "x")
+    return ibdata.split(made.path, by="policy", names={"random": "train"}).path
+
+
 @pytest.mark.parametrize("change", SPLITS.values(), ids=SPLITS)
-@pytest.mark.parametrize("quick", [True, False])
-def test_splits_that_do_not_follow_are_named(copied, change, quick):
-    ibdata.split(copied, by="policy", names={"random": "train"})
-    assert validate(copied, quick) == []
-    path = copied / manifest.SPLITS
-    splits = json.loads(path.read_bytes())
-    change(splits)
-    path.write_bytes(as_json(splits))
-    (problem,) = validate(copied, quick)
-    assert (problem.path, problem.rule) == (manifest.SPLITS, "splits")
-
-
-def test_missing_splits_are_named(copied):
-    (copied / manifest.SPLITS).unlink()
-    (problem,) = validate(copied)
-    assert str(problem) == f"{manifest.SPLITS}: splits: missing; run ibdata repair {copied}"
-
-
-def test_another_experiment_than_listed_is_named(copied):
-    path = copied / "meta/experiment.yaml"
-    path.write_text(path.read_text().replace("seed: 0", "seed: 5"))
-    seal(copied)
-    assert {problem.path for problem in validate(copied)} == {"meta/experiment.yaml"}
-
-
-def backwards(data: Any) -> Any:
-    """JSON data with the keys of all objects in the opposite order."""
-    if isinstance(data, dict):
-        return {key: backwards(value) for key, value in reversed(data.items())}
-    return [backwards(value) for value in data] if isinstance(data, list) else data
-
-
-def test_values_count_and_not_how_they_are_written(copied):
-    for path in copied.glob("meta/*.json"):
-        path.write_text(json.dumps(backwards(json.loads(path.read_bytes()))))
-    info = json.loads((copied / "meta/dataset.json").read_bytes())
-    info["columns"][0]["description"] = "as a later version may say it"
-    (copied / "meta/dataset.json").write_text(json.dumps(info))
-    stats = json.loads((copied / "meta/statistics.json").read_bytes())
-    moved(stats, 0.009)  # the next value of the sample
-    (copied / "meta/statistics.json").write_text(json.dumps(stats))
-    experiment = copied / "meta/experiment.yaml"
-    experiment.write_text(experiment.read_text() + "# a remark\n")
-    episodes = copied / "meta/episodes.parquet"
-    pq.write_table(pq.read_table(episodes), episodes, compression="snappy", write_page_index=True)
-    for shard in (copied / "data").iterdir():
-        pq.write_table(pq.read_table(shard), shard, compression="zstd", row_group_size=7)
-    seal(copied, lambda listed: listed.update(versions={}))
-    listed = copied / manifest.PATH
-    listed.write_text(json.dumps(backwards(json.loads(listed.read_bytes()))))
-    assert validate(copied) == []
+def test_splits_that_do_not_follow_are_named(labelled, change):
+    path = labelled / manifest.SPLITS
+    whole = path.read_bytes()
+    edit(path, change)
+    for quick in (True, False):
+        (problem,) = validate(labelled, quick)
+        assert (problem.path, problem.rule) == (manifest.SPLITS, "splits")
+    path.write_bytes(whole)
+    assert validate(labelled) == []
 
 
 MANIFEST = {
@@ -146,6 +109,7 @@ MANIFEST = {
     "other episodes": lambda m: m["shards"][1].update(episodes=[0, 1]),
     "a split": lambda m: m["shards"][0].update(splits=[]),
     "a file that is not listed": lambda m: m["files"].pop(),
+    "content root": lambda m: m.update(content_root="0" * 64),
 }
 
 
@@ -165,6 +129,19 @@ def test_a_manifest_with_another_plan_is_not_used(copied, name):
             use(copied)
 
 
+def test_a_plan_of_too_many_shards_is_refused_at_once(copied, monkeypatch):
+    def forged(listed):
+        listed["experiments"][0]["episodes"] = 10**6
+        listed["experiments"][0]["output"]["shard_rows"] = 1
+
+    seal(copied, forged)
+    monkeypatch.setattr("ibdata.experiment.dataset_spec.plan", lambda experiment: pytest.fail("planned"))
+    (found,) = validate(copied)
+    assert (found.rule, found.path) == ("experiments", manifest.PATH)
+    with pytest.raises(DatasetError, match=r"experiments: shards: found \d+, expected at least"):
+        reproduce(copied)
+
+
 def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied):
     """The cells of the episodes are rotated, and the root is that of the new table."""
     path = copied / "meta/episodes.parquet"
@@ -182,7 +159,10 @@ def test_a_root_that_belongs_to_no_experiment_is_found_by_both(copied):
     assert (manifest.PATH, "reproduce") in {(p.path, p.rule) for p in problems}
 
 
-def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+# --- rows
+
+
+def forge(folder, change):
     """Change the rows of every shard, and make everything else of the dataset again for them."""
     listed = manifest.read(folder)
     spec = spec_in(folder, listed)
@@ -192,15 +172,18 @@ def forge(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
         table = pq.read_table(path)
         columns = {name: table[name].to_numpy() for name in table.column_names if name != "policy"}
         change(columns)
-        arrays = [
-            table[field.name] if field.name == "policy" else pa.array(columns[field.name], field.type)
-            for field in table.schema
-        ]
-        pq.write_table(pa.table(arrays, schema=table.schema), path, **AS_WRITTEN)
+        for i, field in enumerate(table.schema):
+            if field.name != "policy":
+                table = table.set_column(i, field, pa.array(columns[field.name], field.type))
+        pq.write_table(table, path, **AS_WRITTEN)
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
         written.append(WrittenShard(shard, entry, stored_content(spec, shard, folder, entry.path)))
     finish(spec, written, folder, True, clipped=listed.clipped_actions)
+
+
+def swap(columns, a, b):
+    columns[a], columns[b] = columns[b], columns[a]
 
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
@@ -223,6 +206,12 @@ def test_forged_rows_break_a_rule_and_are_not_reproduced(copied, change, rule):
     assert len(reproduce(copied)[1]) == 12
 
 
+def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):
+    forge(copied, lambda columns: None)
+    assert validate(copied) == []
+    assert reproduce(copied) == (12, [])
+
+
 def test_the_number_of_clipped_actions_is_made_again(copied):
     seal(copied, lambda listed: listed.update(clipped_actions=1))
     assert validate(copied) == []
@@ -231,20 +220,29 @@ def test_the_number_of_clipped_actions_is_made_again(copied):
     assert reproduce(copied, episodes=2)[1] == []
 
 
-def test_a_forgery_that_changes_nothing_is_a_valid_dataset(copied):
-    forge(copied, lambda columns: None)
+# --- what is no forgery
+
+
+def backwards(data):
+    """JSON data with the keys of all objects in the opposite order."""
+    if isinstance(data, dict):
+        return {key: backwards(value) for key, value in reversed(data.items())}
+    return [backwards(value) for value in data] if isinstance(data, list) else data
+
+
+def test_values_count_and_not_how_they_are_written(copied):
+    for path in copied.glob("meta/*.json"):
+        path.write_text(json.dumps(backwards(json.loads(path.read_bytes()))))
+    words = "as a later version may say it"
+    edit(copied / "meta/dataset.json", lambda info: info["columns"][0].update(description=words))
+    edit(copied / "meta/statistics.json", lambda stats: moved(stats, 0.009))  # the next value of the sample
+    experiment = copied / "meta/experiment.yaml"
+    experiment.write_text(experiment.read_text() + "# a remark\n")
+    episodes = copied / "meta/episodes.parquet"
+    pq.write_table(pq.read_table(episodes), episodes, compression="snappy", write_page_index=True)
+    for shard in (copied / "data").iterdir():
+        pq.write_table(pq.read_table(shard), shard, compression="zstd", row_group_size=7)
+    seal(copied, lambda listed: listed.update(versions={}))
+    listed = copied / manifest.PATH
+    listed.write_text(json.dumps(backwards(json.loads(listed.read_bytes()))))
     assert validate(copied) == []
-    assert reproduce(copied) == (12, [])
-
-
-def test_a_plan_of_too_many_shards_is_refused_at_once(copied, monkeypatch):
-    def forged(listed: Json) -> None:
-        listed["experiments"][0]["episodes"] = 10**6
-        listed["experiments"][0]["output"]["shard_rows"] = 1
-
-    seal(copied, forged)
-    monkeypatch.setattr("ibdata.experiment.dataset_spec.plan", lambda experiment: pytest.fail("planned"))
-    (found,) = validate(copied)
-    assert (found.rule, found.path) == ("experiments", manifest.PATH)
-    with pytest.raises(DatasetError, match=r"experiments: shards: found \d+, expected at least"):
-        reproduce(copied)

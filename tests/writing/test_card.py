@@ -1,7 +1,5 @@
 """The card says under which licence a dataset is, how well its behaviour does, and how to cite it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -16,51 +14,39 @@ from ibdata.writing.citation import PAPER
 from ibdata.writing.licences import front_matter
 from ibdata.writing.metadata import as_json
 
-LONG = {
-    "name": "long",
-    "setpoints": [20, 70],
-    "policies": ["random", "optimized"],
-    "episodes": 2,
-    "steps": 1000,
-}
 SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
 
 
-@pytest.fixture(scope="module")
-def long(tmp_path_factory):
-    return ibdata.generate(LONG, tmp_path_factory.mktemp("card") / "long", workers=1)
-
-
 @pytest.fixture
-def small(made_at, tmp_path):
+def small(made_at, tmp_path, monkeypatch):
+    monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda _: {})  # pictures take seconds
+    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *_: b"")
     return made_at(SMALL, tmp_path / "small")
 
 
-def text_of(folder) -> str:
-    return Path(folder, manifest.CARD).read_text(encoding="utf-8")
+def text_of(dataset):
+    return Path(dataset.path, manifest.CARD).read_text(encoding="utf-8")
 
 
-def matter_of(folder):
-    return YAML(typ="safe", pure=True).load(text_of(folder).split("---\n")[1])
+def matter_of(dataset):
+    return YAML(typ="safe", pure=True).load(text_of(dataset).split("---\n")[1])
 
 
 def test_the_licence_is_in_the_table_and_in_the_front_matter(small, tmp_path):
-    assert matter_of(small.path)["license"] == "cc-by-4.0"
-    assert "| licence | `CC-BY-4.0` |" in text_of(small.path)
+    assert matter_of(small)["license"] == "cc-by-4.0"
+    assert "| licence | `CC-BY-4.0` |" in text_of(small)
     mine = ibdata.generate({**SMALL, "licence": "LicenseRef-mine"}, tmp_path / "mine", workers=1)
-    matter = matter_of(mine.path)
+    matter = matter_of(mine)
     assert (matter["license"], matter["license_name"]) == ("other", "LicenseRef-mine")
-    assert "| licence | `LicenseRef-mine` |" in text_of(mine.path)
+    assert "| licence | `LicenseRef-mine` |" in text_of(mine)
     assert mine.content_root == small.content_root
-    assert ibdata.validate(mine.path) == []
 
 
 def test_a_merged_dataset_is_under_the_licences_of_all(small, tmp_path):
-    changes = {"licence": "ODbL-1.0", "seed": 1}
-    other = ibdata.generate({**SMALL, **changes}, tmp_path / "other", workers=1)
+    other = ibdata.generate({**SMALL, "licence": "ODbL-1.0", "seed": 1}, tmp_path / "other", workers=1)
     both = ibdata.merge([small.path, other.path], tmp_path / "both")
-    assert matter_of(both.path)["license"] == ["cc-by-4.0", "odbl"]
-    assert "| licence | `CC-BY-4.0`, `ODbL-1.0` |" in text_of(both.path)
+    assert matter_of(both)["license"] == ["cc-by-4.0", "odbl"]
+    assert "| licence | `CC-BY-4.0`, `ODbL-1.0` |" in text_of(both)
     assert ibdata.validate(both.path) == []
 
 
@@ -77,22 +63,23 @@ def test_the_hub_knows_licences_by_its_own_words(licences, lines):
     assert front_matter(licences) == lines
 
 
-def test_the_behaviour_has_its_returns_and_its_scores(long):
-    lines = text_of(long.path).splitlines()
-    frame = long.episodes
+def test_the_behaviour_has_its_returns_and_its_scores(tmp_path):
+    experiment = {**SMALL, "setpoints": [20, 70], "policies": ["random", "optimized"], "steps": 1000}
+    made = ibdata.generate(experiment, tmp_path / "long", workers=1)
+    lines, frame, returns = text_of(made).splitlines(), made.episodes, made.returns()
     for policy in ("random", "optimized"):
-        of_policy = [r for r in long.returns()["results"] if r["policy"] == policy]
+        own = [r for r in returns["results"] if r["policy"] == policy]
         mean = frame[frame["policy"] == policy]["return"].mean()
-        error = sum(r["standard_error"] ** 2 for r in of_policy) ** 0.5 / 2
-        score = sum(r["reference_score"] for r in of_policy) / 2
+        error = sum(r["standard_error"] ** 2 for r in own) ** 0.5 / 2
+        score = sum(r["reference_score"] for r in own) / 2
         row = f"| {policy} | 4 | 1,000 | {mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} |"
         assert row in lines
     assert any(line.startswith("| all policies | 8 | 1,000 | ") for line in lines)
-    assert f"Reference score: {long.returns()['scale']}." in lines
+    assert f"Reference score: {returns['scale']}." in lines
 
 
 def test_the_card_says_how_to_cite_as_the_documents_do(small):
-    text = text_of(small.path)
+    text = text_of(small)
     citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
     [paper] = citation["references"]
     assert PAPER in text
@@ -108,25 +95,22 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
     assert f"{{Dataset small, content root {small.content_root}}}" in text
 
 
-def test_a_new_card_names_the_version_of_the_dataset(small, monkeypatch, sign):
-    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *_: b"")
+def test_a_new_card_names_the_version_of_the_dataset(small, sign):
     listed = json.loads((small.path / manifest.PATH).read_bytes())
     listed["versions"]["ibdata"] = "0.8.7"
     (small.path / manifest.PATH).write_bytes(as_json(listed))
     sign(small.path, manifest.CARD)
     write_card(small.path)
-    assert "version = {0.8.7}" in text_of(small.path)
+    assert "version = {0.8.7}" in text_of(small)
     assert ibdata.validate(small.path) == []
 
 
-def test_the_card_describes_columns_and_quality(small, monkeypatch):
-    text = text_of(small.path)
+def test_the_card_describes_columns_and_quality(small):
+    text = text_of(small)
     for column in small.info["columns"]:
         assert f"| `{column['name']}` | {column['dtype']} | {column['unit']} | " in text
         assert f" | {column['description']} |" in text
     assert "| state action coverage |" not in text  # needs all rows, which a run no longer has
-    monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda _: {})
-    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *_: b"")
     write_card(small.path)
     measured = ibdata.quality(small).state_action_coverage
-    assert f"| state action coverage | {measured:.3g} | " in text_of(small.path)
+    assert f"| state action coverage | {measured:.3g} | " in text_of(small)

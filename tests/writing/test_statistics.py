@@ -1,7 +1,5 @@
 """Moments that can be merged, quantiles of an even sample, and sums in a fixed order."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -16,6 +14,7 @@ from ibdata.dataset.statistics import Moments, described, merged, moments, sampl
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 400)
+dtypes = st.sampled_from([np.float32, np.float64])
 exact = tries(60)
 
 
@@ -28,8 +27,19 @@ def drawn(seed, rows, dtype=np.float64):
     return table.astype(dtype)
 
 
-def assert_numpys(found, table):
-    exact = table.astype(np.float64)
+def merged_moments(table, cuts):
+    """The moments of a table in parts of so many rows."""
+    first, *others = (moments(np.ascontiguousarray(x)) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1))
+    for part in others:
+        first = merged(first, part)
+    return first
+
+
+@exact
+@given(seed=seeds, cuts=st.lists(sizes, min_size=1, max_size=6), dtype=dtypes)
+def test_moments_of_any_parts_are_those_of_numpy(seed, cuts, dtype):
+    table = drawn(seed, sum(cuts), dtype)
+    found, exact = merged_moments(table, cuts), table.astype(np.float64)
     assert found.rows == table.shape[1]
     assert (found.low == exact.min(axis=1)).all()
     assert (found.high == exact.max(axis=1)).all()
@@ -42,33 +52,13 @@ def assert_numpys(found, table):
 
 
 @exact
-@given(seed=seeds, rows=sizes, dtype=st.sampled_from([np.float32, np.float64]))
-def test_moments_are_those_of_numpy(seed, rows, dtype):
-    table = drawn(seed, rows, dtype)
-    assert_numpys(moments(table), table)
-
-
-@exact
-@given(seed=seeds, cuts=st.lists(sizes, min_size=1, max_size=6))
-def test_merged_moments_are_those_of_all_rows(seed, cuts):
-    table = drawn(seed, sum(cuts))
-    parts = [moments(np.ascontiguousarray(x)) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1)]
-    found = parts[0]
-    for part in parts[1:]:
-        found = merged(found, part)
-    assert_numpys(found, table)
-
-
-@exact
 @given(
     value=st.floats(-1e4, 1e4, allow_subnormal=False),
     cuts=st.lists(sizes, min_size=1, max_size=4),
-    dtype=st.sampled_from([np.float32, np.float64]),
+    dtype=dtypes,
 )
 def test_a_constant_column_deviates_by_exactly_zero(value, cuts, dtype):
-    found = moments(np.full((1, cuts[0]), value, dtype=dtype))
-    for rows in cuts[1:]:
-        found = merged(found, moments(np.full((1, rows), value, dtype=dtype)))
+    found = merged_moments(np.full((1, sum(cuts)), value, dtype=dtype), cuts)
     assert described(("x",), found, [np.full((1, 3), value)], [3])["x"].std == 0.0
     assert found.mean[0] == dtype(value)
 
@@ -81,6 +71,17 @@ def test_sums_are_made_from_the_first_value_to_the_last(seed, episodes, length):
     for i, value in enumerate(rewards.tolist()):
         expected[i // length] += value
     assert sums(rewards, length).tolist() == expected
+
+
+@pytest.mark.parametrize("at", [0, 5, 9])
+@pytest.mark.parametrize("odd", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_shows_anywhere(at, odd):
+    table = np.arange(10.0).reshape(1, 10)
+    table[0, at] = odd
+    for cuts in ([10], [5, 5]):
+        found = merged_moments(table, cuts)
+        assert not np.isfinite(found.squares[0])
+        assert np.isnan([found.low[0], found.high[0]]).all()
 
 
 @pytest.mark.parametrize(
@@ -101,39 +102,12 @@ def test_a_shard_gives_every_row_or_every_odd_number_of_rows(rows, total, stride
     assert math.ceil(rows / stride) <= max(statistics.SAMPLE_ROWS, statistics.SAMPLE_LEAST)
 
 
-def test_described_statistics_are_plain_numbers():
-    table = np.array([[4.0, 1.0, 3.0, 2.0]])
-    found = described(("x",), moments(table), [table], [4])["x"].plain()
-    assert found.pop("quantiles") == {
-        "0.01": 1.0, "0.05": 1.0, "0.25": 1.0, "0.5": 2.0, "0.75": 3.0, "0.95": 4.0, "0.99": 4.0,
-    }  # fmt: skip
-    assert found == {"count": 4, "mean": 2.5, "std": math.sqrt(1.25), "min": 1.0, "max": 4.0}
-    assert {type(value) for value in found.values()} == {int, float}
-
-
 def test_a_sample_stands_for_the_rows_of_its_shard():
     """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
     samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
-
-
-@pytest.mark.parametrize("at", [0, 5, 9])
-@pytest.mark.parametrize("odd", [np.nan, np.inf])
-def test_a_value_that_is_not_finite_shows_anywhere(at, odd):
-    table = np.arange(10.0).reshape(1, 10)
-    table[0, at] = odd
-    whole, parts = moments(table), [moments(np.ascontiguousarray(table[:, i : i + 5])) for i in (0, 5)]
-    for found in (whole, merged(*parts)):
-        assert not np.isfinite(found.squares[0])
-        assert np.isnan([found.low[0], found.high[0]]).all()
-
-
-def test_no_rows_have_no_moments():
-    found = moments(np.empty((2, 0)))
-    assert found.rows == 0
-    assert all(np.isnan(part).all() for part in found[1:])
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 99, 100, 101, 1000])
@@ -147,6 +121,7 @@ def test_quantiles_are_those_of_numpy(n):
     assert [*found["x"].quantiles.values()] == expected[:, 0].tolist()
     assert [*found["constant"].quantiles.values()] == expected[:, 1].tolist()
     assert {*found["odd"].quantiles.values()} == {None}
+    assert {type(value) for value in found["x"].quantiles.values()} == {float}
 
 
 def test_a_split_smaller_than_the_stride_has_statistics(monkeypatch, describe, tmp_path):

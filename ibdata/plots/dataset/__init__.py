@@ -1,1 +1,1 @@
-"""Pictures of a dataset, one per module, with `draw(figure, summary)` and `size(summary)` in inches."""
+"""Pictures of a dataset, one per module: `TITLE`, `draw(figure, summary)`, and a docstring as the caption."""

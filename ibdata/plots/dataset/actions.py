@@ -1,30 +1,23 @@
 """The actions of each policy. Spikes are actions that the policy takes again and again."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from ibdata.plots.counts import ACTION_EDGES
-from ibdata.plots.style import SERIES
+from ibdata.plots.style import SERIES, WIDTH
 from ibdata.plots.summary import Summary
 from ibdata.views.options import ACTIONS
 
 TITLE = "Actions"
 
 
-def size(summary: Summary) -> tuple[float, float]:
-    """(width, height) in inches."""
-    return 4.8, 1.0 + 1.2 * len(summary.episodes.policies)
-
-
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw a row of panels for each policy, and in it a panel for each number of the action: densities."""
-    counts = summary.counts.actions
-    panels = figure.subplots(len(counts), len(ACTIONS), sharex=True, squeeze=False)
-    names = summary.episodes.policies
-    for row, own, name, (color, *_) in zip(panels, counts, names, SERIES, strict=False):
-        for axes, count in zip(row, own, strict=True):
+    figure.set_size_inches(WIDTH, 1.0 + 1.2 * len(summary.policies))
+    panels = figure.subplots(len(summary.policies), len(ACTIONS), sharex=True, squeeze=False)
+    everything = zip(panels, summary.counts.actions, summary.policies, SERIES, strict=False)
+    for row, counts, name, (color, *_) in everything:
+        for axes, count in zip(row, counts, strict=True):
             density = count / max(1, count.sum()) / np.diff(ACTION_EDGES)
             axes.stairs(density, ACTION_EDGES, fill=True, color=color)
             axes.set_ylim(0, max(0.7, 1.05 * density.max()))

@@ -1,29 +1,23 @@
 """How often each pair of velocity, gain and shift was visited under each policy."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from ibdata.plots.counts import PAIRS, STEERINGS
-from ibdata.plots.style import count_bar, counted
+from ibdata.plots.style import WIDTH, count_bar, counted
 from ibdata.plots.summary import Summary
 
 TITLE = "Coverage"
 
 
-def size(summary: Summary) -> tuple[float, float]:
-    """(width, height) in inches."""
-    return 4.8, 1.3 + 1.5 * len(summary.episodes.policies)
-
-
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw a row of panels for each policy, and in it a panel for each pair."""
+    figure.set_size_inches(WIDTH, 1.3 + 1.5 * len(summary.policies))
     counts = summary.counts.coverage
     norm = LogNorm(1, max(10, counts.max()))
     panels = figure.subplots(len(counts), len(PAIRS), sharex=True, sharey=True, squeeze=False)
-    for row, own, name in zip(panels, counts, summary.episodes.policies, strict=True):
+    for row, own, name in zip(panels, counts, summary.policies, strict=True):
         for axes, (_, b), visits in zip(row, PAIRS, own, strict=True):
             shown = counted(axes, visits, (0.0, 100.0, 0.0, 100.0), norm)
             axes.set_aspect("equal")
@@ -33,4 +27,4 @@ def draw(figure: Figure, summary: Summary) -> None:
     for axes, (a, _) in zip(panels[-1], PAIRS, strict=True):
         axes.set_xlabel(summary.label(STEERINGS[a]))
     count_bar(figure, shown, figure.axes, location="bottom", shrink=0.6, aspect=40)
-    figure.suptitle(f"%: share of the {visits.size} squares that were visited; the others are white")
+    figure.suptitle(f"%: share of the {visits.size:,} squares that were visited; the others are white")

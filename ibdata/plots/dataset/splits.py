@@ -1,13 +1,11 @@
 """How many episodes of each setpoint and policy a split holds, and how many two splits share."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ibdata.numerics.naming import counted
-from ibdata.plots.groups import Numbers
+from ibdata.plots.style import WIDTH, Numbers
 from ibdata.plots.summary import Summary
 
 TITLE = "Splits"
@@ -15,48 +13,23 @@ MOST = 24  # splits that are drawn
 NONE = "(none)"
 
 
-def names(summary: Summary) -> list[str]:
-    """The first 24 splits, and `NONE` where there are episodes in no split."""
-    return [
-        *list(summary.dataset.splits)[:MOST],
-        *([NONE] if () in summary.episodes.splits else []),
-    ]
-
-
-def membership(summary: Summary) -> Numbers:
-    """Whether episodes are in splits: 1 or 0, (episodes, splits)."""
-    known = {name: i for i, name in enumerate(names(summary))}
-    out = np.zeros((len(summary.episodes.splits), len(known)), np.int64)
-    for row, own in zip(out, summary.episodes.splits, strict=True):
-        row[[known[name] for name in own or (NONE,) if name in known]] = 1
-    return out
-
-
-def counts(summary: Summary) -> Numbers:
-    """The number of a cell's episodes in a split (setpoints · policies, splits)."""
-    cell, inside = summary.episodes.cell(), membership(summary)
-    made = np.zeros(
-        (len(summary.episodes.setpoints) * len(summary.episodes.policies), inside.shape[1]), np.int64
-    )
-    np.add.at(made, cell, inside)
-    return made
-
-
-def size(summary: Summary) -> tuple[float, float] | None:
-    """(width, height) in inches; None if the dataset has no splits."""
-    if not summary.dataset.splits:
-        return None
-    own, rows = len(names(summary)), len(summary.episodes.setpoints) * len(summary.episodes.policies)
-    return max(4.8, 2.0 + 0.4 * own), 2.4 + 0.2 * rows + 0.22 * own
+def membership(summary: Summary) -> tuple[list[str], Numbers]:
+    """The first 24 splits, and `NONE` where episodes are in none; 1 or 0 for each (episodes, splits)."""
+    held = [tuple(own) or (NONE,) for own in summary.episodes["splits"]]
+    names = [*list(summary.dataset.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
+    return names, np.array([[name in own for name in names] for own in held], np.int64)
 
 
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw cells by splits above, and splits by splits below."""
-    episodes, own, inside = summary.episodes, names(summary), membership(summary)
-    cells, shared = counts(summary), inside.T @ inside
-    upper, lower = figure.subplots(2, 1, height_ratios=[len(cells) + 1, len(own) + 1])
-    _count(upper, cells, own, [f"{p}, {policy}" for p in episodes.setpoints for policy in episodes.policies])
-    _count(lower, shared, own, own)
+    names, inside = membership(summary)
+    labels = [f"{p}, {policy}" for p in summary.setpoints for policy in summary.policies]
+    cells = np.zeros((len(labels), len(names)), np.int64)
+    np.add.at(cells, summary.setpoint * len(summary.policies) + summary.policy, inside)
+    figure.set_size_inches(max(WIDTH, 2.0 + 0.4 * len(names)), 2.4 + 0.2 * len(labels) + 0.22 * len(names))
+    upper, lower = figure.subplots(2, 1, height_ratios=[len(labels) + 1, len(names) + 1])
+    _count(upper, cells, names, labels)
+    _count(lower, inside.T @ inside, names, names)
     lower.set_title("episodes that two splits share", loc="left")
     more = len(summary.dataset.splits) - MOST
     figure.suptitle(

@@ -1,27 +1,47 @@
 """The episode with the median return: observed variables and, if the dataset has them, hidden ones."""
 
-from __future__ import annotations
+from collections.abc import Mapping
+from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from ibdata.plots.episode import draw as draw_episode
-from ibdata.plots.summary import MOST_STEPS, Summary
+from ibdata.plots.episode import VARIABLES, draw_episode
+from ibdata.plots.style import WIDTH, Floats
+from ibdata.plots.summary import Summary
 
 TITLE = "One episode"
-
-
-def size(summary: Summary) -> tuple[float, float]:
-    """(width, height) in inches."""
-    return 4.8, 5.4 if "mu_v" in summary.traces else 3.4
+MOST_STEPS = 300  # more could not be told apart
 
 
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw the panels of `ibdata.plots.episode`."""
-    draw_episode(figure, summary.traces)
-    figure.axes[-1].set_xlim(0, max(1, len(summary.traces["setpoint"]) - 1))
-    episode = summary.dataset.episodes.iloc[summary.typical]
-    cut = f", first {MOST_STEPS} steps" if episode["length"] > MOST_STEPS else ""
+    number = typical(summary.returns)
+    episode = summary.episodes.iloc[number]
+    steps = traces(summary, episode)
+    figure.set_size_inches(WIDTH, 5.4 if "mu_v" in steps else 3.4)
+    draw_episode(figure, steps)
+    figure.axes[-1].set_xlim(0, max(1, len(steps["setpoint"]) - 1))
+    cut = f", first {MOST_STEPS:,} steps" if episode["length"] > MOST_STEPS else ""
     figure.suptitle(
-        f"episode {summary.typical}, the one with the median return{cut}\n"
+        f"episode {number:,}, the one with the median return{cut}\n"
         f"{summary.setpoint_label} = {episode['setpoint']:g}, {episode['policy']}"
     )
+
+
+def typical(returns: Floats) -> int:
+    """The number of the episode with the median return, or of the first of several."""
+    return int(np.flatnonzero(returns == np.quantile(returns, 0.5, method="inverted_cdf"))[0])
+
+
+def traces(summary: Summary, episode: Any) -> Mapping[str, Floats]:
+    """The first steps of an episode: variables by name, with the hidden ones that the dataset has."""
+    known = {column.name for column in summary.dataset.info_model.columns}
+    both = {column: name for name in VARIABLES for column in (f"obs_{name}", f"latent_{name}")}
+    names = [column for column in both if column in known]
+    first, stop = int(episode["row_start"]), int(episode["row_stop"])
+    batches = summary.dataset.shard_batches(
+        int(episode["shard"]), names, MOST_STEPS, first, min(stop, first + MOST_STEPS)
+    )
+    parts = [np.stack([column.to_numpy() for column in batch.columns]) for batch in batches]
+    return dict(zip([both[name] for name in names], np.concatenate(parts, axis=1), strict=True))

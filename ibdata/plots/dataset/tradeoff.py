@@ -1,38 +1,32 @@
 """The two costs of every step, fatigue and consumption. Steps at the lower left have the highest reward."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ibdata.plots.counts import COSTS
-from ibdata.plots.style import GREYS, SERIES, count_bar, counted, legend_above
+from ibdata.plots.style import GREYS, SERIES, WIDTH, count_bar, counted, legend_above
 from ibdata.plots.summary import Summary
 
 TITLE = "Fatigue against consumption"
 LINES = 6  # most lines of equal reward
 
 
-def size(summary: Summary) -> tuple[float, float]:
-    """(width, height) in inches."""
-    return 4.8, 4.6
-
-
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw all steps in grey, means of setpoints in the policies' colours, and lines of equal reward."""
-    counts, episodes = summary.counts, summary.episodes
+    figure.set_size_inches(WIDTH, 4.6)
+    counts, setpoints = summary.counts, summary.setpoints
     x, y = counts.cost_edges
     axes = figure.subplots()
     norm = LogNorm(1, max(10, counts.costs.max()))
     shown = counted(axes, counts.costs, (x[0], x[-1], y[0], y[-1]), norm, GREYS)
-    for j, (name, (color, marker, line)) in enumerate(zip(episodes.policies, SERIES, strict=False)):
+    for j, (name, (color, marker, line)) in enumerate(zip(summary.policies, SERIES, strict=False)):
         means = counts.mean_costs[:, j]
         means = means[np.isfinite(means[:, 0])]
         axes.plot(*means.T, marker, linestyle=line, color=color, markeredgecolor="white",
                   markersize=6, linewidth=1.0, label=name, clip_on=False)  # fmt: skip
-        if len(episodes.setpoints) > 1:
+        if len(setpoints) > 1:
             axes.plot(*means[0], marker, color="white", markeredgecolor=color, markersize=7, clip_on=False)
     far = np.nanmax(counts.mean_costs, axis=(0, 1))  # a rare policy's mean may be beyond the axes
     axes.set_xlim(x[0], max(x[-1], far[0]))
@@ -42,16 +36,15 @@ def draw(figure: Figure, summary: Summary) -> None:
         axes.axline((total, 0.0), (total - 3.0, 1.0), color="0.3", linewidth=0.6, linestyle=":")
     axes.set_xlabel(summary.label(COSTS[0]))
     axes.set_ylabel(summary.label(COSTS[1]))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:,g}")
     count_bar(figure, shown, axes, aspect=40)
     legend_above(axes)
+    marks = f"marks: means at setpoint {setpoints[0]}"
+    if len(setpoints) > 1:
+        marks = f"marks: means at\nsetpoints {setpoints[0]} (white) to {setpoints[-1]}, joined in this order"
     beyond = 1.0 - counts.costs.sum() / counts.rows.sum()
     figure.suptitle(
-        f"dotted: equal reward, {totals[1] - totals[0]:g} apart; {_marks(episodes.setpoints)}"
+        f"dotted: equal reward, {totals[1] - totals[0]:,g} apart; {marks}"
         + (f"\nbeyond the axes: {beyond:.2%} of all steps" if beyond > 0 else "")
     )
-
-
-def _marks(setpoints: list[str]) -> str:
-    if len(setpoints) == 1:
-        return f"marks: means at setpoint {setpoints[0]}"
-    return f"marks: means at\nsetpoints {setpoints[0]} (white) to {setpoints[-1]}, joined in this order"

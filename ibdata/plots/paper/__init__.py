@@ -1,1 +1,1 @@
-"""Figures of the paper, one per module, with `draw`, the `SIZE` in inches and the default `SEED`."""
+"""Figures of the paper, one per module, with `draw(figure, dynamics, seed)` and the default `SEED`."""

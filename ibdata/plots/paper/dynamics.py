@@ -17,7 +17,6 @@ from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.plots.data import Columns, episodes
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 
-SIZE = (9.0, 5.6)
 SEED = 161  # μᵍ runs away at t = 82 and α changes at the cap of μ, at 96; in the paper at 90 and 100
 STEPS = 200
 SETPOINT = 50.0
@@ -45,6 +44,7 @@ def parts(dynamics: str, seed: int) -> Columns:
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
     """Draw four panels over the same steps."""
+    figure.set_size_inches(9.0, 5.6)
     x = parts(dynamics, seed)
     offset = VARIANTS[dynamics].consumption_offset
     (a, b), (c, d) = figure.subplots(2, 2, sharex=True)

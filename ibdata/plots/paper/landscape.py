@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from ibdata.dynamics.miscalibration import HE_MAX, PHI_MAX, SAFE_ZONE, penalty
 from ibdata.plots.style import BLACK
 
-SIZE = (6.5, 4.2)
 SEED = 0
 ROWS = 301
 COLORS = "cividis"  # blue to yellow, for colour-blind readers and for grey prints too
@@ -57,6 +56,7 @@ def scale(figure: Figure, mesh: QuadMesh, axes: Any) -> None:
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
     """Draw the landscape, with arrows for the changes of φ outside and inside the safe zone."""
+    figure.set_size_inches(6.5, 4.2)
     axes = figure.subplots()
     scale(figure, background(axes), axes)
     for sign, domain in ((1, "positive domain, δ = 1"), (-1, "negative domain, δ = −1")):

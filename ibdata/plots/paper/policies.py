@@ -17,7 +17,6 @@ from ibdata.dynamics.steering import D_H
 from ibdata.plots.paper.landscape import BOX, background, scale
 from ibdata.plots.style import RED
 
-SIZE = (9.0, 3.1)
 SEED = 0
 SETPOINT = 50.0  # where the initial shift, 50, is in the middle of the safe zone
 TURN = 24  # steps of a full turn of φ through both domains
@@ -65,6 +64,7 @@ def path(delta_h: Floats) -> Path:
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
     """Draw the three policies side by side; t counts the steps."""
+    figure.set_size_inches(9.0, 3.1)
     panels = figure.subplots(1, len(POLICIES), sharey=True)
     outline = [withStroke(linewidth=2.6, foreground="white")]
     for axes, (title, delta_h), marked in zip(panels, POLICIES.items(), MARKED, strict=True):

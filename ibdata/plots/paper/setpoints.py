@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from ibdata.plots.data import episodes
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, legend_beside
 
-SIZE = (6.5, 2.6)
 SEED = 0
 STEPS = 1000
 LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, ":"))
@@ -26,6 +25,7 @@ def paths(dynamics: str, seed: int) -> npt.NDArray[np.float64]:
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
     """Draw the setpoints over the steps."""
+    figure.set_size_inches(6.5, 2.6)
     axes = figure.subplots()
     for number, (path, (color, style)) in enumerate(zip(paths(dynamics, seed), LINES, strict=True)):
         axes.plot(path, style, color=color, label=f"episode {number}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import copy
 import subprocess
 import sys
 
@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 import torch
 from helpers import ROOT
+from helpers.pages import blocks
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import ibdata
-from ibdata.environment import IndustrialBenchmarkEnv
 from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
-from ibdata.errors import ConfigError, UsageError
 
 ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 LANES, STEPS = 3, 7
@@ -42,21 +41,20 @@ def _one_thread():
     torch.set_num_threads(1)
 
 
-def ours(**given):
-    return IndustrialBenchmarkVecEnv(LANES, max_episode_steps=STEPS, **given)
-
-
-def theirs(**given):
-    return DummyVecEnv([lambda: gymnasium.make(ID, max_episode_steps=STEPS, **given)] * LANES)
-
-
 def both(**given):
-    return ours(**given), theirs(**given)
+    ours = IndustrialBenchmarkVecEnv(LANES, max_episode_steps=STEPS, **given)
+    theirs = DummyVecEnv([lambda: gymnasium.make(ID, max_episode_steps=STEPS, **given)] * LANES)
+    return ours, theirs
 
 
 def actions_for(env, steps=3 * STEPS):
     env.action_space.seed(0)
     return [np.array([env.action_space.sample() for _ in range(LANES)]) for _ in range(steps)]
+
+
+def check_arrays(found, expected):
+    assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
+    np.testing.assert_array_equal(found, expected)
 
 
 def check_infos(found, expected):
@@ -68,22 +66,22 @@ def check_infos(found, expected):
             assert type(a[key]) is type(value)
 
 
-def check_alike(a, b, actions):
-    """Both give the same, bit for bit and type for type, and then hold the same infos of resets."""
-    for action in actions:
-        found, expected = a.step(action), b.step(action)
-        for x, y in zip(found[:3], expected[:3], strict=True):
-            assert (x.dtype, x.shape) == (y.dtype, y.shape)
-            np.testing.assert_array_equal(x, y)
-        check_infos(found[3], expected[3])
-        check_infos(a.reset_infos, b.reset_infos)
-
-
 def check_begin(a, b):
-    found, expected = a.reset(), b.reset()
-    assert (found.dtype, found.shape) == (expected.dtype, expected.shape)
-    np.testing.assert_array_equal(found, expected)
+    check_arrays(a.reset(), b.reset())
     check_infos(a.reset_infos, b.reset_infos)
+
+
+def check_alike(a, b, actions):
+    """Both give the same, bit for bit and type for type, and what was returned is never changed."""
+    found = [(a.step(action), list(a.reset_infos)) for action in actions]
+    expected = [(copy.deepcopy(b.step(action)), copy.deepcopy(b.reset_infos)) for action in actions]
+    for ((*parts, infos), resets), ((*others, their_infos), their_resets) in zip(
+        found, expected, strict=True
+    ):
+        for x, y in zip(parts, others, strict=True):
+            check_arrays(x, y)
+        check_infos(infos, their_infos)
+        check_infos(resets, their_resets)
 
 
 @pytest.mark.parametrize("given", SETTINGS, ids=str)
@@ -97,39 +95,12 @@ def test_it_gives_the_bits_of_a_loop_over_environments(given):
     check_alike(a, b, actions_for(a, 2))
 
 
-def test_the_last_observation_is_in_the_info_of_the_last_step():
-    env = ours(setpoint=70, history=2)
-    env.seed(0)
-    before = env.reset()
-    for t, actions in enumerate(actions_for(env, 2 * STEPS)):
-        seen, _, ended, infos = env.step(actions)
-        assert ended.tolist() == [t % STEPS == STEPS - 1] * LANES
-        for lane, info in enumerate(infos):
-            assert info["TimeLimit.truncated"] is bool(ended[lane])
-            assert ("terminal_observation" in info) == ended[lane]
-            last = info.get("terminal_observation", seen[lane])
-            assert last[6:].tolist() == before[lane, :6].tolist()
-        before = seen
-    assert (before[:, 1:4] == 50.0).all()  # the first observations of new episodes
-
-
-def test_episodes_have_1000_steps_unless_said_otherwise():
-    envs = [IndustrialBenchmarkVecEnv(1), IndustrialBenchmarkVecEnv(1, max_episode_steps=None)]
-    for env in envs:
-        env.reset()
-    ends = [[env.step(np.zeros((1, 3), np.float32))[2][0] for _ in range(1001)] for env in envs]
-    assert [np.flatnonzero(end).tolist() for end in ends] == [[999], []]
-
-
-def test_what_is_returned_is_never_changed_afterwards():
-    env = ours(setpoint=70)
-    kept, copies = [env.reset()], []
-    copies.append(kept[0].copy())
-    for actions in actions_for(env):
-        seen, rewards, ended, infos = env.step(actions)
-        kept += [seen, rewards, ended, *(info.get("terminal_observation", seen) for info in infos)]
-        copies += [x.copy() for x in kept[len(copies) :]]
-    assert all(np.array_equal(x, y) for x, y in zip(kept, copies, strict=True))
+@pytest.mark.parametrize(("limit", "ends"), [({}, [999]), ({"max_episode_steps": None}, [])], ids=str)
+def test_episodes_have_1000_steps_unless_said_otherwise(limit, ends):
+    env = IndustrialBenchmarkVecEnv(1, **limit)
+    env.reset()
+    ended = [env.step(np.zeros((1, 3), np.float32))[2][0] for _ in range(1001)]
+    assert np.flatnonzero(ended).tolist() == ends
 
 
 def test_attributes_and_methods_of_lanes():
@@ -173,7 +144,7 @@ def test_options_replay_episodes_and_hold_for_one_reset(tmp_path):
 
 
 def test_lanes_begin_in_given_states():
-    env = ours(setpoint=70, history=2)
+    env, _ = both(setpoint=70, history=2)
     env.reset()
     state = ibdata.dynamics.initial_state([30.0], velocity=10.0)
     [(seen, info)] = env.env_method("set_state", state, indices=2)
@@ -181,25 +152,6 @@ def test_lanes_begin_in_given_states():
     assert info["latent_mu_v"] == 0.0
     after = env.step(np.zeros((LANES, 3), np.float32))[0]
     assert after[:, 0].tolist() == [70.0, 70.0, 30.0]
-
-
-def test_their_monitor_and_normalisation_work_on_it():
-    a, b = (VecMonitor(env) for env in both(setpoint=70))
-    for env in (a, b):
-        env.seed(0)
-        env.reset()
-    returns = np.zeros(LANES)
-    for t, actions in enumerate(actions_for(a)):
-        found, expected = a.step(actions), b.step(actions)
-        returns += found[1]
-        if t % STEPS == STEPS - 1:
-            for lane in range(LANES):
-                mine, its = (step[3][lane]["episode"] for step in (found, expected))
-                assert (mine["r"], mine["l"]) == (its["r"], its["l"])
-                assert (mine["l"], mine["r"]) == (STEPS, pytest.approx(returns[lane], rel=1e-5))
-            returns[:] = 0.0
-    scaled = VecNormalize(ours(setpoint=70))
-    assert np.isfinite(scaled.reset()).all()
 
 
 @pytest.mark.parametrize("kind", [SAC, PPO], ids=lambda kind: kind.__name__)
@@ -219,22 +171,7 @@ def test_training_gives_the_same_network_as_over_their_loop(kind):
     assert torch.equal(*learned)
 
 
-def test_discrete_actions_train():
-    model = PPO(
-        "MlpPolicy", ours(setpoint=70, discrete_actions=True), n_steps=16, batch_size=16, device="cpu"
-    )
-    model.learn(100)
-    action, _ = model.predict(np.zeros(6, np.float32))
-    env = IndustrialBenchmarkEnv(setpoint=70, discrete_actions=True)
-    env.reset(seed=0)
-    env.step(action)
-
-
-def test_wrong_settings_and_a_missing_extra_are_one_line():
-    with pytest.raises(ConfigError, match="setpoint: found 170, expected a number of at most 100"):
-        IndustrialBenchmarkVecEnv(2, setpoint=170)
-    with pytest.raises(UsageError, match="num_envs: found 0, expected at least 1"):
-        IndustrialBenchmarkVecEnv(0)
+def test_a_missing_extra_is_one_line():
     code = "import sys; sys.modules['stable_baselines3'] = None; import ibdata.environment.sb3"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stderr.splitlines()[-1] == (
@@ -245,9 +182,7 @@ def test_wrong_settings_and_a_missing_extra_are_one_line():
 
 def test_the_snippet_of_the_page_runs(tmp_path, monkeypatch):
     page = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
-    [block] = [
-        x for x in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S) if "stable_baselines3" in x
-    ]
+    [block] = [code for code in blocks(page, "python") if "stable_baselines3" in code]
     names: dict = {}
     monkeypatch.chdir(tmp_path)
     exec(block.replace("120_000", "2_000"), names)

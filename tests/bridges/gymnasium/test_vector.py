@@ -1,4 +1,4 @@
-"""Each lane of the vector environment behaves as one environment, in all three modes of reset."""
+"""The vector environment does what Gymnasium's loop over single ones does, in all three modes of reset."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-import ibdata.environment  # noqa: F401 - registers the environment
+import ibdata
 from ibdata.environment.vector import MODES, IndustrialBenchmarkVectorEnv
 from ibdata.errors import UsageError
 
@@ -18,20 +18,19 @@ LANES = 3
 SETTINGS = (
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
-    {"start": "uniform", "dynamics": "paper"},
+    {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
     {"view": {"reward": "delta", "actions": True}},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 
 
-def made(mode="NextStep", lanes=LANES, steps=STEPS, **given):
-    return gymnasium.make_vec(
-        ID, num_envs=lanes, max_episode_steps=steps, autoreset_mode=mode, **given or {"setpoint": 70}
-    )
+def made(mode="NextStep", steps=STEPS, **given):
+    options = {"setpoint": 70, **given}
+    return gymnasium.make_vec(ID, num_envs=LANES, max_episode_steps=steps, autoreset_mode=mode, **options)
 
 
-def actions(steps, seed=0):
-    return np.random.default_rng(seed).uniform(-1, 1, (steps, LANES, 3)).astype(np.float32)
+def actions(steps):
+    return np.random.default_rng(0).uniform(-1, 1, (steps, LANES, 3)).astype(np.float32)
 
 
 def equal(a, b):
@@ -55,6 +54,7 @@ def same(ours, theirs):
 @pytest.mark.parametrize("given", SETTINGS, ids=str)
 @pytest.mark.parametrize("mode", MODES if HAS_MODES else MODES[:1])
 def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
+    """With resets by hand, the lanes' episodes end at different steps."""
     ours = made(mode, **given)
     theirs = gymnasium.make_vec(
         ID,
@@ -62,76 +62,25 @@ def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
         vectorization_mode="sync",
         vector_kwargs={"autoreset_mode": mode} if HAS_MODES else {},
         max_episode_steps=STEPS,
-        **given,
+        **{"setpoint": 70, **given},
     )
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     same(ours.reset(seed=4), theirs.reset(seed=4))
-    for action in actions(3 * STEPS):
+    ours.action_space.seed(0)
+    for t in range(3 * STEPS):
+        action = ours.action_space.sample()
         step = ours.step(action)
         same(step, theirs.step(action))
-        if mode == "Disabled" and step[3].any():
-            mask = step[3]
-            same(ours.reset(options={"reset_mask": mask}), theirs.reset(options={"reset_mask": mask}))
+        ended = step[3] | np.array([False, t == 3, False])
+        if mode == "Disabled" and ended.any():
+            options = {"reset_mask": ended}
+            same(ours.reset(options=options), theirs.reset(options=options))
     same(ours.reset(seed=[1, 5, 9]), theirs.reset(seed=[1, 5, 9]))
     same(ours.reset(), theirs.reset())
 
 
-@pytest.mark.parametrize("given", SETTINGS, ids=str)
-def test_a_lane_is_the_environment_of_its_seed(given):
-    ours = made(steps=50, **given)
-    alone = [gymnasium.make(ID, **given) for _ in range(LANES)]
-    seen = ours.reset(seed=4)[0]
-    assert np.array_equal(seen, [env.reset(seed=4 + i)[0] for i, env in enumerate(alone)])
-    for action in actions(50):
-        seen, rewards, *_ = ours.step(action)
-        steps = [env.step(a) for env, a in zip(alone, action, strict=True)]
-        assert np.array_equal(seen, [step[0] for step in steps])
-        assert rewards.tolist() == [step[1] for step in steps]
-
-
-def test_next_step_gives_a_row_that_begins_the_next_episode():
-    env = made("NextStep")
-    env.reset(seed=0)
-    rows = [env.step(action) for action in actions(STEPS + 2)]
-    assert [row[3].all() for row in rows] == [False] * (STEPS - 1) + [True, False, False]
-    assert rows[STEPS][1].tolist() == [0.0] * LANES
-    assert (rows[STEPS][0][:, 1:4] == 50.0).all()
-    assert (rows[STEPS + 1][1] != 0.0).all()
-
-
-def test_same_step_has_the_last_observation_in_the_info():
-    same_step, disabled = made("SameStep"), made("Disabled")
-    for env in (same_step, disabled):
-        env.reset(seed=0)
-    for t, action in enumerate(actions(STEPS)):
-        seen, rewards, _, truncated, info = same_step.step(action)
-        last, their_rewards, _, _, hidden = disabled.step(action)
-        assert np.array_equal(rewards, their_rewards)
-        assert ("final_obs" in info) == truncated.all() == (t == STEPS - 1)
-    assert np.array_equal(np.stack(info["final_obs"]), last)
-    assert equal(info["final_info"], hidden)
-    assert (seen[:, 1:4] == 50.0).all()
-
-
-def test_disabled_leaves_it_to_the_caller_lane_by_lane():
-    env = made("Disabled", steps=4)
-    env.reset(seed=0)
-    env.step(actions(1)[0])
-    mask = np.array([True, False, False])
-    seen, info = env.reset(options={"reset_mask": mask})
-    assert seen[0, 1:4].tolist() == [50.0] * 3
-    assert info["_latent_mu_v"].tolist() == mask.tolist()
-    assert info["latent_mu_v"][1:].tolist() == [0.0, 0.0]
-    ends = [env.step(action)[3].tolist() for action in actions(3)]
-    assert ends == [[False] * 3, [False] * 3, [False, True, True]]
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(actions(1)[0])
-    env.reset(options={"reset_mask": ~mask})
-    assert env.step(actions(1)[0])[3].tolist() == [True, False, False]
-
-
-def test_a_lane_s_numbers_do_not_depend_on_when_the_others_begin():
+def test_a_lane_s_numbers_do_not_depend_on_when_others_begin():
     """Also over many refills of the integers read ahead."""
     env = made("Disabled", steps=10**6)
     alone = gymnasium.make(ID, setpoint=70, max_episode_steps=10**6)
@@ -145,16 +94,15 @@ def test_a_lane_s_numbers_do_not_depend_on_when_the_others_begin():
 
 def test_what_is_returned_is_never_changed_afterwards():
     env = made("SameStep", steps=2)
-    first = env.reset(seed=0)
-    rows = [(first[0], first[1]["latent_mu_v"])]
-    copies = [tuple(x.copy() for x in rows[0])]
+    seen, info = env.reset(seed=0)
+    kept = [seen, info["latent_mu_v"]]
+    copies = [x.copy() for x in kept]
     for action in actions(6):
-        seen, rewards, terminated, truncated, info = env.step(action)
-        rows.append((seen, rewards, terminated, truncated, info["latent_theta_1"], info["_latent_mu_g"]))
-        copies.append(tuple(x.copy() for x in rows[-1]))
-    assert all(
-        np.array_equal(x, y) for a, b in zip(rows, copies, strict=True) for x, y in zip(a, b, strict=True)
-    )
+        *parts, info = env.step(action)
+        new = [*parts, info["latent_theta_1"], info["_latent_mu_g"]]
+        kept += new
+        copies += [x.copy() for x in new]
+    assert all(np.array_equal(x, y) for x, y in zip(kept, copies, strict=True))
 
 
 def test_metadata_seeds_and_spec():
@@ -162,39 +110,64 @@ def test_metadata_seeds_and_spec():
     mode = env.metadata["autoreset_mode"]
     assert getattr(mode, "value", mode) == "SameStep"
     assert not HAS_MODES or isinstance(mode, gymnasium.vector.AutoresetMode)
+    assert not HAS_MODES or made(mode).metadata["autoreset_mode"] == mode
     env.reset(seed=11)
     assert env.np_random_seed == (11, 12, 13)
     assert len(env.np_random) == LANES
     assert json.loads(env.spec.to_json())["kwargs"]["autoreset_mode"] == "SameStep"
-    seeds = made().np_random_seed
-    assert len(set(seeds)) == LANES
-    if HAS_MODES:
-        assert made(gymnasium.vector.AutoresetMode.DISABLED).metadata["autoreset_mode"].value == "Disabled"
+    assert len(set(made().np_random_seed)) == LANES
 
 
-def test_what_cannot_be_meant_is_refused_in_one_line():
-    with pytest.raises(
-        UsageError, match=r"^autoreset_mode: found 'next', expected one of NextStep, SameStep, Dis"
-    ):
-        made("next")
-    for limit in (0, -3, 2.5, True):
-        with pytest.raises(UsageError, match=rf"^max_episode_steps: found {limit}, expected a whole number"):
-            IndustrialBenchmarkVectorEnv(2, limit)
-    with pytest.raises(UsageError, match=r"^num_envs: found 0, expected at least 1$"):
-        made(lanes=0)
-    with pytest.raises(UsageError, match=r"^history: found 0, expected a whole number of at least 1$"):
-        made(history=0)
-    env = made("NextStep")
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(actions(1)[0])
-    for mask in ([True] * 3, np.ones(2, dtype=bool), np.ones(3), np.zeros(3, dtype=bool)):
-        with pytest.raises(
-            UsageError,
-            match=r"^reset_mask: found .*, expected a boolean array of shape \(3,\) that is true for",
-        ):
-            env.reset(options={"reset_mask": mask})
-    with pytest.raises(UsageError, match=r"^seed: found 2 seeds, expected 3$"):
-        env.reset(seed=[1, 2])
+def begin(env):
     env.reset(seed=0)
-    with pytest.raises(UsageError, match=r"^action: found .*, expected \(3, 3\) finite numbers"):
-        env.step(np.zeros((2, 3), dtype=np.float32))
+    return env
+
+
+@pytest.fixture
+def begun():
+    return begin(made("Disabled", steps=2))
+
+
+STATE = ibdata.dynamics.initial_state([70.0])
+MASK = r"reset_mask: found .*, expected a boolean array of shape \(3,\) that is true for some lane$"
+LANES_LEFT = "lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"
+REFUSED = {
+    "a mode": (lambda env: made("next"), "autoreset_mode: found 'next', expected one of NextStep, SameStep"),
+    "no step": (lambda env: made(steps=0), "max_episode_steps: found 0, expected a whole number"),
+    "no lane": (lambda env: IndustrialBenchmarkVectorEnv(0), "num_envs: found 0, expected at least 1$"),
+    "two seeds": (lambda env: env.reset(seed=[1, 2]), "seed: found 2 seeds, expected 3$"),
+    "two actions": (
+        lambda env: env.step(np.zeros((2, 3))),
+        r"action: found .*, expected \(3, 3\) finite numbers",
+    ),
+    "discrete actions": (
+        lambda env: begin(made(discrete_actions=True)).step(np.zeros((3, 3))),
+        "action: found .*, expected 3 whole numbers from 0 to 26$",
+    ),
+    "a state for all": (
+        lambda env: env.unwrapped.set_state(STATE),
+        "set_state: found a state of 1 lane, expected a state of 3 lanes$",
+    ),
+    **{
+        f"the mask {mask}": (lambda env, mask=mask: env.reset(options={"reset_mask": mask}), MASK)
+        for mask in ([True] * 3, np.ones(2, dtype=bool), np.ones(3), np.zeros(3, dtype=bool))
+    },
+    **{
+        f"the lanes {lanes}": (lambda env, lanes=lanes: env.unwrapped.set_state(STATE, lanes), LANES_LEFT)
+        for lanes in (3, -1, [0, 0], [], [0.0], "all", [[0]])
+    },
+}
+
+
+@pytest.mark.parametrize(("call", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_meant_is_refused_in_one_line(begun, call, message):
+    with pytest.raises(UsageError, match=f"^{message}"):
+        call(begun)
+
+
+def test_a_step_needs_a_running_episode_in_every_lane(begun):
+    for action in actions(2):
+        begun.step(action)
+    for env in (begun, made()):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step(actions(1)[0])

@@ -14,9 +14,14 @@ def to() -> str:
     return "minari"
 
 
-_modules = (test_conformance, test_target, test_views)
-_tests = {
-    name: test for module in _modules for name, test in vars(module).items() if name.startswith("test_")
-}
+def for_every_format(test) -> bool:
+    """Whether a test takes its format from the fixture above, and not from a table of its own."""
+    tables = [mark.args[0] for mark in getattr(test, "pytestmark", []) if mark.name == "parametrize"]
+    return "to" in inspect.signature(test).parameters and "to" not in tables
+
+
+for _module in (test_conformance, test_target, test_views):
+    for _name, _test in list(vars(_module).items()):
+        if _name.startswith("test_") and for_every_format(_test):
+            globals()[_name] = _test
 del test_conformance, test_target, test_views
-globals().update({name: test for name, test in _tests.items() if "to" in inspect.signature(test).parameters})

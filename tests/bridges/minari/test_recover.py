@@ -9,31 +9,40 @@ import pytest
 import ibdata
 
 
+def recovered(made, root, **options):
+    """The export of a dataset, and its environment."""
+    name = options.get("split", "whole")
+    ibdata.export(made, "minari", root, id=f"ibdata/{name}-v0", **options)
+    found = minari.load_dataset(f"ibdata/{name}-v0")
+    return found, found.recover_environment() if found.env_spec else None
+
+
 @pytest.mark.parametrize("history", [1, 4])
 def test_a_recovered_environment_is_that_of_the_dataset(root, tmp_path, history):
     overrides = ["setpoints=70", "episodes=2", "steps=30"]
     dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    ibdata.export(dataset, "minari", root, history=history)
-    found = minari.load_dataset("ibdata/random-v0")
-    environment = found.recover_environment()
+    found, environment = recovered(dataset, root, history=history)
     observation, _ = environment.reset(seed=0)
     assert observation.shape == found.observation_space.shape == (6 * history,)
-    steering = found[0].observations[0, :4]
-    assert observation[:4].tolist() == steering.tolist() == [70, 50, 50, 50]
-    for step in range(30):
-        action = found[0].actions[step]
+    assert observation[:4].tolist() == found[0].observations[0, :4].tolist() == [70, 50, 50, 50]
+    for step, action in enumerate(found[0].actions):
         observation, _, terminated, truncated, _ = environment.step(action)
         assert np.isclose(observation[1:4], found[0].observations[step + 1, 1:4]).all()
     assert (terminated, truncated) == (False, True)
 
 
-def recovered(made, root, **options):
-    ibdata.export(made, "minari", root, id=f"ibdata/{made.info['name']}-v0", **options)
-    found = minari.load_dataset(f"ibdata/{made.info['name']}-v0")
-    return found, found.recover_environment() if found.env_spec else None
+def test_the_environment_is_named_with_the_dataset_s_own_settings(dataset, root):
+    spec = recovered(dataset, root, history=3, view={"reward_scale": 0.5})[0].env_spec
+    assert (spec.id, spec.max_episode_steps) == ("ibdata/IndustrialBenchmark-v0", 25)
+    assert spec.entry_point == "ibdata.environment:IndustrialBenchmarkEnv"
+    shown = {"history": 3, "view": {"reward_scale": 0.5}}
+    assert spec.kwargs == {"dynamics": "siemens", "start": "default", **shown}
+    assert recovered(dataset, root, split="target")[0].env_spec.kwargs["setpoint"] == 70
 
 
-@pytest.mark.parametrize("view", [{}, {"observe": "markov"}])
+@pytest.mark.parametrize(
+    "view", [{}, {"observe": "markov"}, {"imperfections": {"missing": {"obs_gain": 0.2}, "mask": True}}]
+)
 def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
     overrides = ["episodes=2", "steps=20", "output.latent=next"]
     made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
@@ -52,11 +61,8 @@ def test_a_merged_environment_is_that_of_the_exported_part(root, tmp_path):
     ]
     merged = ibdata.merge(parts, tmp_path / "merged")
     merged = ibdata.split(merged, by="policy", names={"random": "theirs", "safe": "printed"})
-    _, environment = recovered(merged, root)
-    assert environment is None
-    for name, dynamics in (("theirs", "siemens"), ("printed", "paper")):
-        ibdata.export(merged, "minari", root, split=name, id=f"ibdata/{name}-v0")
-        found = minari.load_dataset(f"ibdata/{name}-v0")
+    assert recovered(merged, root)[1] is None
+    for name, dynamics, episode in (("theirs", "siemens", 0), ("printed", "paper", 2)):
+        found, environment = recovered(merged, root, split=name)
         assert found.env_spec.kwargs["dynamics"] == dynamics
-        environment = found.recover_environment()
-        environment.reset(options={"dataset": merged, "episode": 0 if name == "theirs" else 2})
+        environment.reset(options={"dataset": merged, "episode": episode})

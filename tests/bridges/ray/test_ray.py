@@ -12,14 +12,15 @@ from pathlib import Path
 
 import pytest
 import ray
+from helpers import ROOT
+from helpers.pages import blocks
 
 import ibdata
-from ibdata import Experiment, IbdataError
+from ibdata import IbdataError
 from ibdata.errors import PolicyError
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
-ROOT = Path(__file__).parents[3]
-PLAIN = {
+TINY = {
     "name": "tiny",
     "setpoints": [20.0, 70.0],
     "policies": [{"kind": "random"}],
@@ -66,7 +67,7 @@ def deadly(tmp_path, deaths, number=int(signal.SIGKILL)):
     Path("deadly.py").write_text(POLICY)
     params = {"driver": os.getpid(), "flag": str(tmp_path / "flag"), "deaths": deaths, "number": number}
     policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
-    return Experiment.model_validate({**PLAIN, "policies": [policy]})
+    return {**TINY, "policies": [policy]}
 
 
 def processes(mark):
@@ -82,20 +83,18 @@ def processes(mark):
 
 
 def test_ray_makes_the_same_files_and_is_ended(files):
-    tiny = Experiment.model_validate(PLAIN)
-    made = [ibdata.generate(tiny, f"local-{n}", workers=n) for n in (1, 2)]
-    made.append(ibdata.generate(tiny, "ray", workers=2, engine="ray"))
-    assert len({dataset.content_root for dataset in made}) == 1
-    assert files("ray") == files("local-1") == files("local-2")
+    made = ibdata.generate(TINY, "ray", workers=2, engine="ray")
+    plain = ibdata.generate(TINY, "plain", workers=1)
+    assert made.content_root == plain.content_root
+    assert files("ray") == files("plain")
     assert not ray.is_initialized()
 
 
 def test_a_ray_that_was_there_is_used_and_stays(cluster):
-    tiny = Experiment.model_validate(PLAIN)
     for i in (1, 2):
-        ibdata.generate(tiny, "out", shards=f"{i}/2", engine="ray")
+        ibdata.generate(TINY, "out", shards=f"{i}/2", engine="ray")
     assert ray.is_initialized()
-    assert ibdata.finalize("out").content_root == ibdata.generate(tiny, "plain", workers=1).content_root
+    assert ibdata.finalize("out").content_root == ibdata.generate(TINY, "plain", workers=1).content_root
 
 
 def test_the_command_runs_on_the_ray_at_an_address(cluster, ibdata):
@@ -162,11 +161,10 @@ def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
     assert not Path("data").exists()
 
 
-def test_the_command_and_the_snippet_of_the_page(command, tmp_path):
-    text = (ROOT / "docs/engines.md").read_text()
+def test_the_command_and_the_snippet_of_the_page(command):
+    text = (ROOT / "docs/scale.md").read_text()
     (line,) = re.findall(r"`(ibdata generate [^`]*--engine ray[^`]*)`", text)
-    (snippet,) = (b for b in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S) if "import ray\n" in b)
-    (tmp_path / "snippet.py").write_text(snippet)
-    for args in (line.replace("ibdata", command, 1).split(), [sys.executable, "snippet.py"]):
+    (snippet,) = (block for block in blocks(text, "python") if "import ray\n" in block)
+    for args in ([command, *line.split()[1:]], [sys.executable, "-c", snippet]):
         done = subprocess.run(args, capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr

@@ -1,10 +1,9 @@
-"""RLlib trains on the export with the printed configuration. Also pins the pitfalls of RLlib 2.60."""
+"""RLlib trains on the export with the printed configuration."""
 
 from __future__ import annotations
 
 import gymnasium
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import ray
 from ray.rllib.algorithms.bc import BCConfig
@@ -24,15 +23,8 @@ def started():
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    plain = {
-        "name": "shown",
-        "setpoints": 70,
-        "policies": [{"kind": "optimized"}],
-        "episodes": 2,
-        "steps": 500,
-    }
-    experiment = ibdata.Experiment.model_validate(plain)
-    return ibdata.generate(experiment, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
+    shown = {"name": "shown", "setpoints": 70, "policies": ["optimized"], "episodes": 2, "steps": 500}
+    return ibdata.generate(shown, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
 
 
 def configured(config_class, snippet):
@@ -81,17 +73,6 @@ def test_behaviour_cloning_learns_on_the_printed_configuration(dataset, tmp_path
 def test_marwil_runs_on_the_printed_configuration(dataset, tmp_path):
     made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
     assert np.isfinite(losses(configured(MARWILConfig, made.snippet), 2)).all()
-
-
-def test_a_column_of_text_still_ends_the_training(dataset, tmp_path):
-    """Hence the export has none, and names its columns."""
-    made = ibdata.export(dataset, "rllib", tmp_path / "made.parquet")
-    table = pq.read_table(made.path)
-    pq.write_table(table.append_column("policy", [["safe"] * table.num_rows]), tmp_path / "text.parquet")
-    snippet = made.snippet.replace("made.parquet", "text.parquet")
-    snippet = snippet.replace('input_read_method_kwargs={"columns": list(schema.values())},', "")
-    with pytest.raises(Exception, match=r"numpy\.str_|can't convert"):
-        losses(configured(BCConfig, snippet), 1)
 
 
 def test_the_snippet_of_the_page(use_with):

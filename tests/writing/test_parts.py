@@ -1,0 +1,144 @@
+"""A shard is made, and read again, in the parts in which it is simulated, however large its file is."""
+
+import threading
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from helpers.folders import contents
+
+import ibdata
+from ibdata.dataset import statistics
+from ibdata.errors import IbdataError
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.rollout import Columns, parts, rollout
+from ibdata.validation import rows
+from ibdata.writing import arrow, shard_writer, stored, summary
+
+
+@pytest.fixture
+def experiment(describe):
+    """30 episodes of 20 steps in one shard."""
+    return describe(steps=20, episodes=15, policies=[{"kind": "safe"}])
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """Parts of 8 episodes, 160 rows, and row groups of 100 rows."""
+
+    def shrink():
+        monkeypatch.setattr("ibdata.experiment.rollout.LANES", 8)
+        monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", 200)
+        monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
+
+    return shrink
+
+
+@pytest.fixture
+def adding(experiment, small_parts, tmp_path):
+    """A writer of the shard, and the parts to add to it."""
+    small_parts()
+    spec = DatasetSpec.of(experiment)
+    (tmp_path / "data").mkdir()
+    with (
+        shard_writer.writing_threads() as threads,
+        shard_writer.shard_writer(spec, spec.shards[0], tmp_path, threads) as writer,
+    ):
+        yield writer, list(summary.simulated(spec, spec.shards[0]))
+
+
+def test_parts_are_whole_blocks_or_some_lanes(experiment, small_parts):
+    small_parts()
+    assert [*parts(experiment, 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
+    longer = experiment.model_copy(update={"steps": 10**6})
+    assert [*parts(longer, 0, 100)] == [(0, 64), (64, 100)]
+
+
+def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp_path):
+    """Only the row groups of its file; quantiles of a sample are of the same rows."""
+    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 90)
+    monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)
+    whole = ibdata.generate(experiment, tmp_path / "whole", workers=1)
+    small_parts()
+    made = ibdata.generate(experiment, tmp_path / "parts", workers=1)
+    assert made.content_root == whole.content_root
+    assert made.table().equals(whole.table())
+    for name, described in whole.statistics().items():
+        found = made.statistics()[name]
+        assert found.pop("quantiles") == described.pop("quantiles")
+        assert found == pytest.approx(described, rel=1e-9, abs=1e-9)
+    np.testing.assert_allclose(made.episodes["return"], whole.episodes["return"], rtol=1e-12)
+    (path,) = (made.path / "data").iterdir()
+    groups = pq.ParquetFile(path).metadata
+    sizes = [groups.row_group(i).num_rows for i in range(groups.num_row_groups)]
+    assert sizes == [100, 60, 100, 60, 100, 60, 100, 20]
+    assert arrow.ROW_GROUP_ROWS == 100_000
+
+
+@pytest.mark.parametrize("place", [(shard_writer.ShardWriter, "_encode"), (summary.ShardSummarizer, "add")])
+def test_an_error_in_a_thread_is_raised_and_leaves_nothing(experiment, monkeypatch, tmp_path, place):
+    def fail(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(*place, fail)
+    before = threading.active_count()
+    with pytest.raises(IbdataError, match="No space left"):
+        ibdata.generate(experiment, tmp_path / "made", workers=1)
+    assert contents(tmp_path) == {}
+    assert threading.active_count() == before
+
+
+def test_no_more_than_two_parts_wait(adding, monkeypatch):
+    writer, found = adding
+    done, gate = [], threading.Event()
+
+    def encode(self, part, floats):
+        gate.wait()
+        done.append(part.first)
+
+    monkeypatch.setattr(shard_writer.ShardWriter, "_encode", encode)
+    for part in found[: shard_writer.WAITING]:
+        writer.add(*part)
+    late = threading.Thread(target=writer.add, args=found[shard_writer.WAITING])
+    late.start()
+    time.sleep(0.05)
+    assert late.is_alive()
+    gate.set()
+    late.join()
+    writer.finish()
+    assert done == [0, 8, 16]
+
+
+PART = 400  # rows
+USES = {
+    "validate": ibdata.validate,
+    "materialize": lambda folder: ibdata.split(folder, by="policy", materialize=folder.parent / "copy"),
+    "repair": lambda folder: ((folder / "meta/statistics.json").unlink(), ibdata.repair(folder, workers=1)),
+    "reproduce": ibdata.reproduce,
+}
+
+
+def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
+    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 10)
+    monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", PART)
+    made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)
+    assert len(made.manifest["shards"]) == 1
+    held = []
+
+    def seen(real):
+        def columns(*args):
+            found = real(*args)
+            held.append(found.table.shape[1])
+            return found
+
+        return columns
+
+    monkeypatch.setattr(rows, "PART_ROWS", PART)
+    monkeypatch.setattr(stored, "Columns", seen(Columns))
+    monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
+    for name, use in USES.items():
+        held.clear()
+        use(made.path)
+        assert sum(held) == len(made), name
+        assert max(held) <= PART, name
