@@ -78,19 +78,7 @@ VALID = st.fixed_dictionaries(
         "splits": st.dictionaries(NAMES, st.just({"overlap": True}), max_size=2),
     },
 )
-WORDS = [
-    "setpoints",
-    "steps",
-    "kind",
-    "random",
-    "drifting",
-    "paper",
-    "splits",
-    "true",
-    "no",
-    "<<",
-    "2001-99-99",
-]
+WORDS = ["setpoints", "steps", "kind", "random", "drifting", "paper", "splits", "true", "no", "<<"]
 VALUES = st.recursive(
     st.none()
     | st.booleans()
@@ -106,15 +94,9 @@ VALUES = st.recursive(
 TEXT = st.text(
     st.sampled_from(list("aeinkx01.-+~:,?[]{}#&*!|>'\"%@` \t\n\r\\/=<_é☃\ufeff\x00\x85\u2028")), max_size=60
 )
-YAML = TEXT | st.lists(
-    st.sampled_from(
-        ["name: x\n", "setpoints: ", "[", "]", "{", "}", "- ", "? ", ": ", "\n", "  ", "&a ", "*a ", "|\n"]
-    )
-    | st.sampled_from(
-        ["!!int ", "---\n", "...\n", "%YAML 1.1\n", "<<: ", "70", "1e3", "policies: ", "kind: random", "#"]
-    ),
-    max_size=14,
-).map("".join)
+PIECES = ["name: x\n", "setpoints: ", "[", "]", "{", "}", "- ", "? ", ": ", "\n", "  ", "&a ", "*a ", "|\n"]
+PIECES += ["!!int ", "---\n", "...\n", "%YAML 1.1\n", "<<: ", "70", "1e3", "policies: ", "kind: random", "#"]
+YAML = TEXT | st.lists(st.sampled_from(PIECES), max_size=14).map("".join)
 
 
 def lines_of(error: UsageError) -> list[str]:
@@ -198,26 +180,16 @@ def test_one_unknown_key_is_an_error_that_names_it(file, plain, key, value, data
     assert f"{known}: no such option; " in line or "not valid YAML" in line or "half of" in line
 
 
-@examples(600)
-@given(text=YAML)
-def test_any_text_is_an_experiment_or_an_error_with_its_place(file, text):
-    file.write_bytes(text.encode())
+@examples(700)
+@given(data=YAML.map(str.encode) | st.binary(max_size=80))
+def test_any_text_is_an_experiment_or_an_error_with_its_place(file, data):
+    file.write_bytes(data)
     try:
         load(file)
     except ConfigError as error:
         for line in lines_of(error):
             place = line.removeprefix(f"{file}:").split(":")
             assert [number.isdigit() and int(number) > 0 for number in place[:2]] == [True, True]
-
-
-@examples(150)
-@given(data=st.binary(max_size=80))
-def test_any_bytes_are_an_experiment_or_an_error_with_its_place(file, data):
-    file.write_bytes(data)
-    try:
-        load(file)
-    except ConfigError as error:
-        assert all(line.startswith(f"{file}:") for line in lines_of(error))  # noqa: PT017  # may be valid
 
 
 KEYS = st.lists(

@@ -25,23 +25,45 @@ pytestmark = pytest.mark.corpus
 FILES = (manifest.PATH, "meta/dataset.json", "meta/statistics.json")
 PARTS, OF_A_PART = 6, 50
 HUGE = "a number that JSON has and no float holds"
-VALUES: list[Any] = [
-    *(None, True, False, 0, -1, 1, 7, 2**31, 2**63 - 1, 2**63, 2**64, 10**400, -0.0, 1.5, 1e308, HUGE, 50.0),
-    *("", "x", "random", "low", "policy", "reward", "string", "float64", "0.5", "../x", "meta/dataset.json"),
-    *(
-        "\ud800",
-        "\x1b[31mred",
-        "a\u202eb",
-        "two\nlines",
-        "\x9b",
-        "x" * 5000,
-        "0" * 64,
-        "data/part-00001.parquet",
-    ),
-    *([], {}, [[]], [0], [0, 0], [1, 2], ["x"], {"x": 1}, {"\x1b]0;x\x07": "\ud800"}, {"kind": "random"}),
+NUMBERS = [0, -1, 1, 7, 2**31, 2**63 - 1, 2**63, 2**64, 10**400, -0.0, 1.5, 1e308, HUGE, 50.0]
+WORDS = [
+    "",
+    "x",
+    "random",
+    "low",
+    "policy",
+    "reward",
+    "string",
+    "float64",
+    "0.5",
+    "../x",
+    "meta/dataset.json",
 ]
+ODD = [
+    "\ud800",
+    "\x1b[31mred",
+    "a\u202eb",
+    "two\nlines",
+    "\x9b",
+    "x" * 5000,
+    "0" * 64,
+    "data/part-00001.parquet",
+]
+PARTS_OF_JSON = [
+    [],
+    {},
+    [[]],
+    [0],
+    [0, 0],
+    [1, 2],
+    ["x"],
+    {"x": 1},
+    {"\x1b]0;x\x07": "\ud800"},
+    {"kind": "random"},
+]
+VALUES: list[Any] = [None, True, False, *NUMBERS, *WORDS, *ODD, *PARTS_OF_JSON]
 KEYS = ("x", "zz", "\x1b[2J", "a\u202e")
-READING = (
+READING = [
     "info d",
     "info d --json",
     "head d",
@@ -49,16 +71,9 @@ READING = (
     "stats d --split low",
     "validate d",
     "diff d other",
-)
-WRITING = (
-    "split d --by policy",
-    "split d --materialize parts",
-    "merge d other --out both",
-    "reproduce d",
-    "repair d --workers 1",
-    "export d --to npz --out x.npz",
-    "card d",
-)
+]
+WRITING = ["split d --by policy", "split d --materialize parts", "merge d other --out both", "reproduce d"]
+WRITING += ["repair d --workers 1", "export d --to npz --out x.npz", "card d"]
 RAW = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 

@@ -87,16 +87,6 @@ def test_merged_results_have_the_steps_of_their_episodes(mixed, whole):
     assert json.loads(shown(mixed.path, "--json"))["returns"] == json.loads(json.dumps(found))
 
 
-def test_a_cell_has_a_result_for_each_length(describe, tmp_path):
-    changes = {"setpoints": [70], "policies": [{"kind": "safe"}]}
-    made = [
-        ibdata.generate(describe(**changes, steps=steps, seed=steps), tmp_path / str(steps), workers=1)
-        for steps in (5, 7)
-    ]
-    merged = ibdata.merge([one.path for one in made], tmp_path / "merged")
-    assert merged.returns()["results"] == [one.returns()["results"][0] for one in made]
-
-
 def test_close_setpoints_are_told_apart(describe, tmp_path):
     made = ibdata.generate(describe(setpoints=[50.0000001, 50.0000002]), tmp_path / "close", workers=1)
     lines = [line.split() for line in shown(made.path).splitlines()]

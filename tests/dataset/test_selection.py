@@ -29,6 +29,14 @@ def labelled(declared, made_at, tmp_path_factory):
     return ibdata.split(made.path, by="policy")
 
 
+@pytest.fixture(scope="module")
+def one_file(describe, made_at, tmp_path_factory):
+    """The same episodes in one file, in which those of a selection lie apart; all splits are labels."""
+    made = made_at(describe(output={"latent": "next"}), tmp_path_factory.mktemp("selection") / "one")
+    ibdata.split(made.path, source=[20], target=[70], shots=2)
+    return ibdata.split(made.path, by="policy")
+
+
 def by_hand(dataset, setpoint=None, policy=None, split=None):
     """The rows of the episodes that a look at each of them selects."""
     chosen = [
@@ -42,15 +50,17 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
     return rows[rows["episode"].isin(chosen)]
 
 
+@pytest.mark.parametrize("which", ["labelled", "one_file"])
 @pytest.mark.parametrize("selection", SELECTIONS.values(), ids=SELECTIONS)
-def test_rows_that_meet_all_conditions_come_in_order(labelled, selection):
-    expected = by_hand(labelled, **selection)
+def test_rows_that_meet_all_conditions_come_in_order(request, which, selection):
+    dataset = request.getfixturevalue(which)
+    expected = by_hand(dataset, **selection)
     assert expected.empty == (selection == SELECTIONS["nothing"])
-    found = labelled.to_pandas(**selection)
+    found = dataset.to_pandas(**selection)
     pd.testing.assert_frame_equal(found, expected, check_categorical=False)
-    batches = list(labelled.iter_batches(["episode", "step"], batch_rows=30, **selection))
+    batches = list(dataset.iter_batches(["episode", "step"], batch_rows=30, **selection))
     assert [step for batch in batches for step in batch["step"].to_pylist()] == expected["step"].tolist()
-    arrays = labelled.arrays(history=2, **selection)
+    arrays = dataset.arrays(history=2, **selection)
     assert arrays["rewards"].tolist() == expected["reward"].tolist()
     assert arrays["observations"].shape == (len(expected), 12)
 

@@ -1,82 +1,72 @@
-"""F9: unwritable folders, links and long names give one line, and nothing outside is touched."""
+"""Unwritable folders, links and long names give one line, and nothing outside is touched."""
 
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from helpers.folders import contents
 
 pytestmark = pytest.mark.faults
 NOBODY = 65534
-
-
-def listing(folder: Path) -> dict[str, bytes | None]:
-    """Everything in a folder, with the content of files."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-    }
+SPLIT = ["split", "--by", "episode", "--fractions", "0.5,0.5"]
 
 
 @pytest.fixture
-def open_folder() -> Iterator[Path]:
+def open_folder():
     """A folder that everybody may enter, but nobody else may write to."""
     with tempfile.TemporaryDirectory() as name:
         os.chmod(name, 0o755)
         yield Path(name)
 
 
-def test_read_only_folders(forks: Any, tools: Any, open_folder: Path) -> None:
+def test_read_only_folders(forks, tools, open_folder):
     """What may not be written gives one line and stays; a dataset that is already there needs no right."""
     user = NOBODY if os.geteuid() == 0 else 0
-    config, old = open_folder / "tiny.yaml", open_folder / "old"
+    config, old, empty = open_folder / "tiny.yaml", open_folder / "old", open_folder / "empty"
     shutil.copy(tools.tiny, config)
     assert forks.run(*tools.args(config, old)).code == 0
-    (open_folder / "empty").mkdir()
-    for folder in (open_folder, old, old / "data", old / "meta", open_folder / "empty"):
+    empty.mkdir()
+    folders = (open_folder, old, old / "data", old / "meta", empty)
+    for folder in folders:
         folder.chmod(0o555)
-    before = listing(open_folder)
-    for name in ("new", "a/b", "empty"):
-        answer = forks.run(*tools.args(config, open_folder / name), user=user)
-        assert answer.code == 1, (name, answer)
-        assert tools.one_line(answer.output), answer.output
-    for more in (["--overwrite"], ["--overwrite", "--seed", 1]):
-        answer = forks.run(*tools.args(config, old, *more), user=user)
-        assert answer.code == 2, answer
+    before = contents(open_folder)
+    refused = [(1, tools.args(config, out)) for out in (open_folder / "new", open_folder / "a/b", empty)]
+    refused += [
+        (2, tools.args(config, old, *more)) for more in (["--overwrite"], ["--overwrite", "--seed", 1])
+    ]
+    for code, args in refused:
+        answer = forks.run(*args, user=user)
+        assert answer.code == code, answer
         assert tools.one_line(answer.output), answer.output
     for more in ([], ["--resume"]):
         assert forks.run(*tools.args(config, old, *more), user=user).code == 0
-    for command in ("card", "repair", "split --by episode --fractions 0.5,0.5"):
-        name, *options = command.split()
-        answer = forks.run(name, old, *options, user=user)
+    for args in (["card", old], ["repair", old], [*SPLIT, old]):
+        answer = forks.run(*args, user=user)
         assert answer.code in (0, 1, 2), answer
         assert answer.code == 0 or tools.one_line(answer.output), answer.output
-    assert listing(open_folder) == before
-    for folder in (open_folder, old, old / "data", old / "meta"):
+    assert contents(open_folder) == before
+    for folder in folders:
         folder.chmod(0o755)
-    tools.figure("F9: 10 runs as another user in read-only folders: one line, nothing changed")
 
 
 @pytest.mark.parametrize("name", ["meta/manifest.json", "meta/splits.json", "README.md"])
-def test_links_in_a_dataset_are_not_written_through(forks: Any, tools: Any, name: str) -> None:
+def test_links_in_a_dataset_are_not_written_through(forks, tools, name):
     """A dataset's files may be links, as in a cache: no command changes what they lead to."""
     out, elsewhere = tools.where / "out", tools.where / "elsewhere"
     assert forks.run(*tools.args(tools.tiny, out)).code == 0
     (out / name).rename(elsewhere)
     (out / name).symlink_to(elsewhere)
     before = elsewhere.read_bytes()
-    split = ["split", out, "--by", "episode", "--fractions", "0.5,0.5"]
-    for args in (split, ["card", out], ["repair", out], tools.args(tools.tiny, out, "--overwrite")):
+    for args in ([*SPLIT, out], ["card", out], ["repair", out], tools.args(tools.tiny, out, "--overwrite")):
         answer = forks.run(*args)
         assert answer.code == 0, answer
         assert elsewhere.read_bytes() == before
         assert tools.root(out)
 
 
-def test_long_names(forks: Any, tools: Any) -> None:
+def test_long_names(forks, tools):
     """A name as long as its part's may be is written, and a longer one gives one line."""
     out = tools.where / ("n" * 249)  # the part is .NAME.part
     assert forks.run(*tools.args(tools.tiny, out)).code == 0
@@ -91,4 +81,28 @@ def test_long_names(forks: Any, tools: Any) -> None:
             if answer.code != 0 or "--dry-run" not in more:
                 assert answer.code in (1, 2), answer
                 assert tools.one_line(answer.output), answer.output
-    assert sorted(path.name for path in tools.where.iterdir()) == [out.name, "tiny.yaml"]
+    assert sorted(path.name for path in tools.where.iterdir()) == ["many.yaml", out.name, "tiny.yaml"]
+
+
+@pytest.mark.parametrize("name", ["", "lock", "run.json", "receipts", "dataset"])
+@pytest.mark.parametrize("kind", ["file", "folder", "link"])
+def test_what_stands_in_the_place_of_ours(forks, tools, name, kind):
+    """One line, or the dataset; what a link in the place of a part or its lock leads to is never touched."""
+    mine, out = tools.where / "mine", tools.where / "out"
+    mine.mkdir()
+    (mine / "precious").write_text("precious")
+    assert forks.run(*tools.args(tools.tiny, out, "--shards", "1/2")).code == 0
+    path = tools.where / ".out.part" / name
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+    make = {"file": lambda: path.write_text("precious"), "folder": lambda: shutil.copytree(mine, path)}
+    make.get(kind, lambda: path.symlink_to(mine))()
+    for more in (["--resume"], ["--overwrite"], ["--overwrite", "--seed", 1]):
+        answer = forks.run(*tools.args(tools.tiny, out, *more))
+        assert answer.code in (0, 1, 2, 3), answer
+        assert "Traceback" not in answer.output
+        assert "a bug of ibdata" not in answer.output
+        if name in ("", "lock"):
+            assert [file.read_text() for file in mine.iterdir()] == ["precious"]
+    assert answer.code or tools.root(out)

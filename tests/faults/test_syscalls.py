@@ -1,12 +1,11 @@
-"""F2, F10: each operation of a command fails, or is the last before a kill; then it runs again."""
+"""Each operation of a command fails, or is the last before a kill; then it runs again."""
 
 import shutil
-from collections.abc import Callable
 from itertools import count
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
+from helpers.readers import rewards
 
 import ibdata
 
@@ -44,7 +43,7 @@ CASES = {
 MOVES = ("a replacement by two renames",)  # of its faults, only those of the last operations are of interest
 
 
-def modes_of(operation: str, k: int, full: bool) -> list[str]:
+def modes_of(operation, k, full):
     """The faults that an operation can meet; in CI one of them, in turn."""
     writes = operation in ("write", "create", "mkdir")
     failures = ["ENOSPC", "EIO", *(["full"] if writes else [])] if operation != "unlink" else ["EIO"]
@@ -52,7 +51,7 @@ def modes_of(operation: str, k: int, full: bool) -> list[str]:
     return modes if full else [modes[k % len(modes)]]
 
 
-def state(folder: Path) -> tuple[str, list[str]] | None:
+def state(folder):
     """Content root and splits of a dataset that is whole; None where there is nothing."""
     if not folder.exists():
         return None
@@ -64,7 +63,7 @@ def state(folder: Path) -> tuple[str, list[str]] | None:
 class Play:
     """One case, again and again."""
 
-    def __init__(self, forks: Any, tools: Any, case: Case) -> None:
+    def __init__(self, forks, tools, case):
         self.forks, self.tools, self.case = forks, tools, case
         self.base, self.kept = tools.where / "base", tools.where / "kept"
         self.out = self.base / "out"
@@ -72,18 +71,18 @@ class Play:
         for command in case.before:
             assert self.run(command).code == 0
         shutil.copytree(self.base, self.kept)
-        self.old, self.old_rows = state(self.out), tools.rewards(self.out)
+        self.old, self.old_rows = state(self.out), rewards(self.out)
         answer = self.run(case.command, log=tools.where / "log")
         assert answer.code == 0, answer
-        self.new, self.new_rows = state(self.out), tools.rewards(self.out)
+        self.new, self.new_rows = state(self.out), rewards(self.out)
         assert tools.leftovers(self.out) == []
         self.lines = (tools.where / "log").read_text().splitlines()
 
-    def run(self, command: str, **options: Any) -> Any:
+    def run(self, command, **options):
         args = [part.format(tiny=self.tools.tiny, base=self.base) for part in command.split()]
         return self.forks.run(*args, folder=self.base, exchange=self.case.exchange, **options)
 
-    def faults(self) -> list[tuple[int, str, str]]:
+    def faults(self):
         """Every (k, mode, operation) of the command."""
         return [
             (k, mode, line.replace(f"{self.base}/", ""))
@@ -91,7 +90,7 @@ class Play:
             for mode in modes_of(line.split()[0].lstrip("-"), k, self.tools.full)
         ]
 
-    def struck(self, k: int, mode: str) -> Any:
+    def struck(self, k, mode):
         """The answer of a run with this fault.
 
         Threads take turns as they like, so that the k-th may be one that the fault cannot strike: then again.
@@ -104,44 +103,39 @@ class Play:
                 break
         return answer
 
-    def violations(self, k: int, mode: str, line: str) -> list[str]:
+    def violations(self, k, mode, line):
         """What is not as promised after one fault."""
         answer, bad = self.struck(k, mode), []
-        say: Callable[[str], None] = lambda what: bad.append(f"{mode} at {k}: {line}: {what}")  # noqa: E731
         found = state(self.out)
         if answer.code not in ((0, 1, 2) if mode in FAILURES else (KILLED,)):
-            say(f"exit code {answer}")
+            bad.append(f"exit code {answer}")
         if answer.code > 0 and not self.tools.one_line(answer.output):
-            say(f"not one line: {answer.output}")
+            bad.append(f"not one line: {answer.output}")
         moved = found is None and not self.case.exchange  # between the two renames
         if found not in (self.old, self.new) and not moved:
-            say(f"found {found}")
+            bad.append(f"found {found}")
         if answer.code == 0 and found != self.new:
-            say("exit 0 without the new dataset")
-        for name, rows in self.tools.rewards(self.out).items():
+            bad.append("exit 0 without the new dataset")
+        for name, rows in rewards(self.out).items():
             if rows not in (self.old_rows[name], self.new_rows[name]) and not moved:
-                say(f"{name} found {rows if rows is None else len(rows)} rows of neither dataset")
+                bad.append(f"{name} found {rows if rows is None else len(rows)} rows of neither dataset")
         left = self.tools.leftovers(self.out)
         resumable = left == [".out.part"] and self.tools.receipts(self.out)
         removes = "unlink" in line or "rmdir" in line
         if mode in FAILURES and left and not removes and not resumable:
-            say(f"left behind: {left}")
-        if found == self.new and "--overwrite" not in self.case.command:
-            return bad  # it is there: nothing would be written, or it would be refused
-        again = self.run(self.case.command + self.case.again)
-        if again.code or state(self.out) != self.new or self.tools.leftovers(self.out):
-            say(f"run again: {again}, {state(self.out)}, left: {self.tools.leftovers(self.out)}")
-        return bad
+            bad.append(f"left behind: {left}")
+        if found != self.new or "--overwrite" in self.case.command:  # else nothing would be written
+            again = self.run(self.case.command + self.case.again)
+            if again.code or state(self.out) != self.new or self.tools.leftovers(self.out):
+                left = self.tools.leftovers(self.out)
+                bad.append(f"run again: {again}, {state(self.out)}, left: {left}")
+        return [f"{mode} at {k}: {line}: {what}" for what in bad]
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_any_operation_fails_or_is_the_last(forks: Any, tools: Any, name: str) -> None:
+def test_any_operation_fails_or_is_the_last(forks, tools, name):
     """Readers find the old dataset or the new one, whole, and the command can be run again to its end."""
     play = Play(forks, tools, CASES[name])
     faults = play.faults()[-40 if name in MOVES and not tools.full else 0 :]
     wrong = [what for fault in faults for what in play.violations(*fault)]
-    tools.figure(
-        f"F2, {name}: {len(faults)} faults at {len({k for k, _, _ in faults})} operations, five readers "
-        f"after each: {len(wrong)} violations"
-    )
     assert not wrong, "\n".join(wrong)

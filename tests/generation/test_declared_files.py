@@ -35,17 +35,6 @@ def test_declared_files_lie_beside_the_yaml_or_here(here, make):
     assert not (here / "third").exists()
 
 
-@pytest.mark.slow
-def test_two_declared_files_that_differ_are_refused(here, make):
-    (here / "beside/weights.txt").write_text("0.75")
-    line = f"mine:Own: files: found {here}/beside/weights.txt and {here}/weights.txt, which differ; "
-    with pytest.raises(UsageError, match=f"^{line}remove one$"):
-        make("out")
-    (here / "beside/weights.txt").write_text("0.5")
-    make("out")
-    assert ibdata.reproduce("out", allow_code=True) == (4, [])
-
-
 def test_declared_files_do_not_change_the_cells():
     own = PLAIN["policies"][0]
     bare = {key: value for key, value in own.items() if key != "files"}

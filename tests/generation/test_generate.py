@@ -1,6 +1,5 @@
 """What `generate` takes, what it refuses before it begins, and what it says."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -12,12 +11,6 @@ import ibdata
 from ibdata.cli.generate import command
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.generation.engine import ENGINES, select_engine
-
-
-def test_an_experiment_has_several_forms(tiny):
-    Path("tiny.yaml").write_text(json.dumps(TINY.plain()))
-    for i, form in enumerate((TINY.plain(), "tiny.yaml", Path("tiny.yaml").resolve())):
-        assert ibdata.generate(form, f"out/{i}", workers=1).content_root == tiny[0].content_root
 
 
 @pytest.mark.parametrize("name", ["random", "random.yaml"])

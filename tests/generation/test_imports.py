@@ -47,8 +47,8 @@ def here(monkeypatch):
     Path("lib").mkdir()
 
 
-def policy(first, step="pass", path="pol_imports.py"):
-    Path(path).write_text(textwrap.dedent(first) + textwrap.dedent(POLICY).format(step))
+def policy(first, step="pass"):
+    Path("pol_imports.py").write_text(textwrap.dedent(first) + textwrap.dedent(POLICY).format(step))
 
 
 def generate(out, **options):
@@ -70,19 +70,6 @@ def test_an_imported_module_is_recorded_and_does_not_mix(first, step, path):
         assert set(made.to_pandas()["act_velocity"]) == {size}
         assert helper.name in " ".join(made.manifest["code"][0]["files"])
     assert not [name for name in set(sys.modules) - before if "helper" in name or "pol_imports" in name]
-
-
-@pytest.mark.parametrize("named", ["from helper_two import SIZE", "import helper_two as h; SIZE = h.SIZE"])
-def test_helpers_of_one_name_in_two_folders_are_refused(named):
-    policies = []
-    for folder, size in (("a_own", 0.25), ("b_own", 0.75)):
-        Path(folder).mkdir()
-        policy(f"{named}\n", path=f"{folder}/policy.py")
-        Path(folder, "helper_two.py").write_text(f"SIZE = {size}\n")
-        policies.append({"kind": "custom", "target": f"{folder}/policy.py:P", "name": folder})
-    line = r"b_own/helper_two\.py: found another module with the name helper_two in use, .*/a_own/"
-    with pytest.raises(UsageError, match=line):
-        ibdata.generate({**OWN, "policies": policies}, "two", allow_code=True)
 
 
 def test_what_the_session_changed_in_a_module_does_not_count(monkeypatch):

@@ -104,12 +104,3 @@ def test_workers_get_the_weights_from_the_experiment(learned, made):
     experiment = ibdata.load(learned)
     shutil.rmtree(learned.parent)
     assert ibdata.generate(experiment, "several", workers=2).content_root == made.content_root
-
-
-def test_a_policy_is_evaluated_from_its_file(learned):
-    """By its YAML block, whose file lies beside it, and by a mapping."""
-    block = learned.parent / "policy.yaml"
-    block.write_text("{kind: network, file: actor.safetensors}")
-    here = ibdata.evaluate(str(block), episodes=2, steps=5).returns
-    given = {"kind": "network", "file": "given/actor.safetensors"}
-    assert (ibdata.evaluate(given, episodes=2, steps=5).returns == here).all()

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from helpers.own_code import FILES, PLAIN, generate, sha256, stopped
 
-import ibdata
 from ibdata.dataset.models import Code
 from ibdata.errors import UsageError
 from ibdata.generation import origin
@@ -38,17 +37,6 @@ def test_a_run_is_resumed_with_the_same_code_only(here, path, named):
     assert sorted(Path(".out.part").rglob("*")) == before
     (here / path).write_bytes(was)
     assert generate(resume=True).content_root == generate("whole").content_root
-
-
-@pytest.mark.parametrize("options", [{"shards": "1/1"}, {"resume": True}], ids=str)
-def test_another_record_of_a_finished_dataset_is_said(whole, options, capsys):
-    made = generate()
-    (whole / "helper.py").write_text("SIZE = 0.125")
-    generate(**options)
-    said = capsys.readouterr().err
-    assert "ibdata: out: was made with other code than is here, in helper.py" in said
-    assert "running the code" not in said[said.index("was made") :]
-    assert ibdata.open("out").manifest == made.manifest
 
 
 def test_another_version_of_an_installed_library_is_refused(here):

@@ -170,14 +170,6 @@ def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, state, op
     assert (contents() == before) == (outcome == "there")
 
 
-@pytest.mark.parametrize("resume", [False, True])
-def test_a_finished_dataset_needs_no_writing(go_to, plain, monkeypatch, resume):
-    """As on a read-only disk: no lock is taken and no folder is made."""
-    monkeypatch.setattr("ibdata.generation.run.locked_part", None)
-    go_to("the dataset")
-    assert ibdata.generate(TINY, "out", workers=1, resume=resume).content_root == plain.content_root
-
-
 PARTS = {
     "a cut shard": ("dataset/data/*", lambda data: data[:-1]),
     "an empty receipt": ("receipts/*", lambda data: b""),

@@ -5,19 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ibdata.system.files import file_sha256, new_file, plain_bytes, remove, write
-
-
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_an_exception_leaves_no_file(tmp_path, error):
-    def failing():
-        with new_file(tmp_path / "data/x") as file:
-            file.write(b"half")
-            raise error
-
-    with pytest.raises(error):
-        failing()
-    assert [path.name for path in tmp_path.rglob("*")] == ["data"]
+from ibdata.system.files import file_sha256, plain_bytes, remove, write
 
 
 @pytest.mark.parametrize(("module", "failing"), [(os, "fsync"), (Path, "replace")])

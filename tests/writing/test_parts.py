@@ -103,10 +103,11 @@ def test_no_more_than_two_parts_wait(adding, monkeypatch):
     late = threading.Thread(target=writer.add, args=found[shard_writer.WAITING])
     late.start()
     time.sleep(0.05)
-    assert late.is_alive()
+    waits = late.is_alive()
     gate.set()
     late.join()
     writer.finish()
+    assert waits
     assert done == [0, 8, 16]
 
 

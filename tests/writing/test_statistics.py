@@ -1,7 +1,5 @@
 """Moments that can be merged, quantiles of an even sample, and sums in a fixed order."""
 
-import math
-
 import numpy as np
 import pytest
 from helpers.examples import tries
@@ -10,7 +8,7 @@ from hypothesis import strategies as st
 
 import ibdata
 from ibdata.dataset import statistics
-from ibdata.dataset.statistics import Moments, described, merged, moments, sample_stride, sums
+from ibdata.dataset.statistics import Moments, described, merged, moments, sums
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 400)
@@ -84,44 +82,12 @@ def test_a_value_that_is_not_finite_shows_anywhere(at, odd):
         assert np.isnan([found.low[0], found.high[0]]).all()
 
 
-@pytest.mark.parametrize(
-    ("rows", "total", "stride"),
-    [
-        (1, 1, 1),
-        (100_000, 100_000, 1),
-        (1, 100_001, 1),
-        (100_001, 100_001, 3),
-        (10**6, 10**6, 11),
-        (10**6, 10**9, 5001),
-        (1000, 10**9, 5),
-        (100, 10**9, 1),
-    ],
-)
-def test_a_shard_gives_every_row_or_every_odd_number_of_rows(rows, total, stride):
-    assert sample_stride(rows, total) == stride
-    assert math.ceil(rows / stride) <= max(statistics.SAMPLE_ROWS, statistics.SAMPLE_LEAST)
-
-
 def test_a_sample_stands_for_the_rows_of_its_shard():
     """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
     samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 99, 100, 101, 1000])
-def test_quantiles_are_those_of_numpy(n):
-    """Also of a column that is constant, and of one with a value that is no number."""
-    sample = np.random.default_rng(n).normal(size=(3, n)).astype(np.float32)
-    sample[1] = 7.0
-    sample[2, n // 2] = np.nan
-    found = described(("x", "constant", "odd"), moments(sample), [sample], [n])
-    expected = np.quantile(sample[:2], statistics.QUANTILES, axis=1, method="inverted_cdf")
-    assert [*found["x"].quantiles.values()] == expected[:, 0].tolist()
-    assert [*found["constant"].quantiles.values()] == expected[:, 1].tolist()
-    assert {*found["odd"].quantiles.values()} == {None}
-    assert {type(value) for value in found["x"].quantiles.values()} == {float}
 
 
 def test_a_split_smaller_than_the_stride_has_statistics(monkeypatch, describe, tmp_path):
