@@ -63,16 +63,19 @@ def test_a_line_keeps_the_returns_and_their_statistics(baselines):
     assert set(measured(None).values()) == {None}
 
 
-def test_the_script_makes_what_is_missing_and_says_so(baselines, run):
-    plan, made = baselines.plan()[14:20], []
+def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
+    """Each result is in the file before the next run begins, so a killed script loses one run only."""
+    plan, made, kept = baselines.plan()[14:20], [], []
 
     def make(key, data):
         made.append(key)
+        kept.append(len(shipped_baselines(tmp_path / "x.jsonl")))
         return line(key)
 
     run([plan[1]])
     lines, _ = run(plan, made=make)
     assert made == [plan[0], *plan[2:]]
+    assert kept == [1, 2, 3, 4, 5]
     assert lines == [line(key) for key in plan]
     run(plan, made=make)
     assert len(made) == 5
