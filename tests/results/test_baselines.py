@@ -213,7 +213,7 @@ def test_the_data_frame_has_a_row_per_line():
     assert row["mean_return"] == pytest.approx(row["returns"].mean())
 
 
-def test_published_percentiles_stand_beside_the_mean_of_the_seeds():
+def test_published_percentiles_stand_beside_the_seeds_mean():
     frame = ibdata.baselines(published=True)
     assert frame.groupby("algorithm")["set"].nunique().to_dict() == dict.fromkeys(frame["algorithm"], 16)
     assert frame["published_p10"].between(-33_000, -5_800).all()
