@@ -116,10 +116,10 @@ def test_the_text_about_world_models_agrees_with_the_tables():
         return np.divide(*errors)
 
     learned = [over("optimized-40", h, m, 0) for h in ("1", "10") for m in ("ridge regression", "network")]
-    assert max(learned) < 1.03
-    assert [round(over("global-100", h, "network", 0), 2) for h in ("1", "10")] == [1.08, 1.42]
+    assert max(learned) < 1.04
+    assert [round(over("global-100", h, "network", 0), 2) for h in ("1", "10")] == [1.08, 1.43]
     sets = ("global-100", "optimized-40")
     assert min(over(name, "1", "ridge regression", 1) for name in sets) > 3
-    assert [round(over(name, "1", "network", 1), 1) for name in sets] == [2.5, 1.9]
+    assert [round(over(name, "1", "network", 1), 1) for name in sets] == [2.4, 1.9]
     found = [over("global-100", "10", model, 1) for model in ("network", "ridge regression")]
-    assert np.round(found, 1).tolist() == [5.5, 22.6]
+    assert np.round(found, 1).tolist() == [5.1, 22.6]
