@@ -109,7 +109,7 @@ def test_a_given_state_ends_the_replay(played):
     assert episode(env) != found[0]
 
 
-def test_a_refused_replay_leaves_the_episode_as_it_is(played):
+def test_a_refused_replay_changes_nothing(played):
     ds, given, episodes = played
     env, other = (gymnasium.make(ID, **given) for _ in range(2))
     for each in (env, other):
@@ -117,6 +117,9 @@ def test_a_refused_replay_leaves_the_episode_as_it_is(played):
     with pytest.raises(UsageError, match=f"^episode: found 99, expected one of 0 to {len(episodes) - 1}$"):
         env.reset(seed=2, options={"dataset": ds, "episode": 99})
     assert episode(env) == episode(other)
+    env.reset()
+    other.reset()
+    assert episode(env) == episode(other)  # the generator has not been seeded either
 
 
 @pytest.mark.parametrize("lanes", [None, LANES], ids=["one", "many"])

@@ -31,7 +31,7 @@ def test_a_recovered_environment_is_that_of_the_dataset(root, tmp_path, history)
     assert (terminated, truncated) == (False, True)
 
 
-def test_the_environment_is_named_with_the_dataset_s_own_settings(dataset, root):
+def test_the_environment_has_the_dataset_s_own_settings(dataset, root):
     spec = recovered(dataset, root, history=3, view={"reward_scale": 0.5})[0].env_spec
     assert (spec.id, spec.max_episode_steps) == ("ibdata/IndustrialBenchmark-v0", 25)
     assert spec.entry_point == "ibdata.environment:IndustrialBenchmarkEnv"

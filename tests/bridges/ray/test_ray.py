@@ -152,7 +152,7 @@ def test_a_signal_ends_it_and_the_ray_that_it_started(command, number):
     assert ibdata.validate(whole.path, quick=True) == []
 
 
-def test_an_address_where_no_ray_answers_is_an_error_of_one_line(ibdata):
+def test_an_address_without_a_ray_is_an_error_of_one_line(ibdata):
     done = ibdata("generate", "--config", "random", "--engine", "ray", "--address", "127.0.0.1:9")
     assert done.returncode == 1
     assert re.fullmatch(
