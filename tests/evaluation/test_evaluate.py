@@ -6,15 +6,15 @@ import hashlib
 
 import numpy as np
 import pytest
+from helpers import by_hand
 from helpers.evaluating import NUDGE, returns
 from helpers.watching import Watching
 
 from ibdata import evaluate
-from ibdata.dynamics import VARIANTS, Noise, initial_state, step
+from ibdata.dynamics import SIEMENS, initial_state
 from ibdata.evaluation.play import _digests
 from ibdata.experiment import Experiment
-from ibdata.numerics.exact import exponential, normal
-from ibdata.numerics.random import Purpose, integers, stream_key, uniform
+from ibdata.numerics.random import Purpose
 
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
 ENVIRONMENT = (
@@ -38,48 +38,39 @@ class Predicting:
         return self.answer(observation)
 
 
-def raw_at(form, seed, index, purpose, steps, slots):
-    key = stream_key(seed, hashlib.sha256(form.encode()).digest())
-    return integers(key[None], np.array([index]), purpose, 0, steps, slots)[:, :, 0]
+def digest(form):
+    return hashlib.sha256(form.encode()).digest()
 
 
-def random_action(u):
-    return (2.0 * uniform(u[0]) - 1.0, 2.0 * uniform(u[1]) - 1.0, 2.0 * uniform(u[2]) - 1.0)
-
-
-def replayed(seed, index, steps, discount, actions):
-    """The return of an episode at setpoint 70, by `step` and noise from the documented addresses."""
-    raw = raw_at(ENVIRONMENT, seed, index, Purpose.DYNAMICS, steps + 1, 8)
-    state, total = initial_state(np.array([70.0])), 0.0
-    for t in range(steps + 1):
-        u = [uniform(x) for x in raw[t]]
-        values = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7])]
-        blank = [np.zeros(1)] * (len(Noise._fields) - 8)
-        noise = Noise(*(np.array([x]) for x in values), *blank)
-        act = np.array([actions[t - 1] if t else (0.0, 0.0, 0.0)], dtype=np.float32)
-        state = step(state, act, noise, VARIANTS["siemens"])
-        if t:
-            total += discount ** (t - 1) * float(state.reward[0])
+def replayed(index, discount, actions):
+    """The return of an episode at setpoint 70 and seed 3, by steps with noise of the documented addresses."""
+    state, total = initial_state(70.0), 0.0
+    for t, action in enumerate([(0.0, 0.0, 0.0), *actions]):
+        state = by_hand.moved(state, action, by_hand.noise(3, digest(ENVIRONMENT), index, t), SIEMENS)
+        total += discount ** (t - 1) * float(state.reward[0]) if t > 0 else 0.0
     return total
 
 
 @pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
 def test_the_return_is_the_discounted_sum_of_the_rewards_after_the_zero_action_step(discount):
     found = returns(NUDGE, discount=discount, seed=3)[0]
-    expected = [replayed(3, index, 30, discount, [NUDGE["action"]] * 30) for index in range(4)]
+    expected = [replayed(index, discount, [NUDGE["action"]] * 30) for index in range(4)]
     assert found == pytest.approx(expected, rel=1e-13)
 
 
 def test_a_policys_own_draws_come_from_the_address_with_its_form():
-    draws = [raw_at(POLICY, 3, index, Purpose.POLICY, 30, 4) for index in range(4)]
-    expected = [replayed(3, index, 30, 0.97, list(map(random_action, draws[index]))) for index in range(4)]
+    def actions(index):
+        u = [by_hand.uniforms_at(3, digest(POLICY), index, Purpose.POLICY, t, 4)[:3] for t in range(30)]
+        return 2.0 * np.array(u) - 1.0
+
+    expected = [replayed(index, 0.97, actions(index)) for index in range(4)]
     assert returns("random", discount=0.97, seed=3)[0] == pytest.approx(expected, rel=1e-13)
 
 
 def test_the_random_numbers_have_their_addresses_for_ever():
     [cell] = Experiment(name="x", setpoints=70, policies=[{"kind": "random"}]).cells
     assert tuple(d.hex()[:8] for d in _digests(cell)) == tuple(ADDRESSES.values())
-    assert {form: hashlib.sha256(form.encode()).hexdigest()[:8] for form in ADDRESSES} == ADDRESSES
+    assert {form: digest(form).hex()[:8] for form in ADDRESSES} == ADDRESSES
 
 
 @pytest.mark.parametrize("start", ["default", "uniform", {"burn_in": [2, 9]}], ids=str)

@@ -182,6 +182,7 @@ def test_a_merged_dataset_has_the_values_of_its_parts(dataset, describe, tmp_pat
         ({"rows": {"episode": [0], "step": [40]}}, "step: found 40, expected one of 0 to 39, the steps of"),
         ({"rows": {"episode": [0]}}, "rows: found a table without 'step', expected columns episode, step"),
         ({"actions": [0, 0, 0]}, "actions: found [0, 0, 0], expected (2, 3) finite numbers"),
+        ({"actions": "up"}, "actions: found 'up', expected (2, 3) finite numbers"),
         ({"actions": [[0, 0, np.nan]] * 2}, "actions: found [[0, 0, nan], [0, 0, nan]], expected (2, 3)"),
         ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
         ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),

@@ -8,7 +8,7 @@ from helpers.examples import tries
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ibdata.numerics.philox import Word, mulhi, philox, philox_blocks
+from ibdata.numerics.philox import Word, mulhi, philox
 
 examples = tries(200)
 words = st.integers(0, 2**64 - 1)
@@ -39,13 +39,3 @@ def test_a_block_is_that_of_the_known_answer(key, counter, block):
 @given(words, words)
 def test_high_is_the_upper_half_of_the_exact_product(a, b):
     assert int(mulhi(Word(a), Word(b))) == a * b >> 64
-
-
-def test_lanes_steps_and_blocks_are_those_of_numpy():
-    keys = np.random.Philox(key=1).random_raw(6).reshape(3, 2)
-    ends, out = np.array([0, 7, 2**47], dtype=np.uint64), np.empty((5, 8, 3), dtype=np.uint64)
-    philox_blocks(np.ascontiguousarray(keys.T), ends, 6, 4, out)
-    for lane in range(3):
-        counter = [6, 4, int(ends[lane]), 0]
-        expected = np.random.Philox(key=keys[lane], counter=counter).random_raw(40).reshape(5, 8)
-        np.testing.assert_array_equal(out[:, :, lane], expected)

@@ -110,14 +110,6 @@ def test_integers_are_those_of_a_new_philox_at_the_address(seed, index, purpose,
     )
 
 
-@pytest.mark.parametrize(("start", "count"), [(1, 4), (39, 8), (59, 12)])
-def test_steps_drawn_alone_are_rows_of_the_whole_episode(start, count):
-    whole = raw(step=0, steps=60, count=count)
-    for steps in (1, 60 - start):
-        alone = raw(step=start, steps=steps, count=count)
-        np.testing.assert_array_equal(alone, whole[start : start + steps])
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -70,12 +70,6 @@ def test_the_statistics_are_those_of_the_source():
     assert STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
 
 
-@pytest.mark.parametrize("action", [(0.0, 0.0, 0.0), (0.5, -1.0, 0.125)])
-def test_constant_takes_its_action_everywhere(action):
-    assert proposed(Constant(action=action), SOME).tolist() == [list(action)] * 3
-    assert Constant().action == (0.0, 0.0, 0.0)
-
-
 def test_its_mass_lies_at_the_float32_of_its_action():
     own = np.array([0.1, -1.0, 0.0], dtype=np.float32)
     others = np.tile(own, (3, 1))

@@ -16,7 +16,6 @@ from ibdata.policies import Decision, Policy
 from ibdata.policies.optimized import MEAN, STD
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
-MOVING = {"drifting": [0.5, 50.0, 99.5]}
 STEPS = 30
 
 
@@ -41,21 +40,6 @@ def played(experiment):
     """The columns by name, each (episodes, steps)."""
     made = rollout(experiment, 0, len(experiment.cells) * experiment.episodes)
     return {name: x.reshape(-1, STEPS) for name, x in zip(made.names, made.table, strict=True)}
-
-
-class Scripted(Policy):
-    """Good actions up to a call, then what the test gives."""
-
-    calls: ClassVar[itertools.count] = itertools.count()
-    bad: ClassVar[object] = staticmethod(lambda good: good)
-    at: ClassVar[int] = 0
-
-    kind: Literal["scripted"] = "scripted"
-
-    def decide(self, given):
-        history = given.observations
-        good = np.zeros((len(history), 3))
-        return Decision(self.bad(good) if next(self.calls) == self.at else good, given.memory)
 
 
 class Returning(Policy):
@@ -115,31 +99,6 @@ def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
 def test_a_policy_cannot_change_the_action_it_is_asked_about():
     with pytest.raises((PolicyError, ValueError)):
         played(with_policies(Meddling()))
-
-
-@pytest.mark.parametrize(
-    ("bad", "named"),
-    [
-        (lambda good: np.where(np.arange(6)[:, None] == 5, np.nan, good), "episode 11: step 3: found action"),
-        (
-            lambda good: good[:, :2],
-            "episode 6: step 3: found actions of shape (6, 2), expected actions of shape (6, 3)",
-        ),
-        (lambda good: [["left"] * 3] * 6, "episode 6: step 3: found"),
-    ],
-    ids=["nan", "columns", "texts"],
-)
-def test_an_action_that_is_none_is_an_error_at_its_place(monkeypatch, bad, named):
-    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 2)
-    monkeypatch.setattr(Scripted, "calls", itertools.count())
-    monkeypatch.setattr(Scripted, "bad", staticmethod(bad))
-    monkeypatch.setattr(Scripted, "at", 3)
-    experiment = with_policies(Returning(), Scripted(name="odd"))
-    monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
-    with pytest.raises(PolicyError) as error:
-        rollout(experiment, 0, 12)
-    assert str(error.value).startswith(f"policy odd: {named}")
-    assert error.value.exit_code == 1
 
 
 @pytest.mark.parametrize("shape", [(6, 3), ()], ids=str)
