@@ -119,7 +119,8 @@ def plot(
     refuse_url(out)
     _one_of("form", form, FORMS)
     shown = opened(dataset)
-    folder = Path(FOLDER, _folder_name(shown)) if out is None else Path(out)
+    name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
+    folder = Path(FOLDER, name) if out is None else Path(out)
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
     for path in paths.values():
         _refuse_existing(path, overwrite)
@@ -148,11 +149,6 @@ def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) ->
 def _of(dataset: Dataset) -> list[str]:
     """The pictures that show something of a dataset."""
     return [name for name in plots() if name != "splits" or dataset.splits]
-
-
-def _folder_name(dataset: Dataset) -> str:
-    """The last part of a dataset's folder or URL."""
-    return os.path.basename(os.path.abspath(dataset.place.partition("?")[0]))
 
 
 def module_of(name: str) -> Any:

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
+from ibdata.dataset.tabular import Tabular
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import Quality
@@ -36,8 +37,8 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes], mea
     sections = {
         "Returns and scores": _returns(dataset),
         "Pictures": _pictures(pictures),
-        "Quality": _quality(measured),
-        "Splits": _splits(dataset),
+        "Quality": _shown(measured),
+        "Splits": _shown(dataset.splits) if dataset.splits else [],
         "Statistics": _statistics(dataset),
         "Columns": _columns(dataset),
         "Experiment": _experiments(spec),
@@ -81,14 +82,11 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    kind = _kind(value)
-    text = "–" if value is None else str(value) if not kind else format(value, _form(value))
-    return f"<td{kind}>{escape(text)}</td>"
-
-
-def _form(value: float) -> str:
-    """Six digits, with separators of thousands."""
-    return ",.6g" if isinstance(value, float) and abs(value) < MILLION else ",.0f"
+    """A value as text; of a number six digits, or from a million on all, with separators of thousands."""
+    text = "–" if value is None else str(value)
+    if value is not None and _kind(value):
+        text = format(value, ",.6g" if isinstance(value, float) and abs(value) < MILLION else ",.0f")
+    return f"<td{_kind(value)}>{escape(text)}</td>"
 
 
 def _kind(value: Any) -> str:
@@ -134,15 +132,9 @@ def _returns(dataset: Dataset) -> Iterable[str]:
         yield f"<p>reference score: {escape(found['scale'])}</p>"
 
 
-def _quality(measured: Quality) -> Iterable[str]:
-    table, *_ = measured.tables()
+def _shown(result: Tabular) -> Iterable[str]:
+    table, *_ = result.tables()
     yield _table(table.names, table.rows)
-
-
-def _splits(dataset: Dataset) -> Iterable[str]:
-    if dataset.splits:
-        table, *_ = dataset.splits.tables()
-        yield _table(table.names, table.rows)
 
 
 def _statistics(dataset: Dataset) -> Iterable[str]:

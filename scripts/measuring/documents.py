@@ -1,8 +1,12 @@
 """Pages of docs/ in which scripts write the lines between two markers; all else is written by hand."""
 
+import json
 import re
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -26,6 +30,22 @@ def measured(document: str) -> str:
 def write_measured(path: Path, block: str) -> None:
     """Write the lines between the markers of a page."""
     path.write_text(replaced(path.read_text(encoding="utf-8"), block), encoding="utf-8")
+
+
+def write_sets(
+    page: str,
+    names: Iterable[str],
+    measure: Callable[[str, Path], Any],
+    listed: Callable[[dict[str, Any]], str],
+) -> None:
+    """Measure shipped sets, each in a temporary folder; write docs/PAGE.json and the table of the page."""
+    sets = {}
+    for name in names:
+        with TemporaryDirectory() as folder:
+            sets[name] = measure(name, Path(folder, "made"))
+        print(name, sets[name], file=sys.stderr, flush=True)
+    (DOCS / f"{page}.json").write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
+    write_measured(DOCS / f"{page}.md", f"\n{listed(sets)}\n")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
