@@ -114,28 +114,30 @@ def _nowhere() -> TextIO:
 
 def _run(given: list[str]) -> int:
     """Run a command, report its error, and return its exit code."""
-    debug, as_json = "--debug" in given, "--json" in given
+    debug, hint = "--debug" in given, ""
     try:
         plain = [arg for arg in given if arg != "--debug"]
         code = int(cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0)
         sys.stdout.flush()
+        return code
     except click.ClickException as error:
-        code, context = 2, error.ctx if isinstance(error, click.UsageError) else None
-        hint = f"Try '{context.command_path} --help'." if context else ""
-        _report([_instead(error) or " ".join(error.format_message().split())], code, as_json, hint)
+        code, lines = 2, [_instead(error) or " ".join(error.format_message().split())]
+        if isinstance(error, click.UsageError) and error.ctx:
+            hint = f"Try '{error.ctx.command_path} --help'."
     except Stopped as error:
-        code = error.interrupted.exit_code
-        _report([str(error.interrupted)], code, as_json)
+        code, lines = error.interrupted.exit_code, [str(error.interrupted)]
     except (KeyboardInterrupt, click.Abort):
-        code = INTERRUPTED
-        _report(["stopped; nothing unfinished is left behind"], code, as_json)
+        code, lines = INTERRUPTED, ["stopped; nothing unfinished is left behind"]
     except BrokenPipeError:  # whoever reads stdout has gone
-        code = 1
+        return 1
     except Exception as error:
         if debug:
             traceback.print_exc()
-        code = error.exit_code if isinstance(error, IbdataError) else 1
-        _report(_lines(error), code, as_json)
+        code, lines = error.exit_code if isinstance(error, IbdataError) else 1, _lines(error)
+    with suppress(OSError):  # stderr or stdout may be what cannot be written
+        _report(lines, hint)
+        if "--json" in given:
+            _report_json(lines, code)
     return code
 
 
@@ -190,18 +192,15 @@ def _lines(error: Exception) -> list[str]:
     return [f"{type(error).__name__}: {error} (a bug of ibdata; --debug shows where)"]
 
 
-def _report(lines: list[str], code: int, as_json: bool, hint: str = "") -> None:
-    with suppress(OSError):  # stderr or stdout may be what cannot be written
-        for line in lines:
-            say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
-        if hint:
-            say(hint, err=True)
-        if as_json:
-            place = PLACE.match(lines[0])
-            error = {
-                "code": code,
-                "message": "\n".join(lines),
-                "file": place["file"] if place else None,
-                "line": int(place["line"]) if place else None,
-            }
-            print_json({"version": 1, "error": error})
+def _report(lines: list[str], hint: str) -> None:
+    for line in lines:
+        say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+    if hint:
+        say(hint, err=True)
+
+
+def _report_json(lines: list[str], code: int) -> None:
+    place = PLACE.match(lines[0])
+    file, line = (place["file"], int(place["line"])) if place else (None, None)
+    error = {"code": code, "message": "\n".join(lines), "file": file, "line": line}
+    print_json({"version": 1, "error": error})

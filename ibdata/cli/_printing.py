@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -79,15 +80,18 @@ def say(text: object = "", err: bool = False) -> None:
 
 def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
     """Print data as one JSON document, in ASCII."""
-    click.echo(json.dumps(_without_credentials(data), allow_nan=False, indent=indent))
+    click.echo(json.dumps(_plain(data), allow_nan=False, indent=indent))
 
 
-def _without_credentials(data: Any) -> Any:
+def _plain(data: Any) -> Any:
+    """Data without credentials, and with null in place of NaN and infinities, which JSON does not have."""
     if isinstance(data, str):
         return hidden(data)
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
     if isinstance(data, Mapping):
-        return {key: _without_credentials(value) for key, value in data.items()}
-    return [_without_credentials(value) for value in data] if isinstance(data, list | tuple) else data
+        return {key: _plain(value) for key, value in data.items()}
+    return [_plain(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def problems_found(problems: Sequence[Any], data: Mapping[str, Any], fine: str) -> Printed:

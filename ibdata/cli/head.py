@@ -1,6 +1,4 @@
-import math
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -40,10 +38,4 @@ def command(
     for name in first.schema.names:
         values = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in first.column(name).to_pylist())
         shown.append(name.ljust(width + 1) + "".join(x.rjust(12) for x in values))
-    plain = [{name: _in_json(x) for name, x in row.items()} for row in first.to_pylist()]
-    return Printed({"rows": plain}, lines(shown))
-
-
-def _in_json(value: Any) -> Any:
-    """None in place of NaN and infinities, which JSON does not have."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return Printed({"rows": first.to_pylist()}, lines(shown))

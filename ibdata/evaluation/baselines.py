@@ -93,7 +93,7 @@ def shipped_baselines(file: Path = FILE) -> list[Baseline]:
 
 
 def baselines(published: bool = False) -> pd.DataFrame:
-    """Results of offline algorithms of d3rlpy on shipped experiments: one row per set, algorithm and seed.
+    """Results of offline algorithms on shipped experiments: one row per set, algorithm and seed.
 
     The rows whose algorithm is "behaviour" are those of the policies that made the sets. All policies were
     evaluated in the same 200 episodes: `ibdata.evaluate(policy, episodes=200)` plays them too, so that its

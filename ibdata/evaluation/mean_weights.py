@@ -9,7 +9,7 @@ import numpy as np
 from ibdata.evaluation.overlap import Ratios
 from ibdata.simulation.world import Floats
 
-ERRORS = 8.0  # from 1; chance alone goes so far in less than one of 1,000 calls of 100 episodes
+ERRORS = 8.0  # from 1; chance alone goes so far in less than one of 1,000 calls
 TOLERANCE = 1e-3  # more than float32 changes in the recorded log densities of 1,000 steps
 FEWEST = 100  # episodes that are looked at; fewer have a warning anyway
 # A weight above this share of the episodes has too few like it for a standard error. By π, which no weight of

@@ -27,7 +27,10 @@ STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
 PART = 65_536  # rows of which moments are computed at once
 # d3rlpy's default, 40,000 steps, is longer than the training here.
 OWN: dict[str, dict[str, Any]] = {"bear": {"warmup_steps": STEPS // 10}}
+# The penalty's weight is alpha · conservative_weight; without learning, alpha stays 1.
+OWN["cql-50"] = {"initial_alpha": 1.0, "alpha_learning_rate": 0.0, "conservative_weight": 50.0}
 CONFIGS = {"bc": "BC", "td3+bc": "TD3PlusBC", "iql": "IQL", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
+CONFIGS["cql-50"] = "CQL"
 Floats = npt.NDArray[np.float64]
 Float32s = npt.NDArray[np.float32]
 

@@ -19,7 +19,9 @@ REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
 FORMULAS = ("bad", "mediocre", "optimized")
 SUITES = ("siemens-offline", "d4rl-like", "neorl-like")
 LABELS = {name: name.upper() for name in ("bc", "td3+bc", "iql", "cql", "bcq", "bear")}
-LABELS = {BEHAVIOUR: "behaviour", **LABELS}
+LABELS = {BEHAVIOUR: "behaviour", **LABELS, "cql-50": "CQL of weight 50", "model-based": "model-based"}
+FOUR, TWO = ["bc", "td3+bc", "iql", "cql"], ["bcq", "bear"]
+VARIANTS = ["cql-50", "model-based"]
 Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
 
@@ -130,8 +132,7 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         suite: list(dict.fromkeys(run.set for run in plan if run.set.startswith(f"{suite}/")))
         for suite in SUITES
     }
-    others = [run for run in wanted if run.algorithm in ("bcq", "bear")]
-    four = [name for name in LABELS if name not in ("bcq", "bear")]
+    others = list(dict.fromkeys(run.set for run in wanted if run.algorithm in TWO))
     parts = [f"{len(done)} of {len(wanted)} runs are done. – stands for what was not run yet."]
     parts[0] += (
         f" The standard errors of the 200 episodes are at most {worst_error(done)} for what was trained, "
@@ -139,9 +140,10 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
     )
     parts.append(f"For comparison, the mean returns of 10,000 episodes: {known}.")
     parts.append("### Mean return")
-    parts.append(results(lines, [name for sets in by_suite.values() for name in sets], four))
-    parts.append(results(lines, list(dict.fromkeys(run.set for run in others)), [BEHAVIOUR, "bcq", "bear"]))
     parts += [
+        results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR]),
+        results(lines, others, [BEHAVIOUR, *TWO]),
+        results(lines, by_suite["siemens-offline"], [BEHAVIOUR, "cql", *VARIANTS]),
         "### 10th percentile, here and in the literature",
         "Two numbers in a cell are the mean of the seeds here / the published one; MOOSE to MOReL are only "
         "published. The percentiles of the other suites are in the data.",

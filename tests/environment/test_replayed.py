@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import copy
-import gc
 import pickle
-import weakref
 
 import numpy as np
 import pytest
@@ -13,8 +11,6 @@ from helpers import by_hand
 from helpers.watching import Watching
 
 import ibdata
-from ibdata import state_at
-from ibdata.environment import replayed
 from ibdata.environment.lane import Lane
 from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
@@ -104,29 +100,11 @@ def test_the_first_observations_are_those_of_the_burn_in(played):
     assert differing.sum() >= 8 or played.manifest["experiments"][0]["start"] in ("default", "uniform")
 
 
-def test_other_actions_meet_the_noise_of_the_episode(played):
-    """Computed one step at a time from the addresses of the noise."""
-    experiment, actions = by_hand.experiment_of(played), np.random.default_rng(0).uniform(-1, 1, (50, 3))
-    lane, episode = Lane(settings_of(played)), 7
-    [noise] = begun(lane, played, episode)
-    state, (cell, index) = state_at(played, (episode, 0)), divmod(episode, experiment.episodes)
-    digest = experiment.cells[cell].digest
-    for t, (seen, _, info) in enumerate(steps(lane, noise, actions)):
-        drawn = by_hand.noise(experiment.seed, digest, index, t + 1, experiment.drifting)
-        state = by_hand.moved(state, actions[t], drawn, experiment.variant)
-        assert seen[:6].tolist() == [np.float32(getattr(state, name)[0]) for name in OBSERVATION]
-        assert info["latent_mu_v"] == state.mu_v[0]
-
-
 @pytest.mark.parametrize(
     "view",
     [
-        {"observe": "markov", "reward": "delta"},
-        {
-            "observe": ["latent_mu_g", "obs_fatigue"],
-            "actions": True,
-            "reward": {"consumption": 1, "fatigue": 1},
-        },
+        {"observe": "markov", "reward_scale": 0.01},
+        {"observe": ["latent_mu_g", "obs_fatigue"], "reward": {"consumption": 1, "fatigue": 1}},
         {
             "actions": True,
             "reward": "delta",
@@ -171,16 +149,6 @@ def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has
             assert np.float32(reward) == arrays["rewards"][row]
 
 
-@pytest.mark.parametrize("history", [1, 2])
-def test_a_scaled_reward_is_that_of_the_stored_rewards(played, history):
-    arrays = played.arrays(view={"reward_scale": 0.01})
-    own = arrays["episode"] == 7
-    lane = Lane(settings_of(played, view={"reward_scale": 0.01}, history=history))
-    [noise] = begun(lane, played, 7)
-    rewards = [reward for _, reward, _ in steps(lane, noise, arrays["actions"][own])]
-    np.testing.assert_array_equal(np.float32(rewards), arrays["rewards"][own])
-
-
 def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
     """A longer dataset of the same cells has the same rows first."""
     short, long = (
@@ -210,7 +178,7 @@ def test_the_other_lanes_stay_as_they_are(dataset):
     [noise] = begun(many, dataset, [7, 8, 9], which=[1])
     after, alone = many.observations(), Simulation(settings_of(dataset), 1)
     np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
-    [other] = begun(alone, dataset, 8)
+    [other] = begun(alone, str(dataset.path), 8)  # named by its folder
     np.testing.assert_array_equal(after[1], alone.observations()[0])
     np.testing.assert_array_equal(noise.random_raw(9), other.random_raw(9))
 
@@ -227,36 +195,8 @@ def test_integers_come_in_the_order_of_the_steps_however_many_are_taken_at_once(
         noise = Noise(index, key, drifting)
         taken = np.concatenate([noise.random_raw(count) for count in counts])
         np.testing.assert_array_equal(taken, expected[: len(taken)])
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
-def test_a_copy_of_the_noise_goes_on_by_itself(copied):
-    noise = Noise(5, np.array([3, 2], dtype=np.uint64), True)
-    noise.random_raw(500)
-    other = copied(noise)
-    expected = noise.random_raw(2000)
-    np.testing.assert_array_equal(other.random_raw(2000), expected)
-
-
-def test_a_dataset_may_be_named_by_its_folder(dataset):
-    lanes = [Lane(settings_of(dataset)) for _ in range(3)]
-    for lane, ds in zip(lanes, (dataset, dataset.path, str(dataset.path)), strict=True):
-        begun(lane, ds, 4)
-        np.testing.assert_array_equal(lane.observations(), lanes[0].observations())
-
-
-def test_an_opened_dataset_is_examined_once_and_not_kept(dataset):
-    ds = ibdata.open(dataset.path)
-    assert replayed._addresses(ds) is replayed._addresses(ds)
-    kept = weakref.ref(ds)
-    del ds
-    gc.collect()
-    assert kept() is None
-
-
-@pytest.mark.parametrize("options", [None, {}, {"reset_mask": np.ones(1, dtype=bool)}], ids=str)
-def test_options_that_name_no_dataset_ask_for_nothing(options):
-    assert Replay.asked_for(options, settings(), 1) is None
+        for other in (copy.deepcopy(noise), pickle.loads(pickle.dumps(noise))):
+            np.testing.assert_array_equal(other.random_raw(8), expected[len(taken) :][:8])
 
 
 @pytest.mark.parametrize(
@@ -266,7 +206,6 @@ def test_options_that_name_no_dataset_ask_for_nothing(options):
         ({"episode": 3}, 1, "options: found only one of dataset and episode, expected both or neither"),
         ({"dataset": 3, "episode": 3}, 1, "dataset: found 3, expected a Dataset, or its folder or URL"),
         ({"episode": 12}, 1, "episode: found 12, expected one of 0 to 11"),
-        ({"episode": [0, -1]}, 2, "episode: found -1, expected one of 0 to 11"),
         ({"episode": "last"}, 1, "episode: found 'last', expected whole numbers"),
         ({"episode": [1, 2]}, 1, "episode: found 2 episodes, expected one episode"),
         (
@@ -274,7 +213,6 @@ def test_options_that_name_no_dataset_ask_for_nothing(options):
             3,
             "episode: found 2 episodes, expected one episode, or one for each of 3 lanes",
         ),
-        ({"episode": []}, 1, "episode: found [], expected whole numbers"),
     ],
     ids=str,
 )
@@ -282,7 +220,8 @@ def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, mess
     given = options if len(options) == 2 or "only one" in message else {"dataset": dataset, **options}
     with pytest.raises(UsageError) as caught:
         Replay.asked_for(given, settings(), lanes)
-    assert str(caught.value) == message
+    assert str(caught.value).startswith(message)
+    assert Replay.asked_for({"reset_mask": np.ones(1, dtype=bool)}, settings(), 1) is None
 
 
 def test_settings_of_other_episodes_are_refused_with_the_ones_to_give(dataset, moving, uniform):

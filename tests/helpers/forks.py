@@ -16,16 +16,6 @@ import pytest
 HERE = Path(__file__).resolve().parent
 
 
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """The figures of the tests, a line each."""
-    reports = [*terminalreporter.getreports("passed"), *terminalreporter.getreports("failed")]
-    figures = [value for report in reports for name, value in report.user_properties if name == "figure"]
-    if figures:
-        terminalreporter.section("faults")
-        for figure in sorted(set(figures)):
-            terminalreporter.write_line(figure)
-
-
 class Answer(NamedTuple):
     """What a run in a fork gave."""
 

@@ -217,34 +217,27 @@ def known(forks, tmp_path_factory):
     return Known(forks, tmp_path_factory.mktemp("known"))
 
 
-@pytest.fixture
-def tell(known, record_property):
+def tell(known: Known, number: int, stories: int) -> None:
     """Tell so many stories, the same ones every time; hypothesis prints one that goes wrong."""
-
-    def told(number: int, stories: int) -> None:
-        known.figures.clear()
-        how = settings(
-            database=None,
-            deadline=None,
-            max_examples=stories,
-            stateful_step_count=STEPS,
-            phases=[Phase.generate],
-            print_blob=False,
-            suppress_health_check=list(HealthCheck),
-        )
-        run_state_machine_as_test(seed(number)(type("Life", (Life,), {"known": known})), settings=how)
-        record_property("figure", f"stories {number}: {stories}: {dict(sorted(known.figures.items()))}")
-
-    return told
+    how = settings(
+        database=None,
+        deadline=None,
+        max_examples=stories,
+        stateful_step_count=STEPS,
+        phases=[Phase.generate],
+        print_blob=False,
+        suppress_health_check=list(HealthCheck),
+    )
+    run_state_machine_as_test(seed(number)(type("Life", (Life,), {"known": known})), settings=how)
 
 
-def test_a_few_stories(tell) -> None:
+def test_a_few_stories(known) -> None:
     """No command, kill, damage or reader of eight stories finds anything but a whole dataset or none."""
-    tell(0, 8)
+    tell(known, 0, 8)
 
 
 @pytest.mark.faults
 @pytest.mark.parametrize("part", range(1, PARTS + 1))
-def test_many_stories(tell, part: int) -> None:
+def test_many_stories(known, part: int) -> None:
     """Nor of a hundred, of which every process tells a part."""
-    tell(part, int(os.environ.get("IBDATA_STORIES", "100")) // PARTS)
+    tell(known, part, int(os.environ.get("IBDATA_STORIES", "100")) // PARTS)

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -43,7 +42,6 @@ class Known:
     folder: Path
     roots: dict[str, str] = field(default_factory=dict)
     rewards: dict[str, Rewards] = field(default_factory=dict)
-    figures: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         for name, text in EXPERIMENTS.items():
@@ -84,12 +82,10 @@ class World:
         wanted = {place.holds, expected.after.holds} - {None}
 
         def stopped() -> None:
-            self.known.figures["looks"] += 1
             self.read(opened(self.home / out), wanted, place, place.holds is not None)
             meanwhile()
 
         answer = self.known.forks.run(*args, folder=self.home, mode=mode, at=moment[1], meanwhile=stopped)
-        self.known.figures.update(["commands", *(["kills"] if answer.code == -9 else [])])
         try:
             after = self.outcome(out, answer, expected, mode)
             if after is place and answer.code != FAULTS[mode]:
@@ -160,7 +156,6 @@ class World:
             return
         for name, read in readers.items():
             values = read()
-            self.known.figures[f"{name}: {'an error' if values is None else 'one dataset'}"] += 1
             assert values is not None or not must, f"{name} meets an error"
             known = [self.known.rewards[str(each)] for each in wanted]
             assert values is None or tuple(sorted(values)) in known, f"{name} finds a mixture"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.measures.coverage import PAIRS, STATES, Coverage, pair_numbers, state_numbers, steered
@@ -47,29 +46,3 @@ def test_a_pair_counts_once_and_the_setpoint_and_the_action_tell_pairs_apart():
     found.add(np.array([70.0]), state, still + 0.5, ONE)
     assert found.pairs[0] == 3
     assert found.pairs[1] > 3
-
-
-def test_the_reference_takes_random_actions_from_the_same_start_at_the_same_setpoint():
-    """Three episodes of one row begin in three states, so random actions make three pairs of them too."""
-    found = Coverage()
-    start = np.array([[50.0, 50.0, 50.0], [5.0, 5.0, 5.0], [95.0, 95.0, 95.0]])
-    found.add(np.full(3, 70.0), start, np.zeros((3, 3)), np.array([1, 1, 1]))
-    assert found.pairs == (3, 3)
-
-
-def test_random_actions_cover_as_much_as_the_reference():
-    rng = np.random.default_rng(5)
-    found, lengths = Coverage(), np.full(20, 500)
-    actions = rng.uniform(-1, 1, (10_000, 3))
-    walked = steered(np.full((20, 3), 50.0), actions, lengths)
-    found.add(np.full(10_000, 70.0), walked, actions, lengths)
-    assert found.pairs[0] / found.pairs[1] == pytest.approx(1.0, abs=0.05)
-
-
-def test_the_reference_does_not_depend_on_the_batches():
-    whole, parts = Coverage(), Coverage()
-    state, actions = np.full((6, 3), 50.0), np.zeros((6, 3))
-    whole.add(np.full(6, 70.0), state, actions, np.array([2, 3, 1]))
-    for own, lengths in ((slice(0, 5), [2, 3]), (slice(5, 6), [1])):
-        parts.add(np.full(6, 70.0)[own], state[own], actions[own], np.array(lengths))
-    np.testing.assert_array_equal(whole._reference, parts._reference)

@@ -19,16 +19,6 @@ def test_it_is_the_mean_over_rows_of_the_standard_deviation_in_the_cell():
     assert found.value == pytest.approx(in_cell_3 * 10 / 30)
 
 
-def test_batches_add_up():
-    rng = np.random.default_rng(0)
-    states, actions = rng.integers(0, 4, 200), rng.uniform(-1, 1, (200, 3))
-    whole, parts = Stochasticity(), Stochasticity()
-    whole.add(states, actions)
-    for own in (slice(0, 77), slice(77, 200)):
-        parts.add(states[own], actions[own])
-    assert parts.value == pytest.approx(whole.value, rel=1e-12)
-
-
 def test_cells_with_few_rows_do_not_count():
     found = Stochasticity()
     found.add(np.full(LEAST_ROWS - 1, 5), np.ones((LEAST_ROWS - 1, 3)))

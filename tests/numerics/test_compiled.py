@@ -118,12 +118,6 @@ def test_where_nothing_can_be_written_it_is_compiled_each_time(tmp_path):
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
-def test_nothing_is_kept_where_nothing_is_compiled(tmp_path):
-    """With NUMBA_DISABLE_JIT=1 everything is plain Python."""
-    assert run(NUMBA_DISABLE_JIT=1, IBDATA_CACHE_DIR=tmp_path / "code") == ("60.0", False)
-    assert not (tmp_path / "code").exists()
-
-
 def test_a_setting_that_numba_refuses_is_one_line(ibdata):
     """numba reads its variables when it is imported."""
     refused = ibdata("validate", ".", env={**os.environ, "NUMBA_NUM_THREADS": "0"})

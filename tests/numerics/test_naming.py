@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.scalars import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
-from ibdata.experiment.template import write_template
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.files import FileEntry
 from ibdata.writing.card import card
@@ -81,12 +80,6 @@ def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     assert matter["pretty_name"] == "Industrial Benchmark, 1"
     assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]
     assert "| no | 1 | 2 |" in text
-
-
-@pytest.mark.parametrize("name", ["1", "null", "true", "1e3", "0x10", "no"])
-def test_an_experiment_that_is_begun_under_such_a_name_is_valid(tmp_path, name):
-    write_template(tmp_path / f"{name}.yaml")
-    assert load(tmp_path / f"{name}.yaml").name == name
 
 
 @given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))

@@ -13,7 +13,6 @@ with numpy 2.4.6; Philox's integers and SHA-256 are the same in every version.
 from __future__ import annotations
 
 import hashlib
-from itertools import product
 
 import numpy as np
 import pytest
@@ -21,9 +20,8 @@ from helpers.examples import tries
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ibdata.dynamics import Noise
 from ibdata.numerics import exact
-from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniform, uniforms
+from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniform
 from ibdata.simulation.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
@@ -112,8 +110,7 @@ def test_integers_are_those_of_a_new_philox_at_the_address(seed, index, purpose,
     )
 
 
-@pytest.mark.parametrize("count", [4, 8, 12])
-@pytest.mark.parametrize("start", [0, 1, 7, 39, 40, 59])
+@pytest.mark.parametrize(("start", "count"), [(1, 4), (39, 8), (59, 12)])
 def test_steps_drawn_alone_are_rows_of_the_whole_episode(start, count):
     whole = raw(step=0, steps=60, count=count)
     for steps in (1, 60 - start):
@@ -133,7 +130,7 @@ def test_steps_drawn_alone_are_rows_of_the_whole_episode(start, count):
         {"step": 6},
         {"step": 5 + 2**30},
     ],
-    ids=lambda change: "-".join(f"{k}-{v}" for k, v in change.items() if k != "cell") or "cell",
+    ids=lambda change: "".join(change),
 )
 def test_every_part_of_the_address_changes_every_integer(change):
     assert not np.intersect1d(raw(**change), raw()).size
@@ -150,18 +147,6 @@ def test_lanes_are_the_episodes_side_by_side_in_any_order():
     np.testing.assert_array_equal(turned[:, :, ::-1], lanes)
 
 
-def test_no_purpose_shares_an_integer_with_another():
-    streams = [raw(purpose=purpose, step=0, steps=500) for purpose in Purpose]
-    assert np.unique(np.concatenate(streams)).size == len(Purpose) * 500 * 8
-
-
-def test_no_two_of_20_000_episodes_begin_alike():
-    cells = [hashlib.sha256(bytes([i])).digest() for i in range(10)]
-    keys = [stream_key(seed, cell) for seed, cell in product((0, 1), cells)]
-    firsts = {lane(key, index, Purpose.DYNAMICS, 0, 1, 4).tobytes() for key in keys for index in range(1000)}
-    assert len(firsts) == 20_000
-
-
 @pytest.mark.parametrize(("draws", "count"), [(0, 0), (1, 4), (3, 4), (4, 4), (5, 8), (8, 8), (9, 12)])
 def test_slots_are_the_next_whole_number_of_blocks(draws, count):
     assert slots(draws) == count
@@ -175,13 +160,6 @@ def test_a_uniform_is_the_upper_52_bits_and_a_half_exactly(integer):
     assert 0.0 < u < 1.0
 
 
-def test_uniforms_fill_lanes_and_draws_from_the_slots_in_order():
-    drawn, out = some_raw(6, 8, 3), np.full((6, 3, 5), np.nan)
-    uniforms(drawn, out)
-    expected = ((drawn[:, :5] >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
-    np.testing.assert_array_equal(out, expected.transpose(0, 2, 1))
-
-
 @pytest.mark.parametrize(
     ("convert", "slots", "table"),
     [(standard_noise, DYNAMICS_SLOTS, STANDARD), (drift_noise, DRIFT_SLOTS, DRIFT)],
@@ -192,8 +170,3 @@ def test_each_slot_is_transformed_into_its_field_alone(convert, slots, table):
     for field, values in fields(rows)._asdict().items():
         slot, transform = table.get(field, (0, lambda u: 0.0))
         assert values.tolist() == [transform(uniform(x)) for x in drawn[slot]], field
-
-
-def test_every_field_of_the_noise_comes_from_a_slot():
-    assert {*STANDARD, *DRIFT} == set(Noise._fields)
-    assert (len(STANDARD), len(DRIFT)) == (DYNAMICS_SLOTS, DRIFT_SLOTS)

@@ -58,20 +58,6 @@ def test_the_edge_is_that_of_the_action():
     assert pytest.approx(float(mpmath.atanh(mpmath.mpf(TANH_EDGE))), rel=1e-15) == ATANH_OF_EDGE
 
 
-@pytest.mark.parametrize(("mean", "log_std"), COMPONENTS)
-@pytest.mark.parametrize("by_tanh", [True, False])
-def test_the_density_of_a_number_integrates_to_1(mean, log_std, by_tanh):
-    """Over the number before the squash, where the density is smooth, and the masses at ±1."""
-    edge = ATANH_OF_EDGE if by_tanh else 1.0
-    middle, reach = (mean, 9.0 * math.exp(log_std)) if abs(mean) < edge else (math.copysign(edge, mean), 20.0)
-    x = np.linspace(max(-edge, middle - reach), min(edge, middle + reach), 40_001)[1:-1]
-    action = (np.tanh(x) if by_tanh else x).astype(np.float32)
-    slope = 1.0 - action.astype(np.float64) ** 2 if by_tanh else 1.0
-    inside = (np.exp([density(a, mean, log_std, by_tanh) for a in action]) * slope).sum() * (x[1] - x[0])
-    masses = sum(math.exp(density(a, mean, log_std, by_tanh)) for a in (-1.0, 1.0))
-    assert inside + masses == pytest.approx(1.0, abs=2e-4)
-
-
 @pytest.mark.parametrize("log_std", [-20.0, -15.0])
 @pytest.mark.parametrize("mean", [0.5493061443340549, -0.3, 7.27])
 def test_masses_of_float32_actions_add_up_to_1_if_it_is_narrow(mean, log_std):

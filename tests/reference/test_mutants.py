@@ -24,92 +24,50 @@ pytestmark = pytest.mark.slow
 
 DYNAMICS = Path(ibdata.dynamics.__file__).parent
 
-MUTANTS = {  # name: file, then (old, new) for each changed line
-    "unchanged": ("step.py", []),
-    "exponential scale": ("variants.py", [("eta_mean=0.1,", "eta_mean=0.11,")]),
+MUTANTS = {  # name: file, then old and new for each changed text
+    "unchanged": ("step.py",),
+    "exponential scale": ("variants.py", "eta_mean=0.1,", "eta_mean=0.11,"),
     "probability not bounded": (
-        "variants.py",
-        [("bernoulli_bounds=(0.001, 0.999)", "bernoulli_bounds=(0.0, 1.0)")],
-    ),
-    "cost noise": ("variants.py", [("consumption_noise=0.005,", "consumption_noise=0.0055,")]),
+        "variants.py", "bernoulli_bounds=(0.001, 0.999)", "bernoulli_bounds=(0.0, 1.0)"),
+    "cost noise": ("variants.py", "consumption_noise=0.005,", "consumption_noise=0.0055,"),
     "velocity and gain swapped": (
-        "step.py",
-        [("action[i, 0]", "action[i, 1]"), ("action[i, 1]", "action[i, 0]")],
-    ),
+        "step.py", "action[i, 0]", "action[i, 1]", "action[i, 1]", "action[i, 0]"),
     "effective actions swapped in the noise": (
         "step.py",
-        [
-            ("bernoulli_v[i], x[EFFECTIVE_VELOCITY", "bernoulli_v[i], x[EFFECTIVE_GAIN"),
-            ("bernoulli_g[i], x[EFFECTIVE_GAIN", "bernoulli_g[i], x[EFFECTIVE_VELOCITY"),
-        ],
-    ),
-    "fatigue amplification": ("fatigue.py", [("AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n")]),
-    "latent decay": ("fatigue.py", [("0.9 * mu", "0.89 * mu")]),
-    "cost coefficients swapped": ("operational_cost.py", [("4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g")]),
+        "bernoulli_v[i], x[EFFECTIVE_VELOCITY", "bernoulli_v[i], x[EFFECTIVE_GAIN",
+        "bernoulli_g[i], x[EFFECTIVE_GAIN", "bernoulli_g[i], x[EFFECTIVE_VELOCITY"),
+    "fatigue amplification": ("fatigue.py", "AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n"),
+    "latent decay": ("fatigue.py", "0.9 * mu", "0.89 * mu"),
+    "cost coefficients swapped": ("operational_cost.py", "4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g"),
     "convolution delayed by one": (
-        "step.py",
-        [
-            (
-                "convolved_cost(costs, i",
-                "convolved_cost(costs[[*range(1, 10), 9]], i",
-            )
-        ],
-    ),
-    "convolution reversed": (
-        "step.py",
-        [("convolved_cost(costs, i", "convolved_cost(costs[::-1], i")],
-    ),
-    "Goldstone sign": ("step.py", [("= penalty(z", "= -penalty(z")]),
-    "Goldstone bias sign": ("miscalibration.py", [("+ KAPPA * rho_s * w", "- KAPPA * rho_s * w")]),
-    "reward of t-1": ("step.py", [("return new\n", "return new.replace(reward=state.reward)\n")]),
+        "step.py", "convolved_cost(costs, i", "convolved_cost(costs[[*range(1, 10), 9]], i"),
+    "convolution reversed": ("step.py", "convolved_cost(costs, i", "convolved_cost(costs[::-1], i"),
+    "Goldstone sign": ("step.py", "= penalty(z", "= -penalty(z"),
+    "Goldstone bias sign": ("miscalibration.py", "+ KAPPA * rho_s * w", "- KAPPA * rho_s * w"),
+    "reward of t-1": ("step.py", "return new\n", "return new.replace(reward=state.reward)\n"),
     "latents cross-coupled": (  # as in the authors' code of 2017
         "step.py",
-        [
-            ("update_mu(x[MU_V, i]", "update_mu(x[MU_G, i]"),
-            ("update_mu(x[MU_G, i]", "update_mu(x[MU_V, i]"),
-        ],
-    ),
+        "update_mu(x[MU_V, i]", "update_mu(x[MU_G, i]", "update_mu(x[MU_G, i]", "update_mu(x[MU_V, i]"),
     "history window reversed": (
         "operational_cost.py",
-        [
-            ("range(9, 0, -1)", "range(9)"),
-            ("else history[lag - 1, i]", "else history[lag + 1, i]"),
-            ("        history[0, i] = theta", "        history[9, i] = theta"),
-        ],
-    ),
+        "range(9, 0, -1)", "range(9)", "else history[lag - 1, i]", "else history[lag + 1, i]",
+        "        history[0, i] = theta", "        history[9, i] = theta"),
     "consumption and fatigue swapped in the reward": (
-        "step.py",
-        [
-            (
-                "reward(x[CONSUMPTION, i], x[FATIGUE, i])",
-                "reward(x[FATIGUE, i], x[CONSUMPTION, i])",
-            )
-        ],
-    ),
+        "step.py", "reward(x[CONSUMPTION, i], x[FATIGUE, i])", "reward(x[FATIGUE, i], x[CONSUMPTION, i])"),
     "the old setpoint used": (
         "step.py",
-        [
-            (
-                "    _steer(state, action",
-                "    old = state.setpoint.copy()\n    _steer(state, action",
-            ),
-            (
-                "_update_fatigue(state, noise, k)\n    _update_consumption(state, noise, k)",
-                "new, state.setpoint[:] = state.setpoint.copy(), old\n    _update_fatigue(state, noise, k)\n"
-                "    _update_consumption(state, noise, k)\n    state.setpoint[:] = new",
-            ),
-        ],
-    ),
-    "setpoint moved twice": ("setpoint.py", [("return moved(p, b),", "return moved(moved(p, b), b),")]),
-    "setpoint turns before moving": ("variants.py", [("drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)")]),
-    "segment one step longer": ("setpoint.py", [("k.flip_after), left - 1", "k.flip_after), left")]),
-    "shift steps at the gain's rate": ("step.py", [("steer(x[SHIFT, i], D_H", "steer(x[SHIFT, i], D_G")]),
-    "alpha threshold as printed": ("variants.py", [("alpha_threshold=5.0", "alpha_threshold=1.2")]),
+        "    _steer(state, action", "    old = state.setpoint.copy()\n    _steer(state, action",
+        "_update_fatigue(state, noise, k)\n    _update_consumption(state, noise, k)",
+        "new, state.setpoint[:] = state.setpoint.copy(), old\n    _update_fatigue(state, noise, k)\n"
+        "    _update_consumption(state, noise, k)\n    state.setpoint[:] = new"),
+    "setpoint moved twice": ("setpoint.py", "return moved(p, b),", "return moved(moved(p, b), b),"),
+    "setpoint turns before moving": ("variants.py", "drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)"),
+    "segment one step longer": ("setpoint.py", "k.flip_after), left - 1", "k.flip_after), left"),
+    "shift steps at the gain's rate": ("step.py", "steer(x[SHIFT, i], D_H", "steer(x[SHIFT, i], D_G"),
+    "alpha threshold as printed": ("variants.py", "alpha_threshold=5.0", "alpha_threshold=1.2"),
     "domain not reset after a turn": (
-        "miscalibration.py",
-        [("return 1, 1, 0", "return delta_hat, psi_next, 0")],
-    ),
-}
+        "miscalibration.py", "return 1, 1, 0", "return delta_hat, psi_next, 0"),
+}  # fmt: skip
 
 
 def mutate(name, folder):
@@ -120,16 +78,13 @@ def mutate(name, folder):
     for file_of_all in ("errors.py", "variables.py"):
         shutil.copy(DYNAMICS.parent / file_of_all, package)
     (package / "__init__.py").touch()
-    file, changes = MUTANTS[name]
+    file, *texts = MUTANTS[name]
     path = package / "dynamics" / file
     text = path.read_text(encoding="utf-8")
-    for old, _ in changes:
-        assert text.count(old) == 1, (
-            f"{name}: {old!r} occurs {text.count(old)} times in {file}, expected once"
-        )
-    pieces = [(text.index(old), old, new) for old, new in changes]
-    for at, old, new in sorted(pieces, reverse=True):
-        text = text[:at] + new + text[at + len(old) :]
+    changes = dict(zip(texts[::2], texts[1::2], strict=True))
+    assert {old: text.count(old) for old in changes} == dict.fromkeys(changes, 1), name
+    for at, old in sorted(((text.index(old), old) for old in changes), reverse=True):
+        text = text[:at] + changes[old] + text[at + len(old) :]
     path.write_text(text, encoding="utf-8")
     return folder
 

@@ -53,7 +53,7 @@ def line(run, shift=0.0) -> Baseline:
 
 def test_the_plan_begins_with_seed_0_of_the_siemens_sets(baselines):
     plan = baselines.plan()
-    assert len(plan) == len(set(plan)) == 24 + 24 * 4 * 3 + 4 * 2 * 3
+    assert len(plan) == len(set(plan)) == 24 + 24 * 4 * 3 + 4 * 2 * 3 + 5 + 16 + 4 * 2
     first = plan[: 16 + 64]
     assert {run.set for run in first} == set(baselines.SIEMENS)
     assert {run.seed for run in first} == {None, 0}
@@ -178,10 +178,10 @@ def test_tables_show_ranges_of_seeds_and_dashes_for_gaps(baselines, page):
     runs.append(baselines.Run("siemens-offline/bad-0", "cql", 0))
     failed = line(runs[2]).model_copy(update={**measured(None), "failure": "NaN"})
     block = page.block([line(runs[0]), line(runs[1], shift=100.0), failed], baselines.plan())
-    assert block.startswith("3 of 312 runs are done.")
+    assert block.startswith("3 of 341 runs are done.")
     rows = [text for text in block.splitlines() if text.startswith("| `siemens-offline/bad-0`")]
-    assert rows == ["| `siemens-offline/bad-0` | – | −64.5 [−65.0, −64.0] | – | – | 1 failed |"]
-    assert "\n| `bad-0` | – | −68.5 | – | – / −325 |" in block
+    assert rows[0] == "| `siemens-offline/bad-0` | – | −64.5 [−65.0, −64.0] | – | – | 1 failed |"
+    assert "\n| `bad-0` | – | −68.5 | – | – | – | – / −325 |" in block
 
 
 def test_runs_are_counted_by_their_paired_difference(baselines, page):
@@ -215,10 +215,12 @@ def test_the_page_has_the_protocol_of_the_results():
     for each in LINES:
         if each.algorithm != "behaviour":
             numbers = {**each.hyperparameters, "steps": each.training_steps}
-            wanted = {"steps": 15_000, "history": 30, "reward_scale": 0.01, "hidden_units": [64, 64]}
+            steps = 1_000 if each.algorithm == "model-based" else 15_000
+            wanted = {"steps": steps, "history": 30, "reward_scale": 0.01, "hidden_units": [64, 64]}
             assert {**numbers, **wanted, "batch_size": 256} == numbers
             assert numbers.get("gamma", 0.97) == 0.97
     assert "15,000 steps with batches of 256" in PAGE
+    assert "1,000 steps with batches of 256" in PAGE
     assert SETTINGS["episodes"] == 200
 
 

@@ -131,14 +131,6 @@ def test_random_numbers_of_an_episode_are_at_its_address(questions):
         assert found.tolist() == [((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw]
 
 
-def test_an_episode_is_the_same_alone_and_in_any_block(questions):
-    experiment, made, _ = questions
-    for first, stop in ((5, 6), (2, 8), (0, 1)):
-        some = played(experiment, first, stop)
-        for name, x in some.items():
-            assert x.tobytes() == made[name][first:stop].tobytes(), name
-
-
 def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
     monkeypatch.setattr(Recalling, "given", [])
     played(described(Recalling(), start={"burn_in": [2, 2]}))

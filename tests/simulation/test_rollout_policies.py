@@ -117,28 +117,17 @@ def test_a_policy_cannot_change_the_action_it_is_asked_about():
         played(with_policies(Meddling()))
 
 
-def test_densities_that_a_policy_does_not_know_are_nan():
-    assert np.isnan(played(with_policies(Scripted()))["action_log_prob"]).all()
-
-
 @pytest.mark.parametrize(
     ("bad", "named"),
     [
         (lambda good: np.where(np.arange(6)[:, None] == 5, np.nan, good), "episode 11: step 3: found action"),
-        (lambda good: np.where(np.arange(6)[:, None] == 2, np.inf, good), "episode 8: step 3: found action"),
         (
             lambda good: good[:, :2],
             "episode 6: step 3: found actions of shape (6, 2), expected actions of shape (6, 3)",
         ),
-        (
-            lambda good: good[:1],
-            "episode 6: step 3: found actions of shape (1, 3), expected actions of shape (6, 3)",
-        ),
-        (lambda good: None, "episode 6: step 3: found"),
-        (lambda good: [[0.0, 0.0, 0.0], [0.0]], "episode 6: step 3: found"),
         (lambda good: [["left"] * 3] * 6, "episode 6: step 3: found"),
     ],
-    ids=["nan", "infinite", "columns", "lanes", "none", "ragged", "texts"],
+    ids=["nan", "columns", "texts"],
 )
 def test_an_action_that_is_none_is_an_error_at_its_place(monkeypatch, bad, named):
     monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 2)
@@ -153,7 +142,7 @@ def test_an_action_that_is_none_is_an_error_at_its_place(monkeypatch, bad, named
     assert error.value.exit_code == 1
 
 
-@pytest.mark.parametrize("shape", [(6, 3), (1,), ()], ids=str)
+@pytest.mark.parametrize("shape", [(6, 3), ()], ids=str)
 def test_a_density_of_another_shape_is_an_error(monkeypatch, shape):
     monkeypatch.setattr(Returning, "answer", staticmethod(lambda n: np.zeros((n, 3))))
     monkeypatch.setattr(Returning, "density", staticmethod(lambda n: np.zeros(shape)))
@@ -165,11 +154,10 @@ def test_a_density_of_another_shape_is_an_error(monkeypatch, shape):
     "answer",
     [
         lambda n: [[1, 0, -1]] * n,
-        lambda n: np.array([[1.0, 0.0, -1.0]] * n, dtype=np.float32),
         lambda n: np.broadcast_to(np.array([1.0, -0.0, -1.0]), (n, 3)),
         lambda n: np.array([[1e300, -1e-60, -1.0000001]] * n),
     ],
-    ids=["integers", "float32", "read-only", "out of range"],
+    ids=["integers", "read-only", "out of range"],
 )
 def test_actions_in_any_form_are_clipped_and_rounded(monkeypatch, answer):
     monkeypatch.setattr(Returning, "answer", staticmethod(answer))
@@ -206,17 +194,6 @@ def test_there_is_no_negative_zero(dynamics, dtype):
     table = rollout(experiment, 0, 80).table
     assert (table == 0.0).any()
     assert not ((table == 0.0) & np.signbit(table)).any()
-
-
-def test_an_error_in_a_policy_is_an_error_that_names_its_place(monkeypatch):
-    def decide(self, given):
-        raise KeyError("velocity")
-
-    monkeypatch.setattr("ibdata.policies.random.Random.decide", decide)
-    with pytest.raises(PolicyError) as error:
-        rollout(ibdata.load("random", ["steps=3"]), 0, 2)
-    assert str(error.value).startswith("policy random: episode 0: step 0: ")
-    assert str(error.value).endswith("KeyError: 'velocity'")
 
 
 def test_an_error_of_several_steps_names_its_own(monkeypatch):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from ibdata.views.imperfections import imperfections_of
 from ibdata.views.options import view_options
@@ -50,6 +49,9 @@ def test_noise_is_normal_and_independent_between_columns_and_episodes():
     assert abs(np.corrcoef(first[:, 0], first[:, 1])[0, 1]) < error
     assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < error
     assert (first[:, 2] == 0).all()
+    alone, _ = imperfections_of({"noise": {"obs_fatigue": 3.0}}).of(COLUMNS[1:2]).episode(clean[:, :1], 0)
+    assert (alone[:, 0] == first[:, 1]).all()  # it does not depend on the other columns
+    assert not (measured({**given, "seed": 6}, 0, clean)[0][:, :2] == first[:, :2]).any()
 
 
 def test_a_missing_value_is_the_last_that_arrived_and_the_first_always_arrives():
@@ -60,21 +62,6 @@ def test_a_missing_value_is_the_last_that_arrived_and_the_first_always_arrives()
     for value, missing, clean in zip(seen[:, 1], lost[:, 1], CLEAN[:, 1], strict=True):
         last = last if missing else clean
         assert value == last
-    seen, lost = measured({"missing": {"obs_fatigue": 1.0}})
-    assert (seen[:, 1] == CLEAN[0, 1]).all()
-    assert lost[1:, 1].all()
-
-
-def test_the_noise_of_a_column_does_not_depend_on_the_other_columns():
-    given = imperfections_of({"noise": {"obs_fatigue": 1.0}})
-    alone, _ = given.of(("obs_fatigue",)).episode(CLEAN[:, 1:2], 7)
-    assert (alone[:, 0] == measured({"noise": {"obs_fatigue": 1.0}})[0][:, 1]).all()
-
-
-@pytest.mark.parametrize("change", [{"seed": 6}, {}], ids=["seed", "episode"])
-def test_seed_and_episode_change_the_noise(change):
-    other = measured({**EVERYTHING, **change}, number=7 if change else 8)[0]
-    assert not (other[:, 1] == measured(EVERYTHING)[0][:, 1]).any()
 
 
 def test_step_by_step_and_in_other_lanes_the_same_is_seen_as_in_whole_episodes():

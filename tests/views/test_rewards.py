@@ -14,6 +14,7 @@ AFTER = np.array([90.3, 4.0], np.float32), np.array([12.9, 0.25], np.float32)
 
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_weights_are_computed_in_float64_and_rounded_once(scale):
+    assert reward_of({"fatigue": 2}).of(BEFORE, AFTER, 1.0).tolist() == (-2 * AFTER[1]).tolist()
     found = reward_of({"consumption": 0.7, "fatigue": 2.2}).of(BEFORE, AFTER, scale)
     exact = [-(0.7 * float(c) + 2.2 * float(f)) * scale for c, f in zip(*AFTER, strict=True)]
     assert found.tolist() == np.array(exact).astype(np.float32).tolist()
@@ -24,10 +25,6 @@ def test_delta_is_the_difference_of_two_classic_rewards():
     weights = reward_of({"consumption": 1, "fatigue": 3})
     difference = weights.cost(*BEFORE) - weights.cost(*AFTER)
     assert reward_of("delta").of(BEFORE, AFTER, 1.0).tolist() == difference.astype(np.float32).tolist()
-
-
-def test_a_weight_that_is_not_given_is_zero():
-    assert reward_of({"fatigue": 2}).of(BEFORE, AFTER, 1.0).tolist() == (-2 * AFTER[1]).tolist()
 
 
 def test_rewards_that_become_infinite_are_refused():

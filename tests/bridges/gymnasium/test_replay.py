@@ -161,10 +161,9 @@ def test_lanes_replay_what_single_environments_do(played, mode):
             second = np.array([False, True, False])
             many.reset(options={"reset_mask": ~second})
             seen, _ = many.reset(options={"reset_mask": second, **again})
-        begun = [
-            env.reset(options=again if mode == "Disabled" and i == 1 else None) for i, env in enumerate(alone)
-        ]
-        np.testing.assert_array_equal(seen, [first for first, _ in begun])
+        for i, env in enumerate(alone):
+            first, _ = env.reset(options=again if mode == "Disabled" and i == 1 else None)
+            np.testing.assert_array_equal(seen[i], first)
 
 
 def test_lanes_begin_in_given_states_as_single_environments_do(played):
