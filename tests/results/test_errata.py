@@ -20,7 +20,6 @@ from helpers import script as load
 from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.dynamics.miscalibration import SAFE_ZONE
 from ibdata.dynamics.operational_cost import operational_cost
-from ibdata.dynamics.steering import D_H
 from measuring.documents import measured as tables_of
 from measuring.documents import write_measured
 
@@ -83,7 +82,6 @@ def test_every_field_has_a_measured_row(script):
         ("= 15.0 steps", math.log(5 / 1.2) / math.log(1.1)),
         ("≈ 0.1294", SAFE_ZONE),
         ("0.1309 is 15° in radians, halved", math.radians(15) / 2),
-        ("≈ 5.7515", D_H),
         ("≈ 4915", operational_cost(100.0, 100.0, 100.0)),
         ("exactly 0.99999 times", sum(SIEMENS.convolution_weights)),
         ("is 2.25 in the code", 1 + SIEMENS.consumption_noise * 250),
