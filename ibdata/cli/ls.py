@@ -22,8 +22,8 @@ MOST = 3  # setpoints or policies that are named
 def command(folder: Path) -> Printed:
     """List the datasets in a folder and in the folders below it.
 
-    FOLDER is the current folder by default. A dataset is finished, unfinished (generate --resume goes on) or
-    damaged (ibdata validate says how).
+    FOLDER is the current folder by default. By its manifest, a dataset is finished, unfinished (generate
+    --resume goes on) or damaged; ibdata validate checks all files.
 
     \b
     ibdata ls

@@ -22,6 +22,7 @@ TRAINED = {
     "model-based": "model-based",
 }
 BOTH = {"td3+bc": "TD3+BC", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
+FEWEST = 5  # sets for a rank correlation
 ONLY = {"moose": "MOOSE", "wsbc": "WSBC", "brac-v": "BRAC-v", "mopo": "MOPO", "morel": "MOReL"}
 
 
@@ -66,6 +67,9 @@ def _compared(label: str, own: pd.Series, published: pd.Series) -> list[Any]:
     """A row of the table, of the sets that both have."""
     both = pd.DataFrame({"own": own, "published": published}).dropna()
     differences = both["own"] - both["published"]
-    rank = rank_correlation(both["published"].to_numpy(), both["own"].to_numpy())
+    rank = "–"
+    if len(both) >= FEWEST:
+        found = rank_correlation(both["published"].to_numpy(), both["own"].to_numpy())
+        rank = f"{found:.2f}".replace("-", "−")
     values = (differences.abs().median(), differences.min(), differences.max())
-    return [label, len(both), f"{rank:.2f}", *(shown(x, ".1f") for x in values)]
+    return [label, len(both), rank, *(shown(x, ".1f") for x in values)]
