@@ -155,7 +155,7 @@ def _scores(
         if deviation is not None:
             columns[4] = _log_density((errors / deviation) ** 2, deviation)
     return [
-        ModelScore(horizon, name, *(float(x) if np.isfinite(x) else None for x in values))  # type: ignore[arg-type]
+        ModelScore(horizon, name, *(float(x) if np.isfinite(x) else None for x in values))  # type: ignore[arg-type]  # the six of `columns`
         for name, *values in zip(QUANTITIES, *columns, strict=True)
     ]
 

@@ -10,7 +10,6 @@ learned by behavioural cloning. This is a simple form of LION (Swazinna et al., 
 from __future__ import annotations
 
 import copy
-import importlib.metadata
 import itertools
 import time
 from typing import Any
@@ -18,9 +17,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-import ibdata
 from ibdata.dynamics.steering import D_G, D_H, D_V
-from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
+from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows, spent, versions
 
 MEMBERS, FRAMES, MODEL_STEPS, MODEL_RATE = 4, 10, 15_000, 1e-3
 CLONING_STEPS, POLICY_STEPS, POLICY_RATE, HORIZON, PENALTY = 10_000, 1_000, 1e-3, 30, 3.0
@@ -66,16 +64,19 @@ class Models(nn.Module):
 
     def __init__(self, rows: Rows) -> None:
         super().__init__()
-        at = torch.from_numpy(rows.transitions)
         self.observations, self.actions = torch.from_numpy(rows.observations), torch.from_numpy(rows.actions)
-        self.at = at
-        known = self.observations[at, PREDICTED]
+        self.at = torch.from_numpy(rows.transitions)
+        known = self.observations[self.at, PREDICTED]
         self.lowest, self.highest = known.amin(dim=0), known.amax(dim=0)
-        sample = at[torch.randperm(len(at))[:50_000]]
+        sample = self.at[torch.randperm(len(self.at))[:50_000]]
         inputs, changes = self.inputs(self.observations[sample], self.actions[sample]), self.changes(sample)
         self.center, self.spread = inputs.mean(dim=0), deviation(inputs)
         self.mean, self.scale = changes.mean(dim=0), deviation(changes)
         self.members = Members(MEMBERS, inputs.shape[1], *HIDDEN, 2)
+
+    def drawn(self, rows: int) -> Tensor:
+        """So many rows of the data that are transitions, with replacement."""
+        return self.at[torch.randint(len(self.at), (rows,))]
 
     def inputs(self, seen: Tensor, actions: Tensor) -> Tensor:
         """What the networks see (n, 64)."""
@@ -90,14 +91,11 @@ class Models(nn.Module):
         optimizer = torch.optim.Adam(self.members.parameters(), lr=MODEL_RATE)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, MODEL_STEPS)
         for _ in range(MODEL_STEPS):
-            at = self.at[torch.randint(len(self.at), (MEMBERS * BATCH,))]
+            at = self.drawn(MEMBERS * BATCH)
             x = (self.inputs(self.observations[at], self.actions[at]) - self.center) / self.spread
             y = (self.changes(at) - self.mean) / self.scale
             predicted = self.members(x.view(MEMBERS, BATCH, -1))
-            loss = ((predicted - y.view(MEMBERS, BATCH, -1)) ** 2).mean()
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
+            descend(optimizer, ((predicted - y.view(MEMBERS, BATCH, -1)) ** 2).mean())
             schedule.step()
         self.requires_grad_(False)
         sample = self.at[torch.randperm(len(self.at))[:50_000]]
@@ -163,15 +161,21 @@ def reward(predicted: Tensor) -> Tensor:
     return -REWARD_SCALE * (3.0 * predicted[..., 0] + predicted[..., 1])
 
 
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor, longest: float | None = None) -> None:
+    """Make a step down the gradient of a loss, whose norm is clipped to the longest."""
+    optimizer.zero_grad()
+    loss.backward()
+    if longest is not None:
+        nn.utils.clip_grad_norm_([x for group in optimizer.param_groups for x in group["params"]], longest)
+    optimizer.step()
+
+
 def cloned(policy: Policy, models: Models) -> None:
     """Train a policy by behavioural cloning: the least squared distance from the actions of the data."""
     optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
     for _ in range(CLONING_STEPS):
-        at = models.at[torch.randint(len(models.at), (BATCH,))]
-        loss = ((policy(models.observations[at]) - models.actions[at]) ** 2).mean()
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+        at = models.drawn(BATCH)
+        descend(optimizer, ((policy(models.observations[at]) - models.actions[at]) ** 2).mean())
 
 
 def train(rows: Rows, seed: int) -> tuple[Policy, dict[str, Any]]:
@@ -187,19 +191,10 @@ def train(rows: Rows, seed: int) -> tuple[Policy, dict[str, Any]]:
     clone = copy.deepcopy(policy).requires_grad_(False)
     optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
     for _ in range(POLICY_STEPS):
-        at = models.at[torch.randint(len(models.at), (BATCH,))]
-        loss = -imagined(policy, clone, models, models.observations[at])
-        optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
-        optimizer.step()
+        descend(optimizer, -imagined(policy, clone, models, models.observations[models.drawn(BATCH)]), 1.0)
     return policy.requires_grad_(False), {
         "training_steps": POLICY_STEPS,
-        "seconds": round(time.perf_counter() - wall, 1),
-        "cpu_seconds": round(time.process_time() - cpu, 1),
+        **spent(wall, cpu),
         "hyperparameters": HYPERPARAMETERS,
-        "versions": {
-            "ibdata": ibdata.__version__,
-            **{name: importlib.metadata.version(name) for name in ("torch", "numpy")},
-        },
+        "versions": versions("torch", "numpy"),
     }

@@ -26,11 +26,20 @@ HISTORY, REWARD_SCALE, DISCOUNT = 30, 0.01, 0.97
 STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
 PART = 65_536  # rows of which moments are computed at once
 # d3rlpy's default, 40,000 steps, is longer than the training here.
-OWN: dict[str, dict[str, Any]] = {"bear": {"warmup_steps": STEPS // 10}}
-# The penalty's weight is alpha · conservative_weight; without learning, alpha stays 1.
-OWN["cql-50"] = {"initial_alpha": 1.0, "alpha_learning_rate": 0.0, "conservative_weight": 50.0}
-CONFIGS = {"bc": "BC", "td3+bc": "TD3PlusBC", "iql": "IQL", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
-CONFIGS["cql-50"] = "CQL"
+OWN: dict[str, dict[str, Any]] = {
+    "bear": {"warmup_steps": STEPS // 10},
+    # The penalty's weight is alpha · conservative_weight; without learning, alpha stays 1.
+    "cql-50": {"initial_alpha": 1.0, "alpha_learning_rate": 0.0, "conservative_weight": 50.0},
+}
+CONFIGS = {
+    "bc": "BC",
+    "td3+bc": "TD3PlusBC",
+    "iql": "IQL",
+    "cql": "CQL",
+    "cql-50": "CQL",
+    "bcq": "BCQ",
+    "bear": "BEAR",
+}
 Floats = npt.NDArray[np.float64]
 Float32s = npt.NDArray[np.float32]
 
@@ -151,11 +160,20 @@ def train(
             after(step + 1, learned)
     return learned, {
         "training_steps": steps,
+        **spent(wall, cpu),
+        "hyperparameters": hyperparameters(config),
+        "versions": versions("d3rlpy", "torch", "numpy"),
+    }
+
+
+def spent(wall: float, cpu: float) -> dict[str, float]:
+    """The seconds since a training began."""
+    return {
         "seconds": round(time.perf_counter() - wall, 1),
         "cpu_seconds": round(time.process_time() - cpu, 1),
-        "hyperparameters": hyperparameters(config),
-        "versions": {
-            "ibdata": ibdata.__version__,
-            **{name: importlib.metadata.version(name) for name in ("d3rlpy", "torch", "numpy")},
-        },
     }
+
+
+def versions(*libraries: str) -> dict[str, str]:
+    """The versions of ibdata and of the libraries that trained a policy."""
+    return {"ibdata": ibdata.__version__, **{name: importlib.metadata.version(name) for name in libraries}}

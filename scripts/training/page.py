@@ -18,10 +18,9 @@ REFERENCES = {"random": "`random`", "zero": "no change at any step"}
 REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
 FORMULAS = ("bad", "mediocre", "optimized")
 SUITES = ("siemens-offline", "d4rl-like", "neorl-like")
-LABELS = {name: name.upper() for name in ("bc", "td3+bc", "iql", "cql", "bcq", "bear")}
-LABELS = {BEHAVIOUR: "behaviour", **LABELS, "cql-50": "CQL of weight 50", "model-based": "model-based"}
 FOUR, TWO = ["bc", "td3+bc", "iql", "cql"], ["bcq", "bear"]
-VARIANTS = ["cql-50", "model-based"]
+VARIANTS = {"cql-50": "CQL of weight 50", "model-based": "model-based"}
+LABELS = {BEHAVIOUR: "behaviour", **{name: name.upper() for name in FOUR + TWO}, **VARIANTS}
 Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
 

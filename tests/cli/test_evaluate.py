@@ -79,7 +79,14 @@ def test_close_setpoints_are_told_apart(ibdata):
 def test_the_baselines_of_a_set_have_a_line_an_algorithm(ibdata):
     lines = ibdata("evaluate", "optimized", "--against", "optimized-0").stdout.splitlines()
     assert lines[1].split()[:3] == ["optimized", "70", "200"]
-    assert [line.split()[1] for line in lines[5:]] == ["behaviour", "bc", "td3+bc", "iql", "cql", "model-based"]
+    assert [line.split()[1] for line in lines[5:]] == [
+        "behaviour",
+        "bc",
+        "td3+bc",
+        "iql",
+        "cql",
+        "model-based",
+    ]
     behaviour = lines[5].split()
     assert behaviour[2:4] == ["1", "-5,971.18"]
     assert abs(float(behaviour[7])) < 1e-3
