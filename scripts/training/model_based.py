@@ -157,7 +157,7 @@ def imagined(policy: Policy, clone: Policy, models: Models, seen: Tensor) -> Ten
 
 
 def reward(predicted: Tensor) -> Tensor:
-    """The scaled reward of fatigue and consumption (…, 2), equation 2 of Hein et al. (2017)."""
+    """The scaled reward of fatigue and consumption (…, 2), Eq. (5) of Hein et al. (2017)."""
     return -REWARD_SCALE * (3.0 * predicted[..., 0] + predicted[..., 1])
 
 
