@@ -77,7 +77,7 @@ def test_the_gains_are_those_that_the_script_finds(dynamics):
 @pytest.mark.parametrize("dynamics", VARIANTS)
 def test_it_is_better_than_optimized_at_every_setpoint_and_start(dynamics, start):
     policies = [{"kind": "expert", "dynamics": dynamics}, "optimized"]
-    options = {"dynamics": dynamics, "start": start, "steps": 1000, "discount": 1.0, "episodes": 16}
+    options = {"dynamics": dynamics, "start": start, "steps": 1000, "discount": 1.0, "episodes": 4}
     for difference in ibdata.evaluate(policies, np.arange(0.0, 101.0, 10.0), **options).differences:
         assert -difference.mean_difference > 5 * difference.standard_error
 
