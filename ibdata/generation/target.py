@@ -68,7 +68,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     except DatasetError as error:
         why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
         raise UsageError(
-            f"{place}: not a dataset of ibdata, left as it is{why}; choose another --out"
+            f"{place}: not a dataset of ibdata, left as it is{why}; move it away, or choose another --out"
         ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)

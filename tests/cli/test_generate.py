@@ -40,7 +40,9 @@ def test_a_folder_of_somebody_is_refused_and_kept(ibdata, tmp_path, overwrite):
     (tmp_path / "mine/notes.txt").write_text("keep me")
     done = ibdata("generate", "--config", "random", *SMALL, "--out", "mine", *overwrite)
     assert done.returncode == 2
-    assert done.stderr == "mine: not a dataset of ibdata, left as it is; choose another --out\n"
+    assert (
+        done.stderr == "mine: not a dataset of ibdata, left as it is; move it away, or choose another --out\n"
+    )
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["notes.txt"]
     assert list(tmp_path.iterdir()) == [tmp_path / "mine"]
 

@@ -30,7 +30,7 @@ REFUSED = [
     ({"policy": "{kind: safe"}, "policy:1:1"),
     ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
     ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),
-    ({"policy": "a: {b: 1}"}, 'policy: found {"a": {"b": 1}}, expected a mapping with \'kind\''),
+    ({"policy": "a: {b: 1}"}, 'policy: found {"a": {"b": 1}}, expected a block such as'),
     ({"episodes": 10**400}, "episodes: this number takes "),
 ]  # fmt: skip
 

@@ -40,9 +40,10 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
 @pytest.mark.parametrize(
     ("target", "line"),
     [
-        ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
+        ("mine:Lerned", "mine:Lerned: found no 'Lerned' in the module; did you mean 'Learned'?"),
+        ("mine:by_name", "mine:by_name: found a function of obs, expected one whose first parameter is `obs"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
-        ("mine:failing", "mine:failing: cannot be loaded: mine.py:30: RuntimeError: no weights"),
+        ("mine:failing", "mine:failing: cannot be loaded: mine.py:33: RuntimeError: no weights"),
         (
             "mine:nothing",
             "mine:nothing: found object, expected an object with decide(given), act(history, u)",
@@ -58,7 +59,7 @@ def test_what_cannot_be_used_is_one_line(target, line):
 
 
 def test_what_cannot_be_used_leaves_nothing(mine):
-    with pytest.raises(PolicyError, match="^mine:absent: cannot be loaded"):
+    with pytest.raises(PolicyError, match=r"^mine:absent: found no 'absent'"):
         ibdata.generate(described(target="mine:absent"), "out", workers=1, allow_code=True)
     assert not (mine / "out").exists()
 

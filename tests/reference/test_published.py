@@ -57,7 +57,7 @@ def test_every_variable_is_that_of_the_other_implementation(variant, number):
 
 @pytest.mark.parametrize(("variant", "least"), [("siemens", 100_000), ("paper", 50_000)])
 def test_the_tapes_are_long_and_take_every_branch(variant, least):
-    """A comparison proves nothing about a branch that was not taken: each one that can be, ten times (core: five)."""
+    """A comparison proves nothing about a branch that was not taken: each that can be, often."""
     made = [tapes.make(*options) for options in TAPES[variant]]
     assert sum(map(tapes.transitions, made)) >= least // PART
     total = tapes.total_coverage(made, VARIANTS[variant])
