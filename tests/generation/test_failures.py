@@ -49,26 +49,6 @@ def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, er
     assert is_right("a/b", tiny[0].path, files)
 
 
-def test_a_shard_that_fails_does_not_wait_for_others(monkeypatch):
-    """The error of one thread ends the others between two pieces."""
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 4)
-    started, simulated = threading.Barrier(4, timeout=20), make_shard.simulated
-
-    def failing(spec, shard, *rest):
-        started.wait()  # until each of the four has its thread
-        if shard.number == 2:
-            raise FULL
-        for made in simulated(spec, shard, *rest):
-            time.sleep(0.3)  # until the other thread has failed
-            yield made
-
-    monkeypatch.setattr(make_shard, "simulated", failing)
-    with pytest.raises(IbdataError, match="No space left on device"):
-        ibdata.generate(TINY, "out")
-    assert not [each for each in threading.enumerate() if "ThreadPool" in each.name]
-    assert contents() == {}
-
-
 @pytest.mark.parametrize(
     ("number", "at", "left"),
     [

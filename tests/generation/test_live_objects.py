@@ -61,7 +61,6 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
 
 
 def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
-    """What such a run has finished is of no use to another session."""
 
     def stop(*args):
         raise Interrupted(2)

@@ -68,13 +68,6 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
 
 
-def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
-    for i in (1, 2):
-        ibdata.generate(learned, "parts", shards=f"{i}/2", workers=1)
-    elsewhere()
-    assert ibdata.validate(ibdata.finalize("parts").path) == []
-
-
 def test_a_run_goes_on_with_its_own_weights_only(learned):
     """Other weights are another experiment; the path of the file does not count."""
     ibdata.generate(learned, "made", shards="1/2", workers=1)
@@ -97,10 +90,3 @@ def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
     assert len(list((both.path / "meta").glob("policy-*.safetensors"))) == 2
     elsewhere()
     assert ibdata.validate(both.path) == []
-
-
-@pytest.mark.slow
-def test_workers_get_the_weights_from_the_experiment(learned, made):
-    experiment = ibdata.load(learned)
-    shutil.rmtree(learned.parent)
-    assert ibdata.generate(experiment, "several", workers=2).content_root == made.content_root

@@ -1,13 +1,13 @@
 """The origin of a run, its code and bits, is noted, and a run with another origin is refused."""
 
 import json
-import os
-import textwrap
+import sys
 from pathlib import Path
 
 import pytest
-from helpers.own_code import FILES, PLAIN, generate, sha256, stopped
+from helpers.own_code import FILES, generate, sha256, stopped
 
+import ibdata
 from ibdata.dataset.models import Code
 from ibdata.errors import UsageError
 from ibdata.generation import origin
@@ -37,6 +37,30 @@ def test_a_run_is_resumed_with_the_same_code_only(here, path, named):
     assert sorted(Path(".out.part").rglob("*")) == before
     (here / path).write_bytes(was)
     assert generate(resume=True).content_root == generate("whole").content_root
+
+
+def test_a_helper_is_imported_as_it_is_now_and_not_here(whole):
+    before = set(sys.modules)
+    for size, workers in ((0.75, 1), (0.25, 2)):
+        Path("helper.py").write_text(f"SIZE = {size}")
+        actions = generate(f"out-{size}", workers=workers).arrays()["actions"]
+        assert 0.25 * size < abs(actions).max() <= 0.5 * size  # the weights are 0.5
+    assert not {"mine", "helper", "lazy"} & (set(sys.modules) - before)
+
+
+def test_declared_files_lie_beside_the_yaml_or_here(whole):
+    Path("beside").mkdir()
+    Path("own.yaml").rename("beside/own.yaml")
+    Path("mine.py").write_text("def Own(observations):\n    return 0.0 * observations[:, :3]")
+    for path in ("weights.txt", "beside/weights.txt"):
+        Path(path).write_text("0.75")
+        (made,) = ibdata.generate("beside/own.yaml", f"of-{path[:6]}", allow_code=True, workers=1).manifest[
+            "code"
+        ]
+        assert made["files"]["weights.txt"] == sha256(path)
+        Path(path).unlink()
+    with pytest.raises(UsageError, match=r"^mine:Own: files: found no file 'weights.txt', expected it besi"):
+        ibdata.generate("beside/own.yaml", "third", allow_code=True, workers=1)
 
 
 def test_another_version_of_an_installed_library_is_refused(here):
@@ -85,28 +109,9 @@ def test_a_worker_with_other_code_or_bits_is_refused(whole, monkeypatch, noted, 
     assert not (whole / "out").exists()
 
 
-PACKAGE = """
-    import pathlib
-    pathlib.Path("imported").touch()
-
-    class Own:
-        def act(self, history, u):
-            return 2.0 * u - 1.0
-"""
-
-
-def test_finalize_imports_nothing(here, ibdata):
-    (here / "package").mkdir()
-    (here / "package/__init__.py").write_text(textwrap.dedent(PACKAGE))
-    (here / "package/module.py").write_text("from package import Own")
-    policy = {"kind": "custom", "target": "package.module:Own", "uniforms": 3}
-    (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
-    args = ("--config", "own.yaml", "--out", "out", "--shards", "1/1", "--allow-code")
-    assert ibdata("generate", *args).returncode == 0
-    (here / "imported").unlink()
-    done = ibdata("finalize", "out", env={**os.environ, "PYTHONPATH": str(here)})
-    assert not (here / "imported").exists()
-    assert done.returncode == 0, done.stderr
-    (code,) = json.loads((here / "out/meta/manifest.json").read_text())["code"]
-    assert code["sha256"] == sha256("package/module.py")
-    assert code["files"] == {"package/__init__.py": sha256("package/__init__.py")}
+def test_finalize_imports_nothing(whole):
+    generate(shards="1/1")
+    known = sha256("mine.py")
+    Path("mine.py").write_text("raise RuntimeError('imported')")
+    (code,) = ibdata.finalize("out").manifest["code"]
+    assert code["sha256"] == known

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.folders import receipts
 
 import ibdata
 from ibdata.errors import ConfigError, UsageError
@@ -74,23 +73,6 @@ def test_all_are_checked_before_the_first_is_made(two):
             ibdata.generate(two, **{"workers": 1, **options})
     assert [path.name for path in Path("data/two").iterdir()] == ["b"]
     assert not Path("out").exists()
-
-
-def test_resume_goes_on_with_the_one_that_was_stopped(two, monkeypatch):
-    """Ctrl-C ends the whole folder."""
-
-    def stop(*args):
-        raise KeyboardInterrupt
-
-    many = ["output.shard_rows=5", "episodes=3"]
-    with monkeypatch.context() as patched:
-        patched.setattr("ibdata.generation.run.finish", stop)
-        with pytest.raises(KeyboardInterrupt):
-            ibdata.generate(two, workers=1, overrides=many)
-    assert len(receipts("data/two/a")) == 3
-    assert receipts("data/two/b") == []
-    made = ibdata.generate(two, workers=1, overrides=many, resume=True)
-    assert [ibdata.validate(dataset.path) for dataset in made.values()] == [[], []]
 
 
 def test_the_estimates_are_those_of_the_single_runs(two):

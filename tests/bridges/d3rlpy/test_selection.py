@@ -68,25 +68,6 @@ def test_draws_have_the_density_of_the_target(mean):
     np.testing.assert_allclose(shares, below, atol=2e-3)
 
 
-def test_the_weights_of_a_target_have_the_mean_1(small, target):
-    """On random actions the ratios have a mean of 1 and a standard deviation of about 3."""
-    found = estimators.by_importance(small, target)
-    assert found.ratios.mean() == pytest.approx(1.0, abs=0.2)
-    assert found.ratios.min() >= 0.0
-    assert 1.0 <= found.effective[0] < 20.0
-
-
-def test_the_adapter_acts_as_the_target_does(rows, target):
-    adapter = estimators.Adapter(target)
-    seen = rows.observations[:50]
-    scaled = adapter.scaler.transform(torch.from_numpy(seen))
-    expected = target.mean(seen.reshape(50, 30, 6))
-    np.testing.assert_allclose(adapter.mean(scaled), expected, atol=1e-5)
-    draws = np.stack([adapter.predict_best_action(scaled).numpy() for _ in range(400)])
-    assert np.abs(draws).max() < 1.0
-    np.testing.assert_allclose(draws.std(axis=(0, 1)), targets.SCALE, atol=0.03)  # of means close to 0
-
-
 def test_fqe_counts_as_many_rewards_as_it_has_fits(rows, target, monkeypatch):
     """The reward falls by far more than 3 from the start of an episode to its end."""
     monkeypatch.setattr(estimators, "FIT_STEPS", 300)

@@ -16,7 +16,6 @@ from helpers import ROOT
 from helpers.pages import blocks
 
 import ibdata
-from ibdata import IbdataError
 from ibdata.errors import PolicyError
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
@@ -90,13 +89,6 @@ def test_ray_makes_the_same_files_and_is_ended(files):
     assert not ray.is_initialized()
 
 
-def test_a_ray_that_was_there_is_used_and_stays(cluster):
-    for i in (1, 2):
-        ibdata.generate(TINY, "out", shards=f"{i}/2", engine="ray")
-    assert ray.is_initialized()
-    assert ibdata.finalize("out").content_root == ibdata.generate(TINY, "plain", workers=1).content_root
-
-
 def test_the_command_runs_on_the_ray_at_an_address(cluster, ibdata):
     done = ibdata("generate", "-q", "--config", "random", "--engine", "ray", "--address", cluster)
     assert done.returncode == 0, done.stderr
@@ -110,14 +102,6 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     plain = ibdata.generate(experiment, "plain", workers=1, allow_code=True)
     assert made.content_root == plain.content_root
     assert files("ray") == files("plain")
-
-
-def test_workers_that_always_die_are_an_error_of_one_line(cluster, tmp_path):
-    experiment = deadly(tmp_path, deaths=1000)
-    with pytest.raises(IbdataError, match=r"^data/part-\d+: Ray failed with WorkerCrashedError: ") as error:
-        ibdata.generate(experiment, "out", engine="ray", allow_code=True)
-    assert "\n" not in str(error.value)
-    assert not Path("out").exists()
 
 
 def test_an_error_of_a_worker_reaches_the_caller_as_it_was(cluster, tmp_path):
