@@ -35,7 +35,7 @@ def _form(schema: dict[str, Any]) -> str:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
     if any("discriminator" in option for option in (schema, *schema.get("anyOf", ()))):
-        return "[policy](policies.md), or its bare name"
+        return "[policy](policies.md)"
     if choices := schema.get("oneOf") or schema.get("anyOf"):
         return " or ".join(_form(choice) for choice in choices if choice.get("type") != "null")
     if "const" in schema or "enum" in schema:
