@@ -1,27 +1,27 @@
-"""Tables of the options of a block of YAML, from its JSON Schema."""
+"""Lists of the options of a block of YAML, from its JSON Schema."""
 
 import json
 import re
 from typing import Any
 
 from ibdata.experiment import Experiment
-from measuring.documents import table
 
 SCHEMA = Experiment.model_json_schema()
 NUMBERS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true` or `false`"}
 
 
 def options(definition: dict[str, Any], leave_out: tuple[str, ...] = ()) -> str:
-    """A Markdown table of the options of a block."""
-    rows = []
+    """A Markdown list of the options of a block, which fits a phone as a table would not."""
+    items = []
     for name, option in definition["properties"].items():
-        default = option.get("default")
-        shown = "" if default is None or isinstance(default, dict) else _code(default)
+        default, facts = option.get("default"), _form(option)
         if name in definition.get("required", []):
-            shown = "**required**"
+            facts += ", **required**"
+        elif default is not None and not isinstance(default, dict):
+            facts += f", default {_code(default)}"
         if name not in leave_out:
-            rows.append((f"`{name}`", _form(option), shown, option.get("description", "")))
-    return table(("option", "value", "default", "meaning"), rows).replace("  ", " ")
+            items.append(f"- `{name}` ({facts}): {option.get('description', '')}".removesuffix(": "))
+    return "\n".join(items)
 
 
 def blocks_of(name: str) -> list[str]:
@@ -35,7 +35,7 @@ def _form(schema: dict[str, Any]) -> str:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
     if any("discriminator" in option for option in (schema, *schema.get("anyOf", ()))):
-        return "[policy](policies.md), or its bare name"
+        return "[policy](policies.md)"
     if choices := schema.get("oneOf") or schema.get("anyOf"):
         return " or ".join(_form(choice) for choice in choices if choice.get("type") != "null")
     if "const" in schema or "enum" in schema:

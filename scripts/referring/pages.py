@@ -74,8 +74,8 @@ def _section(heading: str, of: Iterable[Column]) -> str:
     for column in of:
         kind = "float" if column.dtype.startswith("float") else column.dtype
         unit = "" if column.unit == "1" else column.unit
-        rows.append((f"`{column.name}`", kind, unit, _range(column), column.description))
-    return f"## {heading}\n\n{table(('column', 'type', 'unit', 'range', 'meaning'), rows)}"
+        rows.append((f"`{column.name}`", kind, f"{_range(column)} {unit}".strip(), column.description))
+    return f"## {heading}\n\n{table(('column', 'type', 'range and unit', 'meaning'), rows)}"
 
 
 def _range(column: Column) -> str:

@@ -18,9 +18,9 @@ REFERENCES = {"random": "`random`", "zero": "no change at any step"}
 REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
 FORMULAS = ("bad", "mediocre", "optimized")
 SUITES = ("siemens-offline", "d4rl-like", "neorl-like")
-FOUR, TWO = ["bc", "td3+bc", "iql", "cql"], ["bcq", "bear"]
-VARIANTS = {"cql-50": "CQL of weight 50", "model-based": "model-based"}
-LABELS = {BEHAVIOUR: "behaviour", **{name: name.upper() for name in FOUR + TWO}, **VARIANTS}
+FOUR, TWO, MODEL = ["bc", "td3+bc", "iql", "cql"], ["bcq", "bear"], "model-based"
+LABELS = {BEHAVIOUR: "behaviour", **{name: name.upper() for name in FOUR + TWO}}
+LABELS |= {"cql-50": "CQL of weight 50", MODEL: MODEL}
 Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
 
@@ -45,15 +45,12 @@ def references() -> dict[str, float]:
 
 
 def cell(lines: Sequence[Baseline]) -> str:
-    """The mean over seeds in hundreds, and the lowest and highest seed if there are several."""
+    """The mean over seeds, in hundreds."""
     values = [line.mean_return / 100 for line in lines if line.mean_return is not None]
     failed = len(lines) - len(values)
-    parts = [f"{np.mean(values):.1f}"] if values else []
-    if len(values) > 1:
-        parts.append(f"[{min(values):.1f}, {max(values):.1f}]")
-    if failed:
-        parts.append(f"{failed} failed")
-    return " ".join(parts).replace("-", "−") or "–"
+    parts = [f"{np.mean(values):.1f}".replace("-", "−")] if values else []
+    parts += [f"{failed} failed"] if failed else []
+    return " ".join(parts) or "–"
 
 
 def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str]) -> str:
@@ -88,8 +85,8 @@ def verdict(line: Baseline, base: Floats) -> int:
     return 0 if low > 0 else 2 if high < 0 else 1
 
 
-def verdicts(lines: Sequence[Baseline]) -> str:
-    """A Markdown table that compares the runs with the behaviours of their sets, and with their formulas."""
+def algorithms(lines: Sequence[Baseline]) -> str:
+    """A Markdown table of the time of the algorithms, and of their runs beside behaviours and formulas."""
     base, pure = behaviours(lines), formulas(lines)
     rows = []
     for name, label in LABELS.items():
@@ -99,21 +96,10 @@ def verdicts(lines: Sequence[Baseline]) -> str:
             sets = [line for line in own if line.set.startswith(f"siemens-offline/{kind}-")]
             groups.append([verdict(line, pure[line.set]) for line in sets if line.set in pure])
         if own:
+            seconds = float(np.median([line.cpu_seconds for line in own]))
             cells = (" / ".join(str(group.count(k)) for k in range(3)) if group else "–" for group in groups)
-            rows.append((label, *cells))
-    kinds = (f"formula of `{kind}`" for kind in FORMULAS)
-    return table(("algorithm", "behaviour, all sets", *kinds), rows)
-
-
-def times(lines: Sequence[Baseline]) -> str:
-    """A Markdown table of the CPU seconds that a run of each algorithm took."""
-    rows = []
-    for name, label in LABELS.items():
-        seconds = [line.cpu_seconds for line in lines if line.algorithm == name and name != BEHAVIOUR]
-        if seconds:
-            low, middle, high = min(seconds), float(np.median(seconds)), max(seconds)
-            rows.append((label, len(seconds), f"{middle:.0f}", f"{low:.0f} to {high:.0f}"))
-    return table(("algorithm", "runs", "median seconds", "from, to"), rows)
+            rows.append((label, len(own), f"{seconds:.0f}", *cells))
+    return table(("algorithm", "runs", "CPU seconds", "behaviour", *(f"`{kind}`" for kind in FORMULAS)), rows)
 
 
 def worst_error(lines: Iterable[Baseline]) -> str:
@@ -132,33 +118,21 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         for suite in SUITES
     }
     others = list(dict.fromkeys(run.set for run in wanted if run.algorithm in TWO))
-    parts = [f"{len(done)} of {len(wanted)} runs are done. – stands for what was not run yet."]
-    parts[0] += (
-        f" The standard errors of the 200 episodes are at most {worst_error(done)} for what was trained, "
-        f"{worst_error(line for line in lines if line.algorithm == BEHAVIOUR)} for the behaviours."
-    )
-    parts.append(f"For comparison, the mean returns of 10,000 episodes: {known}.")
-    parts.append("### Mean return")
-    parts += [
-        results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR]),
+    errors = (worst_error(done), worst_error(line for line in lines if line.algorithm == BEHAVIOUR))
+    parts = [
+        f"{len(done)} of {len(wanted)} runs are done; – stands for what was not run. Standard errors over "
+        f"the 200 episodes are at most {errors[0]} for what was trained, {errors[1]} for behaviours. "
+        f"Reference returns are means of 10,000 episodes: {known}.",
+        results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR, MODEL]),
         results(lines, others, [BEHAVIOUR, *TWO]),
-        results(lines, by_suite["siemens-offline"], [BEHAVIOUR, "cql", *VARIANTS]),
-        "### 10th percentile, here and in the literature",
-        "Two numbers in a cell are the mean of the seeds here / the published one; MOOSE to MOReL are only "
-        "published. The percentiles of the other suites are in the data.",
-        literature.percentiles(lines),
-        "Differences are here − published:",
+        "### Compared with the behaviour",
+        "The last columns count the runs that are higher / not seen to differ / lower than the behaviour of "
+        "the set, with its random actions, and than its formula alone: by the 95 % interval of the paired "
+        "differences. CPU seconds are the median of a training.",
+        algorithms(lines),
+        "### Compared with the literature",
+        "10th percentiles: differences are ours − published, and ranks those of the sets.",
         literature.comparison(),
-    ]
-    parts += [
-        "### Compared with the behaviour of the set",
-        "Numbers of runs whose return is higher / not seen to differ / lower than that of the set's "
-        "behaviour, with its random actions, and, on the sets of a formula, than that of the formula alone: "
-        "by the 95 % interval of the paired differences.",
-        verdicts(lines),
-        "### Time",
-        "CPU seconds for the training of one run.",
-        times(lines),
     ]
     return "\n\n".join(parts)
 

@@ -41,8 +41,6 @@ def measures(lines: Sequence[Line]) -> str:
         if estimates is not None:
             cells = [cell(selecting.measured(values, estimates / 100, kind), n) for kind, n in kinds]
         rows.append([NAMES[estimator], *cells])
-    chance = (number(selecting.chance_regret(values, k)) for k in CHOSEN)
-    rows.append(["drawing policies at random", "–", "–", *chance])
     return table(["estimator", "absolute error", "rank correlation", *(f"regret@{k}" for k in CHOSEN)], rows)
 
 
@@ -70,7 +68,7 @@ def block(lines: Sequence[Line]) -> str:
     """All that the page says of results."""
     errors = [line.value.standard_error or 0.0 for line in lines]
     parts = [
-        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100. The standard "
+        f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100; the standard "
         f"errors of the true values are at most {max(errors) / 100:.2f}."
     ]
     for name in SETS:
@@ -79,13 +77,15 @@ def block(lines: Sequence[Line]) -> str:
         if len(own) < len(wanted):
             parts.append(f"{len(own)} of {len(wanted)} target policies are done; measures need all.")
             continue
-        low, middle, high = (number(x / 100) for x in np.quantile(selecting.values_of(own), [0.0, 0.5, 1.0]))
-        parts.append(f"True values: worst {low}, median {middle}, best {high}.")
+        values = selecting.values_of(own) / 100
+        low, middle, high = map(number, np.quantile(values, [0.0, 0.5, 1.0]))
+        one, five = (number(selecting.chance_regret(values, k)) for k in CHOSEN)
+        parts.append(f"True values: {low} to {high}, median {middle}. Regret of chance: {one} and {five}.")
         parts.append(measures(own))
     parts += [
         "### Importance weights",
-        "Medians over the target policies of the effective number of episodes, by the number of steps. The "
-        "last two columns say how many of the 95 % intervals of the estimates contain the true value.",
+        "Medians of the effective number of episodes, by the number of steps. The last two columns say how "
+        "many of the 95 % intervals of the estimates contain the true value.",
         weights(lines),
     ]
     return "\n\n".join(parts)

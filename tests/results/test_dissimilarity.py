@@ -1,4 +1,4 @@
-"""The text of docs/dissimilarity.md agrees with its tables, and the tables with a smaller measurement.
+"""The text of docs/dissimilarity.md agrees with its table, and the table with a smaller measurement.
 
 Bounds on means are 5 standard errors of the difference; the seed is fixed.
 """
@@ -20,28 +20,32 @@ def script():
     return load("dissimilarity")
 
 
-def listed(dynamics):
+def listed():
     """Means and half intervals by setpoint: fatigue and consumption after 1 step, then after 10."""
-    part = TEXT.split(f"| `{dynamics}`: p′")[1].split("\n\n")[0]
-    rows = [line for line in part.splitlines() if re.match(r"\| \d+ ", line)]
+    rows = [line for line in TEXT.splitlines() if re.match(r"\| \d+ ", line)]
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
-    return {float(c[0]): [tuple(map(float, x.split(" ± "))) for x in c[2:]] for c in cells}
+    return {float(c[0]): [tuple(map(float, x.split(" ± "))) for x in c[1:]] for c in cells}
 
 
 @pytest.mark.parametrize("dynamics", ["siemens", "paper"])
-def test_another_sample_gives_the_tables(script, dynamics):
-    table = listed(dynamics)
+def test_another_sample_gives_the_table(script, dynamics):
+    """In `paper`, fatigue knows no setpoint, and consumption differs by at most 4 % more."""
+    table, more = listed(), 0.04 if dynamics == "paper" else 0.0
     assert list(table) == list(script.SETPOINTS)
-    for column, values in enumerate(script.measure(dynamics, n=150, draws=64, seed=1).values()):
+    found = script.measure(dynamics, n=150, draws=64, seed=1)
+    for column, ((_, name), values) in enumerate(found.items()):
+        if dynamics == "paper" and name == "fatigue":
+            assert np.all(values == 0)
+            continue
         for i, p in enumerate(script.SETPOINTS):
             mean, half = table[p][column]
             error = values[i].std(ddof=1) / np.sqrt(values.shape[1])
-            assert abs(values[i].mean() - mean) <= 5 * np.hypot(error, half / 1.96) + 0.01
+            assert abs(values[i].mean() - mean) <= 5 * np.hypot(error, half / 1.96) + 0.01 + more * mean
 
 
 @pytest.mark.parametrize("column", range(4))
 def test_distance_grows_on_either_side_unequally(column):
-    table = {p: cells[column][0] for p, cells in listed("siemens").items()}
+    table = {p: cells[column][0] for p, cells in listed().items()}
     for side in ([p for p in table if p <= 50][::-1], [p for p in table if p >= 50]):
         distances = [table[p] for p in side]
         assert distances == sorted(distances)
@@ -50,7 +54,3 @@ def test_distance_grows_on_either_side_unequally(column):
         assert table[10] > 2 * table[90]
     if column == 3:
         assert table[75] > table[20]
-
-
-def test_in_paper_the_fatigue_knows_no_setpoint():
-    assert all(cells[0][0] == cells[2][0] == 0 for cells in listed("paper").values())

@@ -80,7 +80,7 @@ def test_every_field_has_a_measured_row(script):
     measured = parse(TEXT, script.Sample)
     for name in FIELDS:
         moving = name.startswith("drift")
-        for p in script.SETPOINTS:
+        for p in script.ENDS:
             assert ((name, f"reward, from {p}") in measured) == moving
             assert ((name, f"reward, p = {p}") in measured) != moving
             assert ((name, f"setpoint, from {p}") in measured) == moving
@@ -119,7 +119,7 @@ def test_what_is_rendered_is_read_back_to_the_last_digit(script):
     lines = script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
     assert lines == script.effects(names[2:], ("reward", "fatigue"), "p =", measured)
     read = parse(lines, script.Sample)
-    for p in script.SETPOINTS:
+    for p in script.ENDS:
         for q in ("reward", "fatigue"):
             base, other = measured["siemens", p][q], measured["eta_mean", p][q]
             assert read["siemens", f"{q}, p = {p}"] == pytest.approx(base, abs=0.0501)
@@ -153,8 +153,8 @@ def measured_again(script, name, p, quantity, drifting=False):
         ("eta_squash", 10, "reward", False),
         ("eta_squash", 10, "fatigue", False),
         ("consumption_offset", 10, "reward", False),
-        ("drift_rate", 50, "setpoint", True),
-        ("drift_rate", 50, "reward", True),
+        ("drift_rate", 10, "setpoint", True),
+        ("drift_rate", 10, "reward", True),
     ],
 )
 def test_a_number_is_measured_again_with_sign_and_size(script, name, p, quantity, drifting):
