@@ -14,11 +14,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.blocks import BASE, BLOCKS, SAFE, policy_of
+from helpers.levels import FULL
 from helpers.playing import playing
 
 from ibdata.policies.actions import applied
 
-N, STATES, STEP = 50_000, 2, 3
+N, STEP = 50_000, 3
+STATES = 2 if FULL else 1
 SIGMAS = 5.5
 CUTS = np.array([-1.0, -0.4, 0.3, 1.0])
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
