@@ -67,7 +67,7 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     elsewhere()
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
     (copy.path / path).unlink()
-    with pytest.raises(DatasetError, match="weights cannot be made again; .* there, then repair"):
+    with pytest.raises(DatasetError, match=r"weights cannot be made again; .* there, then repair"):
         ibdata.repair(copy.path)
 
 
