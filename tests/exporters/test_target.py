@@ -7,8 +7,7 @@ from exporters.reading import holds, one_setpoint
 from helpers.python import python
 
 import ibdata
-from ibdata.errors import BusyError, IbdataError, UsageError
-from ibdata.exporters._view import View
+from ibdata.errors import IbdataError, UsageError
 
 RUN = """
 import os, resource, signal, sys
@@ -89,20 +88,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert "cannot be written" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_two_exports_to_one_target_at_once(dataset, tmp_path, monkeypatch):
-    out, honest = tmp_path / "made", View.tables
-
-    def tables(self, columns):
-        monkeypatch.setattr(View, "tables", honest)
-        with pytest.raises(BusyError, match="made: another process is writing here"):
-            ibdata.export(dataset, "csv", out)
-        return honest(self, columns)
-
-    monkeypatch.setattr(View, "tables", tables)
-    holds(ibdata.export(dataset, "npz", out), dataset)
-    assert os.listdir(tmp_path) == ["made"]
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):

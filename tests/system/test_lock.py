@@ -30,6 +30,7 @@ WRITERS = {
     "materialize": lambda: ibdata.split("a", scheme="leave-one-out", materialize="new"),
     "split": lambda: ibdata.split("a", scheme="leave-one-out"),
     "card": lambda: card("a"),
+    "export": lambda: ibdata.export("a", "npz", "new"),
     "repair": lambda: ibdata.repair("c", workers=1),
     "replace": lambda: ibdata.generate(OTHER, "a", workers=1, overwrite=True),
 }
