@@ -116,17 +116,3 @@ def test_no_text_of_a_dataset_reaches_the_terminal_as_it_is(crafted, run, line):
 def test_what_is_escaped_is_shown(crafted, run):
     assert r"\u202edilav" in run("info", "d")[1]
     assert json.loads(run("info", "d", "--json")[1])["info"]["start"] == EVIL
-
-
-def test_an_experiment_is_shown_with_escapes_of_yaml(run):
-    params = {"limit é": "a\u202eb", "\u2066x": 1}
-    Path("x.yaml").write_bytes(
-        as_json({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", "params": params}], "splits": {}})
-    )
-    for args in (["config", "show", "x.yaml"], ["generate", "--config", "x.yaml", "--dry-run"]):
-        code, out, err = run(*args)
-        assert not RAW.search(out + err)
-    code, out, err = run("config", "show", "x.yaml")
-    assert (code, err, "�" in out) == (0, "", False)
-    Path("y.yaml").write_text(out, encoding="utf-8")
-    assert ibdata.load("y.yaml") == ibdata.load("x.yaml")

@@ -163,22 +163,3 @@ def test_any_text_is_an_experiment_or_an_error_with_its_place(file, data):
         for line in lines_of(error):
             place = line.removeprefix(f"{file}:").split(":")
             assert [number.isdigit() and int(number) > 0 for number in place[:2]] == [True, True]
-
-
-KEYS = st.lists(
-    st.sampled_from(["name", "setpoints", "policies", "output", "splits", "0", "1", "-1", "kind", "x", ""])
-    | st.text(max_size=3),
-    min_size=1,
-    max_size=4,
-).map(".".join)
-
-
-@examples(500)
-@given(override=st.builds("{}={}".format, KEYS, VALUES.map(json.dumps) | YAML) | TEXT)
-def test_any_override_is_taken_or_an_error_that_says_where(file, override):
-    file.write_text("name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n")
-    try:
-        load(file, [override])
-    except UsageError as error:
-        starts = ("override", f"{file}:")
-        assert all(line.startswith(starts) for line in lines_of(error))  # noqa: PT017  # may be valid

@@ -99,49 +99,6 @@ def test_a_policy_cannot_change_what_it_sees(played):
         played(changing)
 
 
-GIVEN = []
-
-
-def changed_later(seen, u, call):
-    for action in GIVEN:
-        action[:] = np.nan
-    GIVEN.append(good(seen, u))
-    return GIVEN[-1]
-
-
-FINE = {
-    "an array that is changed later": changed_later,
-    "a negative stride": lambda seen, u, call: good(seen[::-1], u[::-1])[::-1],
-    "column-major": lambda seen, u, call: np.asfortranarray(good(seen, u)),
-    "big-endian": lambda seen, u, call: good(seen, u).astype(">f8"),
-    "objects": lambda seen, u, call: good(seen, u).astype(object),
-    "lists": lambda seen, u, call: good(seen, u).tolist(),
-}
-
-
-@pytest.mark.parametrize("answer", FINE.values(), ids=FINE)
-def test_actions_in_another_form_are_the_same_actions(played, answer):
-    expected = played(lambda seen, u, call: good(seen, u))
-    made = played(answer)
-    assert made.table.tobytes() == expected.table.tobytes()
-    assert made.clipped == expected.clipped
-
-
-@pytest.mark.parametrize(
-    ("value", "dtype", "velocity", "clipped"),
-    [
-        (1e308, np.float64, 1.0, 24),
-        (2, np.int64, 1.0, 24),
-        (0.1, np.float16, np.float32(np.float16(0.1)), 0),
-        (5e-324, np.float64, 0.0, 0),
-    ],
-)
-def test_finite_actions_out_of_range_are_clipped_and_counted(played, value, dtype, velocity, clipped):
-    made = played(lambda seen, u, call: np.full((4, 3), value, dtype=dtype))
-    assert (made.table[made.names.index("act_velocity")] == velocity).all()
-    assert made.clipped == clipped
-
-
 @pytest.fixture
 def generated(answering, monkeypatch, tmp_path):
     """Generate into out where the policy answers so."""

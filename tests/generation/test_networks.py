@@ -7,7 +7,7 @@ from helpers import networks
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError
+from ibdata.errors import DatasetError, IbdataError
 from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
 
@@ -66,6 +66,9 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     copy = ibdata.split(made.path, "policy", materialize="copy")
     elsewhere()
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
+    (copy.path / path).unlink()
+    with pytest.raises(DatasetError, match=r"weights cannot be made again; .* there, then repair"):
+        ibdata.repair(copy.path)
 
 
 def test_a_run_goes_on_with_its_own_weights_only(learned):

@@ -6,17 +6,13 @@ import stat
 from pathlib import Path
 
 import pytest
-from helpers.folders import is_right, part_of
+from helpers.folders import part_of
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.system import part
 
 OTHER = TINY.model_copy(update={"seed": 1})
-
-
-class Killed(BaseException):
-    """Stands for a SIGKILL: no code of ibdata handles it."""
 
 
 @pytest.fixture(autouse=True)
@@ -58,32 +54,6 @@ def test_an_edited_card_is_kept_beside_the_new_one(capsys):
     replace()
     assert (old.read_text(), capsys.readouterr().err) == (text, "")
     assert ibdata.validate("out") == []
-
-
-NEXT = {
-    "overwrite": replace,
-    "finalize": lambda: ibdata.finalize("out"),
-}
-
-
-@pytest.mark.parametrize("then", NEXT.values(), ids=NEXT)
-def test_a_kill_between_two_renames_is_settled(tiny, files, monkeypatch, then):
-    """Where the folders cannot be exchanged, whoever comes next gives the new dataset its name."""
-    calls, rename = iter(range(9)), Path.rename
-
-    def killed(path, target):
-        if target == Path("out").resolve() and next(calls) == 0:
-            raise Killed
-        return rename(path, target)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(part, "exchanged", lambda a, b: False)
-        patched.setattr(Path, "rename", killed)
-        with pytest.raises(Killed):
-            replace()
-    assert not Path("out").exists()
-    then()
-    assert is_right("out", tiny[0].path, files)
 
 
 @pytest.fixture

@@ -59,8 +59,6 @@ def test_a_run_does_not_depend_on_those_before_it(rows, algorithm):
     assert np.array_equal(*actions)
     assert said["training_steps"] == 3
     assert said["hyperparameters"]["batch_size"] == 256
-    other, _ = offline.train(algorithm, rows, seed=2, steps=3)
-    assert not np.array_equal(other.predict(rows.observations[:3]), learned.predict(rows.observations[:3]))
 
 
 @pytest.fixture

@@ -149,10 +149,6 @@ def test_the_scaler_of_d3rlpy_is_taken_over(file, history, constant):
     check_same(saved(file, model), seen, model.predict(seen.reshape(len(seen), -1)))
 
 
-def test_behaviour_cloning_keeps_no_untrained_distribution(file):
-    assert not saved(file, of_d3rlpy("BC", policy_type="stochastic")).weights.has_log_std
-
-
 @pytest.mark.parametrize(
     ("activation", "ends"), [(torch.nn.ReLU, []), (torch.nn.Tanh, [torch.nn.Tanh()])], ids=["clipped", "tanh"]
 )

@@ -98,18 +98,6 @@ def test_a_rollout_in_the_model_adds_up_discounted_rewards(rows):
     assert estimators.by_model(rows, Pushing(), fatigue_is_velocity) == pytest.approx(expected)
 
 
-def test_the_fitted_model_predicts_better_than_the_mean(rows, monkeypatch):
-    monkeypatch.setattr(estimators, "EXAMPLES", 60_000)
-    model = estimators.fitted_model(rows)
-    at = rows.transitions
-    after = rows.observations[at + 1, :6]
-    found = model(estimators.features(rows.observations[at], after[:, estimators.STEERED]))
-    truth = after[:, estimators.PREDICTED]
-    assert np.all(((found - truth) ** 2).mean(axis=0) < 0.5 * truth.var(axis=0))
-    far = model(np.full((1, 64), 1e6))
-    assert np.all((truth.min(axis=0) <= far) & (far <= truth.max(axis=0)))
-
-
 def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):
     selection, one = script("selection"), Checkpoint("siemens-offline/global-100", "bc", 4)
     other = one._replace(training_steps=2)

@@ -15,7 +15,6 @@ from helpers.pages import blocks
 
 from ibdata.dynamics import PAPER
 from ibdata.environment import IndustrialBenchmarkEnv
-from ibdata.environment.actions import DISCRETE
 from ibdata.errors import ConfigError, UsageError
 
 ID = "ibdata/IndustrialBenchmark-v0"
@@ -62,16 +61,6 @@ def test_the_first_episode_of_seed_0_stays_as_it_is():
     assert seen.tolist() == [70.0, 50.0, 50.0, 50.0, 33.015926361083984, 118.99102020263672]
     rewards = [env.step(np.array([1, -1, 0.5], dtype=np.float32))[1] for _ in range(20)]
     assert rewards[-1] == float.fromhex("-0x1.b60903b4b479ap+7")
-
-
-def test_a_discrete_action_is_the_changes_of_its_place():
-    discrete, plain = (gymnasium.make(ID, discrete_actions=flag) for flag in (True, False))
-    assert discrete.action_space == gymnasium.spaces.Discrete(27)
-    for env in (discrete, plain):
-        env.reset(seed=1)
-    for action, changes in enumerate(DISCRETE):
-        found, expected = discrete.step(action), plain.step(np.array(changes))
-        assert (found[0].tolist(), found[1]) == (expected[0].tolist(), expected[1])
 
 
 def begun():

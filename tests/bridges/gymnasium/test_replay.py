@@ -50,12 +50,6 @@ def random_actions(steps=STEPS):
     return np.random.default_rng(0).uniform(-1, 1, (steps, LANES, 3)).astype(np.float32)
 
 
-def episode(env):
-    """All observations, rewards and hidden states of some steps."""
-    steps = [env.step(action) for action in random_actions()[:, 0]]
-    return [[x.tolist() if isinstance(x, np.ndarray) else x for x in step] for step in steps]
-
-
 def test_stepping_an_episode_s_actions_gives_its_rows(played):
     ds, given, episodes = played
     env = gymnasium.make(ID, **given)
@@ -72,20 +66,6 @@ def test_stepping_an_episode_s_actions_gives_its_rows(played):
             assert np.float32(reward) == rows["reward"][t]
             assert seen[:6].tobytes() == after[t].tobytes()
     assert len(episodes) >= 4
-
-
-def test_a_plain_reset_goes_back_to_the_generator(played):
-    ds, given, _ = played
-    env, other = (gymnasium.make(ID, **given) for _ in range(2))
-    env.reset(seed=4, options={"dataset": ds, "episode": 1})
-    replayed = episode(env)
-    other.reset(seed=5, options={"dataset": ds, "episode": 1})
-    assert episode(other) == replayed  # whatever the seed
-    env.reset()
-    other.reset(seed=4)  # from which the replay took nothing
-    fresh = episode(env)
-    assert fresh == episode(other)
-    assert fresh != replayed
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])

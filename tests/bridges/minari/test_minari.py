@@ -1,4 +1,4 @@
-"""Minari reads every value of the export, with its metadata, ids and normalized scores."""
+"""Minari reads every value of the export, with metadata, environment, ids and scores."""
 
 from __future__ import annotations
 
@@ -53,16 +53,6 @@ def test_infos_are_the_columns_to_the_end_of_the_episode(dataset, root):
             equal(info[:-1, 0], table[name].to_numpy()[25 * i : 25 * i + 25])
             if name != "action_log_prob":
                 equal(info[1:, 0], table[f"next_{name}"].to_numpy()[25 * i : 25 * i + 25])
-
-
-def test_an_episode_of_40000_steps_is_whole(root, tmp_path):
-    """Longer than Minari's Arrow and Parquet can bear."""
-    overrides = ["steps=40000", "setpoints=70", "episodes=2", "output={latent: false}"]
-    dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    ibdata.export(dataset, "minari", root)
-    expected = dataset.arrays()["next_observations"].reshape(2, 40_000, 6)
-    for i, episode in enumerate(minari.load_dataset("ibdata/random-v0")):
-        equal(episode.observations[1:], expected[i])
 
 
 def test_metadata_say_where_it_comes_from(dataset, root):
@@ -144,20 +134,53 @@ def test_an_id_that_minari_would_not_take_is_refused(dataset, root, id, line):
         ibdata.export(dataset, "minari", root, id=id)
 
 
-def test_a_dataset_beside_it_is_left_alone_and_listed(dataset, root, monkeypatch):
-    """One malformed folder breaks Minari's list for all; so none is seen while it is written."""
-    ibdata.export(dataset, "minari", root, id="ibdata/first-v0")
-
-    def full(made):
-        assert list(minari.list_local_datasets()) == ["ibdata/first-v0"]
-        raise OSError(28, "no room")
-
-    monkeypatch.setattr("ibdata.exporters._target._sync", full)
-    with pytest.raises(ibdata.IbdataError, match="cannot be written: no room"):
-        ibdata.export(dataset, "minari", root, id="ibdata/second-v0")
-    assert list(minari.list_local_datasets()) == ["ibdata/first-v0"]
-
-
 def test_the_snippet_of_the_page(use_with):
     (names,) = use_with("Minari")
     assert names["data"].total_steps == 200
+
+
+def recovered(made, root, **options):
+    name = options.get("split", "whole")
+    ibdata.export(made, "minari", root, id=f"ibdata/{name}-v0", **options)
+    found = minari.load_dataset(f"ibdata/{name}-v0")
+    return found, found.recover_environment() if found.env_spec else None
+
+
+@pytest.mark.parametrize("history", [1, 4])
+def test_a_recovered_environment_is_that_of_the_dataset(root, tmp_path, history):
+    overrides = ["setpoints=70", "episodes=2", "steps=30"]
+    dataset = ibdata.generate("random.yaml", tmp_path / "data", workers=1, overrides=overrides)
+    found, environment = recovered(dataset, root, history=history)
+    observation, _ = environment.reset(seed=0)
+    assert observation.shape == found.observation_space.shape == (6 * history,)
+    assert observation[:4].tolist() == found[0].observations[0, :4].tolist() == [70, 50, 50, 50]
+    for step, action in enumerate(found[0].actions):
+        observation, _, terminated, truncated, _ = environment.step(action)
+        assert np.isclose(observation[1:4], found[0].observations[step + 1, 1:4]).all()
+    assert (terminated, truncated) == (False, True)
+
+
+@pytest.mark.parametrize("view", [{}, {"observe": "markov"}])
+def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
+    overrides = ["episodes=2", "steps=20", "output.latent=next"]
+    made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
+    found, environment = recovered(made, root, view=view)
+    assert environment.observation_space.shape == found.observation_space.shape
+    environment.reset(seed=0)
+    shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
+    assert len(set(shown)) > 1
+
+
+def test_a_merged_environment_is_that_of_the_exported_part(root, tmp_path):
+    plain = {"setpoints": 70, "episodes": 2, "steps": 5}
+    parts = [
+        ibdata.generate({**plain, "name": "x", "policies": [policy], **more}, tmp_path / policy, workers=1)
+        for policy, more in (("random", {}), ("safe", {"dynamics": "paper"}))
+    ]
+    merged = ibdata.merge(parts, tmp_path / "merged")
+    merged = ibdata.split(merged, by="policy", names={"random": "theirs", "safe": "printed"})
+    assert recovered(merged, root)[1] is None
+    for name, dynamics, episode in (("theirs", "siemens", 0), ("printed", "paper", 2)):
+        found, environment = recovered(merged, root, split=name)
+        assert found.env_spec.kwargs["dynamics"] == dynamics
+        environment.reset(options={"dataset": merged, "episode": episode})

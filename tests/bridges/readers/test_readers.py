@@ -105,14 +105,3 @@ def test_the_snippet_of_hugging_face(use_with):
     frame = data.windows(view={"observe": "markov"}).frame
     assert (np.stack([found[name][:] for name in frame], axis=1) == expected["observations"]).all()
     assert (found["reward"][:] == expected["rewards"]).all()
-
-
-def test_hugging_face_reads_an_exported_view(generated, tmp_path):
-    from datasets import load_dataset
-
-    data, view = ibdata.open(generated / "data" / "random"), {"observe": "markov", "reward": "delta"}
-    made = ibdata.export(data, "rllib", tmp_path / "view.parquet", history=2, view=view)
-    found = load_dataset("parquet", data_files=made.path, split="train").with_format("numpy")
-    expected = data.arrays(2, view=view)
-    for column, name in (("observation", "observations"), ("reward", "rewards")):
-        assert (np.asarray(found[column][:]) == expected[name]).all()
