@@ -1,7 +1,6 @@
 """The generated parts of docs/api.md, docs/columns.md and docs/errors.md."""
 
 import inspect
-from collections.abc import Iterable
 from importlib import import_module
 
 import ibdata
@@ -28,15 +27,11 @@ def api() -> str:
     """A section for each module with public names, which mkdocstrings describes from their docstrings."""
     parts = []
     for module, names in PUBLIC.items():
-        parts += [f"## {module}", *(_directive(module, name) for name in names)]
+        parts.append(f"## {module}")
+        for found in (getattr(import_module(module), name) for name in names):
+            options = "\n    options:\n      inherited_members: true" if found is ibdata.Dataset else ""
+            parts.append(f"::: {found.__module__}.{found.__qualname__}{options}")
     return "\n\n".join(parts)
-
-
-def _directive(module: str, name: str) -> str:
-    found = getattr(import_module(module), name)
-    inherits = getattr(found, "__mro__", (found, object))[1].__module__.startswith("ibdata.dataset")
-    options = "\n    options:\n      inherited_members: true" if inherits else ""
-    return f"::: {found.__module__}.{found.__qualname__}{options}"
 
 
 def errors() -> str:
@@ -53,15 +48,16 @@ def columns() -> str:
     """A table of the default columns, and of what each option adds; the page says what `next_` means."""
     default = _columns(True)
     known = {column.name for column in default}
-    shown = [c for c in default if c.role != "next_observation" and c.name not in OTHER_LAGS]
-    moving, full = _columns(True, "drifting"), _columns("full")
-    return "\n\n".join(
-        [
-            _section("By default", shown),
-            _section("With moving setpoints", [c for c in moving if c.name not in known]),
-            _section("With `output.latent: full`", [c for c in full if c.name not in known]),
-        ]
-    )
+    sections = {
+        "By default": [c for c in default if c.role != "next_observation" and c.name not in OTHER_LAGS],
+        "With moving setpoints": [c for c in _columns(True, "drifting") if c.name not in known],
+        "With `output.latent: full`": [c for c in _columns("full") if c.name not in known],
+    }
+    parts = []
+    for heading, own in sections.items():
+        rows = [(f"`{c.name}`", _kind(c), _range_and_unit(c), c.description) for c in own]
+        parts.append(f"## {heading}\n\n{table(('column', 'type', 'range and unit', 'meaning'), rows)}")
+    return "\n\n".join(parts)
 
 
 def _columns(latent: bool | str, setpoints: str | int = 70) -> list[Column]:
@@ -69,13 +65,13 @@ def _columns(latent: bool | str, setpoints: str | int = 70) -> list[Column]:
     return columns_of(Experiment.model_validate(plain))
 
 
-def _section(heading: str, of: Iterable[Column]) -> str:
-    rows = []
-    for column in of:
-        kind = "float" if column.dtype.startswith("float") else column.dtype
-        unit = "" if column.unit == "1" else column.unit
-        rows.append((f"`{column.name}`", kind, f"{_range(column)} {unit}".strip(), column.description))
-    return f"## {heading}\n\n{table(('column', 'type', 'range and unit', 'meaning'), rows)}"
+def _kind(column: Column) -> str:
+    return "float" if column.dtype.startswith("float") else column.dtype
+
+
+def _range_and_unit(column: Column) -> str:
+    unit = "" if column.unit == "1" else column.unit
+    return f"{_range(column)} {unit}".strip()
 
 
 def _range(column: Column) -> str:

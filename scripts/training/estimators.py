@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
 from typing import Any
 
 import d3rlpy
@@ -19,7 +17,8 @@ from ibdata.dynamics.steering import D_G, D_H, D_V
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
 from ibdata.policies.tensors import read
-from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
+from training.learned_model import Model, fitted_network
+from training.offline import DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
 from training.targets import Target, drawn
 
 HORIZON = int(SETTINGS["steps"])
@@ -30,9 +29,6 @@ FRAMES, EXAMPLES = 10, 3_000_000  # of the model
 STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation
 CHANGES = np.array([D_V, D_G, D_H])  # of velocity, gain and shift by an action of 1
 Floats = npt.NDArray[np.float64]
-Model = Callable[
-    [Floats], Floats
-]  # fatigue and consumption (n, 2) from FRAMES observations and what is steered
 
 
 def by_importance(start: ibdata.Dataset, target: Target) -> Importance:
@@ -112,33 +108,19 @@ def fitted_model(rows: Rows) -> Model:
 
     Predictions are clipped to what occurs in the set, so that a rollout cannot diverge.
     """
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.neural_network import MLPRegressor
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1)
     x = features(rows.observations[rows.transitions], rows.observations[rows.transitions + 1, STEERED])
     y = rows.observations[rows.transitions + 1, PREDICTED].astype(np.float64)
-    center, spread, mean, scale = x.mean(axis=0), _spread(x), y.mean(axis=0), _spread(y)
+    network = fitted_network(x, y, passes=max(1, EXAMPLES // len(x)))
     low, high = y.min(axis=0), y.max(axis=0)
-    passes = max(1, EXAMPLES // len(x))
-    fitted = MLPRegressor(
-        hidden_layer_sizes=HIDDEN, batch_size=BATCH, max_iter=passes, tol=0.0, random_state=0
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # the number of passes is fixed
-        fitted.fit((x - center) / spread, (y - mean) / scale)
-    return lambda x: np.clip(fitted.predict((x - center) / spread) * scale + mean, low, high)
+    return lambda x: np.clip(network(x), low, high)
 
 
 def features(stacked: npt.NDArray[Any], steered: npt.NDArray[Any]) -> Floats:
     """What the model sees: FRAMES observations, and the next setpoint, velocity, gain and shift."""
     return np.concatenate([stacked[:, : 6 * FRAMES], steered], axis=1, dtype=np.float64)
-
-
-def _spread(x: npt.NDArray[Any]) -> Floats:
-    found: Floats = x.std(axis=0)
-    return np.where(found > 0.0, found, 1.0)
 
 
 def by_model(rows: Rows, target: Target, model: Model) -> float:

@@ -91,10 +91,7 @@ def absolute_error(values: Floats, estimates: Floats) -> float:
 
 def rank_correlation(values: Floats, estimates: Floats) -> float:
     """Spearman's rank correlation; NaN if either has no two different numbers."""
-    ranks = [pd.Series(x).rank().to_numpy() for x in (values, estimates)]
-    if any(np.ptp(each) == 0.0 for each in ranks):
-        return math.nan
-    return float(np.corrcoef(ranks)[0, 1])
+    return float(pd.Series(values).rank().corr(pd.Series(estimates).rank()))
 
 
 def regret(values: Floats, estimates: Floats, k: int) -> float:
