@@ -72,10 +72,11 @@ def _columns(latent: bool | str, setpoints: str | int = 70) -> list[Column]:
 def _section(heading: str, of: Iterable[Column]) -> str:
     rows = []
     for column in of:
-        kind = "float" if column.dtype.startswith("float") else column.dtype
+        kind = "" if column.dtype.startswith("float") else column.dtype
         unit = "" if column.unit == "1" else column.unit
-        rows.append((f"`{column.name}`", kind, f"{_range(column)} {unit}".strip(), column.description))
-    return f"## {heading}\n\n{table(('column', 'type', 'range and unit', 'meaning'), rows)}"
+        values = ", ".join(filter(None, (kind, _range(column), unit)))
+        rows.append((f"`{column.name}`", values, column.description))
+    return f"## {heading}\n\n{table(('column', 'values', 'meaning'), rows)}"
 
 
 def _range(column: Column) -> str:
