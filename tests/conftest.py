@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 from helpers.forging import seal
+from helpers.levels import FULL
 from helpers.recorded import recorded_episode
 
 from ibdata.dataset import manifest
@@ -22,6 +24,9 @@ from ibdata.writing.metadata import as_json
 # signal that has a handler here gets its default action in them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, lambda number, frame: None)
+
+if not FULL:
+    os.fsync = lambda descriptor: None  # 30 waits for the disk in each run; those of children stay
 
 pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.use_with"]
 

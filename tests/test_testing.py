@@ -82,21 +82,6 @@ def test_an_object_that_predicts_passes_with_its_history():
         check_policy(Learned())
 
 
-@pytest.mark.parametrize(
-    "around",
-    [{"kind": "gaussian", "scale": 0.1}, {"kind": "epsilon_greedy", "epsilon": 1.0}],
-    ids=lambda block: block["kind"],
-)
-def test_noise_around_a_policy_of_ones_own_passes(tmp_path, monkeypatch, around):
-    """No action is drawn twice, so there is no share to be compared."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own_half.py").write_text(
-        "import numpy as np\nclass Own:\n    def predict(self, seen): return np.full((len(seen), 3), 0.5)\n"
-    )
-    base = {"kind": "custom", "target": "own_half.py:Own", "deterministic": True}
-    check_policy({**around, "base": base})
-
-
 CALLS, ARRAYS, SIDES = count(), {}, {}
 
 

@@ -69,4 +69,6 @@ def _returns(returns: Returns) -> str:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
     if returns["scale"]:
         lines.append(f"reference score: {returns['scale']}")
+    else:
+        lines.append("no reference score: no references are stored for these dynamics, starts and steps")
     return "\n".join(lines)

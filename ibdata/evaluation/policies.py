@@ -20,6 +20,7 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
 from ibdata.policies.base import refuse_log_prob
 from ibdata.policies.code import two_places
+from ibdata.policies.custom import TARGET
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
 
@@ -144,14 +145,19 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         block = Document(source).data
     except StrictYamlError as error:
         raise ConfigError([f"{place}:{error}"]) from None
-    if not isinstance(block, dict):
-        raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{{kind: safe}}'"])
+    if not isinstance(block, dict) or "kind" not in block:
+        raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{_example(text)}'"])
     policy = _block(block, place, folder)
     if folder is not None and not allow_code and any(customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
     return policy
+
+
+def _example(text: str) -> str:
+    """A block; that of custom code where a text has the form of its target."""
+    return f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
 
 
 @contextmanager

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
+WIDE = ("interval", "clipped")  # are not shown in tables; `results`, `to_pandas` and --json have them
+
 
 class Result(NamedTuple):
     """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
@@ -76,13 +78,13 @@ class Evaluation(Tabular):
     baselines: list[Comparison] = dataclasses.field(default_factory=list)
 
     def tables(self) -> list[Table]:
-        """The results and, if there are several policies, their differences."""
+        """The results and, if there are several policies, their differences; without what is wide."""
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
-        shown = [Table(Result._fields, [_with_all(row) for row in self.results], said)]
+        shown = [_shown(Result._fields, self.results, said)]
         if self.baselines:
             shown.append(Table(Comparison._fields, self.baselines))
         if self.differences:
-            shown.append(Table(Difference._fields, [_with_all(row) for row in self.differences]))
+            shown.append(_shown(Difference._fields, self.differences))
         return shown
 
     def to_pandas(self) -> pd.DataFrame:
@@ -102,6 +104,12 @@ class Evaluation(Tabular):
             "notes": self.notes,
             **({"baselines": [each._asdict() for each in self.baselines]} if self.baselines else {}),
         }
+
+
+def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Sequence[str] = ()) -> Table:
+    """A table for the width of a terminal."""
+    names = [name for name in names if name not in WIDE]
+    return Table(names, [[getattr(_with_all(row), name) for name in names] for row in rows], notes)
 
 
 def _with_all(row: Result | Difference) -> Result | Difference:

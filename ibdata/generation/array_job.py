@@ -28,7 +28,7 @@ from ibdata.generation.run import (
     rows_of,
     unfinished,
 )
-from ibdata.generation.target import is_free, refuse_immovable, refuse_taken
+from ibdata.generation.target import is_free, refuse_taken
 from ibdata.generation.worker import process_for
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.storage import refuse_url
@@ -86,7 +86,6 @@ def make_range(
     with process_for(spec) as process:
         here = process.call(origin.observe)  # compiles for up to a minute, while other hosts need the lock
         with locked_part(target, place, shared=True) as part, counted_if_stopped(part, spec, "--shards"):
-            refuse_immovable(part, place)
             _begin(part, spec, here, place)
             make(process, mine, part, run, progress)
             missing = len(spec.shards) - len(part.receipts)

@@ -134,8 +134,10 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
             try:
                 _knock(place)
                 ray.init(place, **quiet)
-            except (OSError, RuntimeError, ValueError) as error:
+            except Exception as error:  # Ray raises whatever went wrong
                 reason = (str(error).splitlines() or [""])[0]
+                if place == "local":
+                    raise IbdataError(f"--engine: ray: did not start on this machine ({reason})") from None
                 raise IbdataError(
                     f"--address: {place}: found no answer ({reason}), expected a running Ray; correct the "
                     "address or leave it out"

@@ -17,7 +17,7 @@ from ibdata.generation import origin, receipt
 from ibdata.generation.engine import Run
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
-from ibdata.generation.target import TakenError, present, refuse_immovable
+from ibdata.generation.target import TakenError, present
 from ibdata.generation.worker import Process, process_for
 from ibdata.system.part import Part, locked_part
 from ibdata.system.progress import Advance, bar
@@ -45,7 +45,6 @@ def make_dataset(
             settle(part)
             if already_there(experiment, target, place, resume, overwrite):
                 return
-            refuse_immovable(part, place)
             prepare(part, spec, here, place, resume, overwrite)
             make(process, spec.shards, part, run, progress)
             written = finished(spec, part)

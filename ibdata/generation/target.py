@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.system.files import part_of
-from ibdata.system.part import Part, refusals
+from ibdata.system.part import refusals
 
 USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
 
@@ -68,7 +67,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     except DatasetError as error:
         why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
         raise UsageError(
-            f"{place}: not a dataset of ibdata, left as it is{why}; choose another --out"
+            f"{place}: not a dataset of ibdata, left as it is{why}; move it away, or choose another --out"
         ) from None
     if overwrite:
         _refuse_irreplaceable(target, listed)
@@ -90,20 +89,6 @@ def _refuse_irreplaceable(target: Path, listed: Manifest) -> None:
     for folder in (target.parent, target, target / "data", target / "meta"):
         if not os.access(folder, os.W_OK | os.X_OK):
             raise UsageError(f"{folder}: cannot be written, expected a folder that --overwrite may replace")
-
-
-def refuse_immovable(part: Part, place: Path) -> None:
-    """Raise UsageError if the system would not move the folder at a place, such as a mount.
-
-    No folder can replace one that holds something, as the part does, so trying tells the reason.
-    """
-    if not part.target.is_dir():
-        return
-    try:
-        part.target.rename(part.folder)
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise UsageError(f"{place}: cannot be moved: {error.strerror}; choose another --out") from None
 
 
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:

@@ -19,7 +19,7 @@ from ibdata.experiment.plan import Shard
 from ibdata.experiment.rollout import Columns
 from ibdata.generation.publish import publish
 from ibdata.generation.receipt import DATASET
-from ibdata.generation.target import refuse_immovable, refuse_taken
+from ibdata.generation.target import refuse_taken
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check
@@ -54,7 +54,6 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     place, target = Path(out), resolved(out)
     refuse_taken(target, place)
     with locked_part(target, place) as part:
-        refuse_immovable(part, place)
         if part.receipts:
             raise UsageError(f"{place}: holds an unfinished run of generate; choose another --out")
         part.clear()

@@ -85,7 +85,7 @@ def split(
     by = by or property_of(given)
     if by not in OPTIONS and (by is not None or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
-        raise UsageError(f"split: found {found}, expected by setpoint, episode or policy")
+        raise UsageError(f"split: found {found}, expected a property: --by setpoint, episode or policy")
     made = _made(spec, by, given) if by else {}
     new = _named(made, prefix, names or {})
     _refuse_names(dataset, spec, new)

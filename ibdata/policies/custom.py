@@ -10,6 +10,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
 from secrets import token_hex
+from types import ModuleType
 from typing import Annotated, Any, Literal
 from weakref import WeakValueDictionary
 
@@ -17,7 +18,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
-from ibdata.errors import PolicyError, UsageError, printable
+from ibdata.errors import PolicyError, UsageError, printable, suggestion
 from ibdata.policies.base import (
     Bools,
     Decision,
@@ -69,7 +70,7 @@ def _as_json(params: dict[str, Any]) -> Any:
 
 
 class Custom(UserObject):
-    """Acts through code of your own, see [Your own policy](custom-policies.md).
+    """Acts through code of your own.
 
     The target is an object with `decide(given)`, `act(history, u)` or `predict(observations)`, a torch
     module, or a function whose first parameter is `observations`; any other function, and a class, makes such
@@ -209,8 +210,8 @@ class Custom(UserObject):
         source, _, name = self.target.partition(":")
         try:
             with loading(self.target), apart_from_results():
-                own = self._made(getattr(imported(source, self.file()), name))
-        except (UsageError, KeyboardInterrupt):
+                own = self._made(self._found(imported(source, self.file()), name))
+        except (PolicyError, UsageError, KeyboardInterrupt):
             raise
         except BaseException as error:
             line = f"{self.target}: cannot be loaded: {error_line(error)}"
@@ -223,12 +224,26 @@ class Custom(UserObject):
         self._refuse_other_form(own)
         return own
 
+    def _found(self, module: ModuleType, name: str) -> Any:
+        """What the module has under this name."""
+        if not hasattr(module, name):
+            own = [each for each in vars(module) if not each.startswith("_")]
+            raise PolicyError(f"{self.target}: found no {name!r} in the module{suggestion(name, own)}")
+        return getattr(module, name)
+
     def _made(self, found: Any) -> Any:
         """What the target is, or makes of `params`."""
         if inspect.isfunction(found):
-            first = next(iter(inspect.signature(found).parameters), "")
+            parameters = inspect.signature(found).parameters.values()
+            first = next((each.name for each in parameters), "")
             if first == "observations":
                 return partial(found, **self.params) if self.params else found
+            needed = [each.name for each in parameters if each.default is each.empty and each.kind < 2]
+            if not self.params and needed:
+                raise PolicyError(
+                    f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
+                    "parameter is `observations`, or params for one that makes a policy"
+                )
         acts = not isinstance(found, type) and (has_method(found) or is_torch_module(found))
         return found(**self.params) if callable(found) and not acts else found
 

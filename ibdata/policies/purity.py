@@ -18,7 +18,8 @@ FLIPPED = 0.1  # share of the actions that may be others, such as those on the e
 
 SECRET = (
     "found other actions when the same was asked again, expected equal ones; memory must be returned by "
-    "decide, be the state of predict, or begin anew in reset(n), and random numbers must come from `uniforms`"
+    "decide, be the state of predict, or begin anew in reset(n), and random numbers must come from "
+    "`uniforms`, which act and decide are given"
 )
 MIXED = (
     "found other actions for the same episodes {}, expected that the actions of an episode depend on nothing "

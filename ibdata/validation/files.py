@@ -53,7 +53,7 @@ class Hashing:
     def __init__(self, place: Storage, listed: Manifest, paths: Container[str] | None = None) -> None:
         entries = listed.entries()
         self._expected = {path: entries[path] for path in entries if paths is None or path in paths}
-        self._todo = "; ibdata repair makes it" if place.url is None else ""
+        self._todo = "; ibdata repair makes it again" if place.url is None else ""
         self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
         self._found = {path: self._threads.submit(place.entry, path) for path in self._expected}
 
@@ -76,7 +76,7 @@ class Hashing:
                 yield Problem(path, None, "file", f"found no file that can be read{self._todo}")
             elif found.sha256 != expected.sha256:
                 shown = f"found {found.sha256[:12]}…, expected {expected.sha256[:12]}…"
-                yield Problem(path, None, "hash", f"{shown} as the manifest lists")
+                yield Problem(path, None, "hash", f"{shown} as the manifest lists{self._todo}")
             elif found != expected:
-                message = f"found {found.bytes} bytes, expected {expected.bytes} as the manifest lists"
-                yield Problem(path, None, "file", message)
+                shown = f"found {found.bytes} bytes, expected {expected.bytes}"
+                yield Problem(path, None, "file", f"{shown} as the manifest lists{self._todo}")

@@ -125,7 +125,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"folder": DATA, "quick": True, "progress": False},
     ),
 ]  # fmt: skip
-PRINTED = {"as_json"}  # options of what a command prints: tests/cli/test_reports.py
+PRINTED = {"as_json"}  # options of what a command prints: tests/cli/test_commands.py
 
 
 class Called(Exception):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -99,16 +97,8 @@ def crafted(made):
     return "d"
 
 
-READING = ["info d", "head d", "stats d", "validate d", "validate d --quick", "diff d whole", "diff whole d"]
-READING += [
-    "ls",
-    "split d --list",
-    "reproduce d",
-    "repair d",
-    "split d --by policy",
-    "merge d whole --out m",
-    "card d",
-]
+READING = ["info d", "head d", "stats d", "validate d", "diff d whole", "ls", "split d --list", "reproduce d"]
+READING += ["repair d", "split d --by policy", "merge d whole --out m", "card d"]
 
 
 @pytest.mark.parametrize("line", READING)
@@ -126,63 +116,3 @@ def test_no_text_of_a_dataset_reaches_the_terminal_as_it_is(crafted, run, line):
 def test_what_is_escaped_is_shown(crafted, run):
     assert r"\u202edilav" in run("info", "d")[1]
     assert json.loads(run("info", "d", "--json")[1])["info"]["start"] == EVIL
-
-
-def test_an_experiment_is_shown_with_escapes_of_yaml(run):
-    params = {"limit é": "a\u202eb", "\u2066x": 1}
-    Path("x.yaml").write_bytes(
-        as_json({**PLAIN, "policies": [{"kind": "custom", "target": "a:b", "params": params}], "splits": {}})
-    )
-    for args in (["config", "show", "x.yaml"], ["generate", "--config", "x.yaml", "--dry-run"]):
-        code, out, err = run(*args)
-        assert not RAW.search(out + err)
-    code, out, err = run("config", "show", "x.yaml")
-    assert (code, err, "�" in out) == (0, "", False)
-    Path("y.yaml").write_text(out, encoding="utf-8")
-    assert ibdata.load("y.yaml") == ibdata.load("x.yaml")
-
-
-# --- encodings of streams
-
-ENCODINGS = [
-    {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-    {"PYTHONIOENCODING": "latin-1"},
-    {"PYTHONIOENCODING": "ascii:strict"},
-]
-RUNS = {
-    "export -h": 0,
-    "config policies": 0,
-    "config policies --json": 0,
-    "config schema": 0,
-    "info whole": 0,
-    "info whole --json": 0,
-    "diff whole other": 3,
-    "diff whole other --json": 3,
-    "evaluate safe bad": 0,
-    "info é☃": 3,
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("env", ENCODINGS, ids=lambda env: next(iter(env.values())))
-def test_a_stream_of_any_encoding_is_written(made, command, env):
-    shutil.copytree(made, "whole")
-    ibdata.generate(Experiment.model_validate({**PLAIN, "seed": 1}), "other", workers=1)
-    for line, code in RUNS.items():
-        done = subprocess.run([command, *line.split()], env={**os.environ, **env}, capture_output=True)
-        said = done.stderr.decode("latin-1")
-        assert (done.returncode, "Error" in said, "a bug" in said) == (code, False, False), (line, said)
-        if "--json" in line or line == "config schema":
-            json.loads(done.stdout.decode("ascii"))
-
-
-def test_no_line_of_help_is_wider_than_a_terminal(run, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    from ibdata.cli import cli
-
-    names = [[name] for name in cli.list_commands(None)] + [["config", "show"], ["config", "validate"], []]
-    for name in names:
-        code, out, err = run(*name, "-h")
-        assert (code, err) == (0, "")
-        wide = [line for line in out.splitlines() if len(line) > 80]
-        assert not wide

@@ -15,7 +15,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from helpers.datasets import AS_WRITTEN
 
 import ibdata
 from ibdata import Experiment
@@ -119,31 +118,23 @@ def _write(rest: str) -> None:
     Path(path).write_bytes(text.encode("utf-8", "surrogateescape"))
 
 
-def _column(change: Callable[[pa.ChunkedArray], pa.ChunkedArray]) -> Callable[[str], None]:
-    """PATH COLUMN changes that column."""
+def _table(change: Callable[..., pa.Table]) -> Callable[[str], None]:
+    """PATH … changes the table in that file; what follows are further arguments."""
 
     def word(rest: str) -> None:
-        path, name = rest.split()
-        table = pq.read_table(path)
-        changed = change(table[name])
-        field = pa.field(name, changed.type, nullable=changed.null_count > 0)
-        _write_table(table.set_column(table.column_names.index(name), field, changed), path)
+        path, *more = rest.split()
+        pq.write_table(change(pq.read_table(path), *more), path, use_dictionary=["policy"])
 
     return word
 
 
-def _table(change: Callable[[pa.Table], pa.Table]) -> Callable[[str], None]:
-    def word(path: str) -> None:
-        _write_table(change(pq.read_table(path)), path)
-
-    return word
+def _with(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
+    return table.set_column(table.column_names.index(name), pa.field(name, values.type, False), values)
 
 
-def _write_table(table: pa.Table, path: str) -> None:
-    options = {
-        key: [name for name in names if name in table.column_names] for key, names in AS_WRITTEN.items()
-    }
-    pq.write_table(table, path, **options)
+def _nan(table: pa.Table, name: str) -> pa.Table:
+    first, _, *rest = table[name].to_pylist()
+    return _with(table, name, pa.array([first, float("nan"), *rest], table[name].type))
 
 
 def _special(make: Callable[[Path], None]) -> Callable[[str], None]:
@@ -157,11 +148,6 @@ def _special(make: Callable[[Path], None]) -> Callable[[str], None]:
     return word
 
 
-def _second(values: pa.ChunkedArray, value: Any) -> pa.Array:
-    plain = values.to_pylist()
-    return pa.array([plain[0], value, *plain[2:]], values.type)
-
-
 WORDS: dict[str, Callable[[str], Any]] = {
     "sealed": _sealed,
     "json": _json,
@@ -173,17 +159,9 @@ WORDS: dict[str, Callable[[str], Any]] = {
     "folder": _special(os.mkdir),
     "fifo": _special(os.mkfifo),
     "loop": _special(lambda path: path.symlink_to(path.name)),
-    "without": lambda rest: _table(lambda t: t.drop_columns(rest.split()[1]))(rest.split()[0]),
-    "no-columns": _table(lambda t: t.select([])),
-    "no-rows": _table(lambda t: t.slice(0, 0)),
-    "fewer-rows": _table(lambda t: t.slice(0, len(t) - 1)),
-    "repeated-rows": _table(lambda t: pa.concat_tables([t.slice(0, 3), t.slice(0, 3), t.slice(6)])),
-    "reversed-rows": _table(lambda t: t.take(list(range(len(t)))[::-1])),
-    "reversed-columns": _table(lambda t: t.select(t.column_names[::-1])),
-    "extra-column": _table(lambda t: t.append_column("more", pa.nulls(len(t), pa.int8()))),
-    "double": _column(lambda values: pc.cast(values, pa.float64())),
-    "text": _column(lambda values: pc.cast(values, pa.string())),
-    "null": _column(lambda values: _second(values, None)),
-    "nan": _column(lambda values: _second(values, float("nan"))),
-    "far": _column(lambda values: _second(values, 10**9)),
+    "without": _table(lambda table, name: table.drop_columns(name)),
+    "no-rows": _table(lambda table: table.slice(0, 0)),
+    "fewer-rows": _table(lambda table: table.slice(0, len(table) - 1)),
+    "double": _table(lambda table, name: _with(table, name, pc.cast(table[name], pa.float64()))),
+    "nan": _table(_nan),
 }

@@ -43,12 +43,9 @@ def test_the_same_content_has_the_same_root(describe, dataset, tmp_path, change)
     "change",
     [
         {"seed": 1},
-        {"dynamics": "paper"},
         {"steps": 41},
         {"episodes": 4},
-        {"setpoints": [20.0, 70.5]},
         {"policies": [{"kind": "random"}, {"kind": "safe", "name": "quiet"}]},
-        {"start": "uniform"},
         {"output": {"latent": "full"}},
         {"output": {**NEXT, "dtype": "float64"}},
     ],

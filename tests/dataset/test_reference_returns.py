@@ -53,13 +53,9 @@ def test_every_policy_has_a_return_at_every_setpoint(settings):
     ("dynamics", "start", "steps", "discount", "policy", "setpoint"),
     [
         ("siemens", "default", 100, 0.97, "optimized", 70.0),
-        ("siemens", "default", 1000, 1.0, "random", 75.0),
-        ("paper", "default", 100, 0.97, "safe", 30.0),
-        ("paper", "default", 1000, 1.0, "zero", 100.0),
         ("paper", "default", 1000, 1.0, "expert", 85.0),
         ("siemens", BURN_IN, 1000, 1.0, "expert", 50.0),
         ("siemens", "uniform", 1000, 1.0, "optimized", 5.0),
-        ("paper", BURN_IN, 100, 0.97, "optimized", 75.0),
     ],
 )
 def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpoint):
@@ -74,7 +70,7 @@ def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpo
 @pytest.mark.parametrize("policy", POLICIES)
 def test_other_random_numbers_give_the_same_returns(policy):
     """Within 5 standard errors of both; a return that is wrong by 10 of them (below 2 %) would show."""
-    for setpoint in (0.0, 40.0, 100.0):
+    for setpoint in (0.0, 100.0):
         stored = row("siemens", "default", 100, 0.97, policy, setpoint)
         [found] = evaluate(block(policy), setpoint, episodes=400, seed=1).results
         error = math.hypot(stored.standard_error, found.standard_error)
@@ -105,15 +101,6 @@ def test_the_page_shows_the_rewards_of_the_file():
     assert reference().made_by == "scripts/reference-returns"
 
 
-def test_a_scale_says_where_its_episodes_start():
-    texts = [scale("siemens", start, 100, 0.97).text for start in ("default", "uniform", BURN_IN)]
-    assert [text.partition("dynamics, ")[2] for text in texts] == [
-        "default start, 100 steps, discount 0.97",
-        "uniform start, 100 steps, discount 0.97",
-        "start after 15 to 64 random steps, 100 steps, discount 0.97",
-    ]
-
-
 def made_up(low, high, error):
     rows = [
         Measured(policy, p, x, error, [x - error, x + error], x, x)
@@ -139,9 +126,7 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
     [
         ("siemens", {"burn_in": [1, 2]}, 100, 0.97),
         ("siemens", "default", 100, 1.0),
-        ("siemens", "default", 1000, 0.97),
         ({"base": "siemens"}, "default", 100, 0.97),
-        ("siemens", None, 100, 0.97),
     ],
     ids=str,
 )

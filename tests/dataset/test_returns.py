@@ -52,7 +52,7 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}, {"dynamics": {"base": "siemens"}}],
+    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}],
     ids=str,
 )
 def test_other_episodes_have_none(describe, tmp_path, changes):
@@ -85,14 +85,6 @@ def test_merged_results_have_the_steps_of_their_episodes(mixed, whole):
     assert [r["reference_score"] is None for r in found["results"]] == [True, False, True, True]
     assert "in 12 episodes of 1,000 or 40 steps\n" in shown(mixed.path)
     assert json.loads(shown(mixed.path, "--json"))["returns"] == json.loads(json.dumps(found))
-
-
-def test_close_setpoints_are_told_apart(describe, tmp_path):
-    made = ibdata.generate(describe(setpoints=[50.0000001, 50.0000002]), tmp_path / "close", workers=1)
-    lines = [line.split() for line in shown(made.path).splitlines()]
-    rows = [line[1] for line in lines if line and line[0] in ("random", "calm")]
-    assert rows == ["50.0000001", "50.0000002"] * 2
-    assert "| setpoints | 50.0000001, 50.0000002 |" in (made.path / "README.md").read_text()
 
 
 def test_averages_are_over_setpoints_and_over_policies(dataset):

@@ -57,12 +57,6 @@ def test_the_navigation_names_every_page_once():
     assert sorted(pages) == sorted([*PAGES, *(path.name for path in DOCS.glob("*.ipynb"))])
 
 
-def test_every_page_has_one_title():
-    for name, text in PAGES.items():
-        prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
-        assert name == "changelog.md" or len(re.findall(r"^# ", prose, flags=re.MULTILINE)) == 1, name
-
-
 def test_the_experiment_that_is_explained_is_valid(tmp_path):
     (shown,) = (x for x in blocks(PAGES["experiments.md"], "yaml") if x.startswith("# explained.yaml\n"))
     (tmp_path / "explained.yaml").write_text(shown)
@@ -85,11 +79,6 @@ def test_every_exit_code_is_explained():
     table = PAGES["errors.md"].partition("## Exceptions")[0]
     explained = {int(n) for codes in re.findall(r"^\| ([\d, ]+) \|", table, re.M) for n in codes.split(",")}
     assert explained == found | {0, 129, 130, 143}
-
-
-def test_the_first_page_explains_the_words_of_messages():
-    words = re.findall(r"^\| (?:\[([\w ]+)\]\(\S+\)|([\w ]+)) \|", PAGES["index.md"], flags=re.MULTILINE)
-    assert {"cell", "content root", "lane", "root", "shard", "split"} <= {a or b for a, b in words}
 
 
 def test_the_pages_show_every_command_and_no_other():
@@ -115,10 +104,3 @@ def test_the_page_of_libraries_names_what_exists():
     assert named <= set(EXTRAS)
     for key, column in SCHEMA.items():
         assert f'    "{key}": "{column}",\n' in USE_WITH
-
-
-def test_no_extra_holds_what_cannot_be_installed_together():
-    """d3rlpy and RLlib want Gymnasium in two versions."""
-    assert "all" not in EXTRAS
-    for requirements in EXTRAS.values():
-        assert not ("d3rlpy" in requirements and "rllib" in requirements)

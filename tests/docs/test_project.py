@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 
 import pytest
 from helpers import ROOT
@@ -55,10 +54,6 @@ def test_no_page_installs_by_name_before_publication():
     assert "not published" in (ROOT / "docs/install.md").read_text(encoding="utf-8")
 
 
-def bridges(*args: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([ROOT / "scripts/bridges", *args], capture_output=True, text=True)
-
-
 def test_every_folder_of_tests_has_a_bridge():
     folders = {path.name for path in (ROOT / "tests/bridges").iterdir()}
     assert {path.stem.partition("-")[0] for path in BRIDGES} == folders
@@ -72,12 +67,3 @@ def test_a_bridge_is_made_of_extras_and_pins(path):
     assert set(re.fullmatch(r"\.\[(.+)\]", project)[1].split(",")) <= set(extras)
     assert pins
     assert all(re.fullmatch(r"[\w.-]+==[\w.]+", pin) for pin in pins)
-
-
-@pytest.mark.slow
-def test_the_script_lists_bridges_and_knows_no_others():
-    assert bridges("--list").stdout.split() == [path.stem for path in BRIDGES]
-    wrong = bridges("gymnasium")
-    assert wrong.returncode != 0
-    assert "Sessions not found: gymnasium" in wrong.stdout
-    assert "passed" not in wrong.stdout

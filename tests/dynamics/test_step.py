@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
 import numpy as np
 import pytest
-from helpers import tape
+from helpers import ROOT, tape
 
+import ibdata
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.dynamics.state import FIELDS
@@ -127,3 +134,27 @@ def test_the_next_state_depends_on_the_markov_state_only(played, variant):
     action, noise = rng.uniform(-1.0, 1.0, (LANES, 3)), tape.noise(rng, LANES)
     other = step(state.replace(operational_cost=history, **scrambled), action, noise, variant)
     assert tape.changed(step(state, action, noise, variant), other) == set()
+
+
+CHILD = """
+import sys, numba
+from helpers import tape
+assert str(numba.config.DISABLE_JIT) == sys.argv[1], numba.config.DISABLE_JIT
+print(tape.digest())
+"""
+
+
+def test_the_interpreted_run_has_the_bits_of_the_compiled_one():
+    """The child turns the compiler off (or on, where this process has it off) and must find it so."""
+    other = "0" if numba.config.DISABLE_JIT else "1"
+    path = os.pathsep.join([str(Path(ibdata.__file__).parents[1]), str(ROOT / "tests")])
+    child = subprocess.run(
+        [sys.executable, "-W", "error", "-c", CHILD, other],
+        env=os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.strip() == tape.digest()

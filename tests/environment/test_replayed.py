@@ -158,19 +158,6 @@ def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
     check_rows(lane, *begun(lane, short, 5), rows)
 
 
-def test_a_merged_dataset_s_episodes_are_those_of_its_parts(dataset, describe, tmp_path):
-    other = ibdata.generate(describe(seed=5, steps=20, output={"latent": "next"}), tmp_path / "b", workers=1)
-    both = ibdata.merge([dataset.path, other.path], tmp_path / "both")
-    many, parts = Simulation(settings_of(dataset), 3), Simulation(settings_of(dataset), 3)
-    noises = begun(many, both, [12 + 4, 3, 12 + 9])
-    places = enumerate([(other, 4), (dataset, 3), (other, 9)])
-    expected = [begun(parts, ds, episode, [lane])[0] for lane, (ds, episode) in places]
-    np.testing.assert_array_equal(many.seen, parts.seen)
-    assert len(np.unique(many.seen, axis=0)) == 3
-    for a, b in zip(noises, expected, strict=True):
-        np.testing.assert_array_equal(a.random_raw(1000), b.random_raw(1000))
-
-
 def test_the_other_lanes_stay_as_they_are(dataset):
     many = Simulation(settings_of(dataset), 3)
     begun(many, dataset, [1, 2, 3])

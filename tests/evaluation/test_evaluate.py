@@ -82,21 +82,18 @@ def test_all_policies_meet_the_same_environment(start):
     assert (found.returns[0] != found.returns[2]).all()
 
 
-def test_nothing_but_the_address_matters():
+def test_nothing_but_the_address_matters(monkeypatch):
     """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
     few = returns("random", [10.0, 70.0])
+    with monkeypatch.context() as patch:
+        patch.setattr("ibdata.evaluation.play.CHUNK", 7)
+        np.testing.assert_array_equal(returns("random", [10.0, 70.0]), few)
     np.testing.assert_array_equal(returns("random", [70.0])[0], few[1])
     np.testing.assert_array_equal(returns("random", [70.0], episodes=300)[0, :4], few[1])
     np.testing.assert_array_equal(
         evaluate(["safe", "random"], 10.0, steps=30, episodes=4).returns[1], few[:1]
     )
     assert (returns("random", seed=1) != few[1]).all()
-
-
-def test_steps_beyond_a_chunk_go_on(monkeypatch):
-    whole = returns("optimized")
-    monkeypatch.setattr("ibdata.evaluation.play.CHUNK", 7)
-    np.testing.assert_array_equal(returns("optimized"), whole)
 
 
 def test_a_policy_sees_its_history_newest_first_and_its_rewards_are_those_of_the_next_observation():

@@ -49,11 +49,9 @@ def test_differences_are_paired_and_of_every_two_policies():
 
 SETTINGS = [
     {},
-    {"setpoint": 71},
     {"setpoint": "drifting"},
     {"start": FEW_STEPS},
     {"dynamics": {"base": "paper", "eta_mean": 0.1}},
-    {"steps": 30, "discount": 1.0},
 ]
 
 

@@ -41,7 +41,7 @@ def test_a_step_leads_from_each_state_to_the_next(either):
     episodes, steps = frame["episode"].to_numpy(), frame["step"].to_numpy()
     before, after = state_at(either, (episodes, steps)), state_at(either, (episodes, steps + 1))
     experiment = by_hand.experiment_of(either)
-    for i in range(0, len(frame), 17):
+    for i in range(0, len(frame), 41):
         row = frame.iloc[i]
         cell, index = divmod(int(row["episode"]), experiment.episodes)
         noise = by_hand.noise(

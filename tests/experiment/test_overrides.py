@@ -14,36 +14,23 @@ KEYS = ", ".join(Experiment.model_fields)
 PROBLEMS = {
     "steps=0": "steps: found 0, expected a whole number of at least 1",
     "steps=": "steps: found null, expected a whole number",
-    "name=1e3": "name: found 1000.0, expected text",
     "stpes=3": "stpes: no such option; did you mean 'steps'?",
-    "output={dtype: int}": "output.dtype: found 'int', expected one of float32, float64",
     "output.laten=full": "output.laten: no such option; did you mean 'latent'?",
-    "splits.a.setpoint=71": ("splits.a.setpoint: found 71, expected one of the setpoints of the experiment"),
     "policies.0.kind=saef": (
         f"policies.0.kind: found 'saef', expected one of {', '.join(POLICIES)}; did you mean 'safe'?"
     ),
-    "foo.bar=1": f"foo: no such option; expected one of {KEYS}",
     "0=1": f"0: no such option; expected one of {KEYS}",
     "name.foo=1": 'name: found {"foo": 1}, expected text',
-    "start.burn_in=[3, 1]": "start.burn_in: found [3, 1], expected [fewest, most] steps in this order",
 }
 REFUSED = {
     "steps": "override: found 'steps', expected key=value",
-    "": "override: found '', expected key=value",
     "=5": "override: found the key '', expected names joined by dots",
     "a..b=1": "override: found the key 'a..b', expected names joined by dots",
     "policies.1.kind=safe": "override policies.1.kind: there is no item 1",
-    "policies.x=1": "override policies.x: there is no item x",
     "steps=&a 1": "override steps: found an anchor or alias, expected plain data",
-    "steps=!!int 1": "override steps: found the tag tag:yaml.org,2002:int, expected plain data",
     "steps=[1": "override steps: not valid YAML: expected ',' or ']', but got '<stream end>'",
     "²=1": "override ²: no such option",
-    "policies.²=1": "override policies.²: there is no item ²",
-    "policies.-1.kind=safe": "override policies.-1.kind: there is no item -1",
-    "policies.0.kind=[a]": "override policies.0.kind: found",
     "a\0=1": "override a\\x00: no such option",
-    "__class__=1": "override __class__: no such option",
-    "a=\0": "override a: not valid YAML",
 }
 
 
@@ -53,20 +40,16 @@ REFUSED = {
         (["steps=5"], "steps", 5),
         ([" steps = 5 # five"], "steps", 5),
         (["steps=5", "steps=1e3"], "steps", 1000),
-        (["seed=010"], "seed", 10),
         (["name=on"], "name", "on"),
         (["output.dtype=float64"], "output.dtype", "float64"),
         (["output={dtype: float64}", "output.latent=full"], "output.dtype", "float64"),
-        (["setpoints=[10, 20]"], "setpoints", [10.0, 20.0]),
         (["setpoints=[10, 20]", "setpoints.1=30"], "setpoints", [10.0, 30.0]),
         (["policies.0.kind=safe"], "labels", ("safe",)),
-        (["policies=[{kind: safe}, {kind: random}]"], "labels", ("safe", "random")),
         (
             ["policies.0={kind: gaussian, scale: 1, base: {kind: bad}}", "policies.0.base.kind=mediocre"],
             "policies.0.base.kind",
             "mediocre",
         ),
-        (["start.burn_in=[1, 2]"], "start.burn_in", [1, 2]),
         (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
     ],

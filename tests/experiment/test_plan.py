@@ -5,15 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from helpers.examples import tries
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import plan, segments
-from ibdata.experiment.split_schemes import leave_one_out
-
-examples = settings(derandomize=True, deadline=None, max_examples=300)
+from ibdata.experiment.plan import plan
 
 POLICIES = [{"kind": "random"}, {"kind": "safe"}, {"kind": "constant", "name": "still"}]
 LABELS = ["random", "safe", "still"]
@@ -70,7 +68,7 @@ def splits_of(made, episode):
     return tuple(found)
 
 
-@examples
+@tries(300)
 @given(experiments())
 def test_a_plan_holds_every_episode_once_in_full_shards(made):
     """A shard ends only where it is full or the splits change."""
@@ -121,15 +119,7 @@ def test_a_plan_by_hand(fields, shards):
     assert [(shard.first, shard.stop, " ".join(shard.splits)) for shard in found] == shards
 
 
-def test_leave_one_out_has_a_run_for_every_setpoint():
-    made = experiment(setpoints=[float(p) for p in range(60)], episodes=2)
-    runs = segments(made, leave_one_out(DatasetSpec.of(made)))
-    assert [stop - first for first, stop, _ in runs] == [2] * 60
-    for p, (_, _, names) in enumerate(runs):
-        assert set(names) == {f"test-{p}", *(f"train-{q}" for q in range(60) if q != p)}
-
-
-@examples
+@tries(300)
 @given(experiments())
 def test_the_runs_of_later_splits_are_those_of_each_episode(made):
     """Of two experiments, as a merged dataset has them."""

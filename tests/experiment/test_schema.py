@@ -36,7 +36,6 @@ SPECIAL = {
         "splits: {a: {episodes: {start: 1, stop: 2}}, b: {episodes: 1, setpoint: 70}}",
     ],
 }
-special = pytest.mark.parametrize("lines", SPECIAL.values(), ids=SPECIAL)
 
 
 def is_read_back(experiment, loaded):
@@ -49,7 +48,7 @@ def is_read_back(experiment, loaded):
     assert Experiment.model_validate(experiment.plain()) == experiment
 
 
-@special
+@pytest.mark.parametrize("lines", SPECIAL.values(), ids=SPECIAL)
 def test_what_loads_is_read_back_and_fits_the_schema(schema, loaded, with_lines, lines):
     is_read_back(loaded(with_lines(*lines)), loaded)
     schema.validate(Document(with_lines(*lines)).data)
@@ -70,9 +69,3 @@ def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
     assert set(plain) == set(Experiment.model_fields)
     assert plain["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
     assert plain["licence"] == "CC-BY-4.0"
-
-
-def test_every_key_is_described_or_says_it_all_by_its_name(schema):
-    """What an editor shows beside a key."""
-    bare = {key for key, value in schema.schema["properties"].items() if "description" not in value}
-    assert bare <= {"name", "policies", "seed", "output"}

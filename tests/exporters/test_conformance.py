@@ -1,33 +1,34 @@
 """Rules for every format: exports hold every value, and refuse invalid arguments."""
 
 import json
-import os
 import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from exporters.reading import holds, one_setpoint
-from helpers.python import PACKAGE
 
 import ibdata as library
+from ibdata.cli import cli
 from ibdata.dataset.models import SplitEntry
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.exporters._view import View
 
 VIEWS = {
-    "classic": {},
-    "scaled": {"reward_scale": 0.01},
-    "markov": {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}},
-    "troubles": {
-        "imperfections": {"delay": {"obs_fatigue": 3}, "missing": {"obs_velocity": 0.2}, "mask": True},
-        "reward": "delta",
-        "reward_scale": 0.1,
-    },
+    "plain": (1, {}),
+    "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
+    "troubles": (
+        3,
+        {
+            "imperfections": {"delay": {"obs_fatigue": 3}, "missing": {"obs_velocity": 0.2}, "mask": True},
+            "reward": "delta",
+            "reward_scale": 0.1,
+        },
+    ),
 }
 
 
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-@pytest.mark.parametrize("history", [1, 4])
+@pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
 def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history, view):
     made = library.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=history, view=view)
     holds(made, dataset, one_setpoint(to), history, view=view)
@@ -64,22 +65,19 @@ def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to
     assert not list(tmp_path.rglob(".*"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("to", ["csv", "rllib"])
-def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, ibdata, to):
-    command = ("export", str(dataset.path), "--to", to, "--out")
-    text = ibdata(*command, str(tmp_path / "a"))
-    document = ibdata(*command, str(tmp_path / "b"), "--json")
-    assert (text.returncode, document.returncode) == (0, 0)
-    assert text.stderr == document.stderr == ""
+def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, to):
+    def run(*args):
+        return CliRunner().invoke(cli, ["export", str(dataset.path), "--to", to, "--out", *map(str, args)])
+
+    text, document = run(tmp_path / "a"), run(tmp_path / "b", "--json")
+    assert (text.exit_code, text.stderr, document.exit_code, document.stderr) == (0, "", 0, "")
     made = json.loads(document.stdout)
     said = {"version", "format", "path", "episodes", "rows", "history", "reward_scale", "snippet"}
     assert set(made) == {*said, "frame", "left_out"}
     assert made["version"] == 1
     assert made["snippet"].replace(f"{tmp_path}/b", f"{tmp_path}/a") in text.stdout
-    again = ibdata(*command, str(tmp_path / "b"), "--json")
-    assert (again.returncode, json.loads(again.stdout)["error"]["code"]) == (2, 2)
-    assert ibdata(*command, str(tmp_path / "b"), "--overwrite").returncode == 0
+    assert run(tmp_path / "b", "--overwrite").exit_code == 0
 
 
 ADDED = '''
@@ -94,11 +92,11 @@ def export(view, path, target):
 
 @pytest.fixture
 def added(tmp_path, monkeypatch):
-    """An installed package that adds the formats `rewards` and `broken`."""
+    """An installed package that adds the format `rewards`."""
     site = tmp_path / "site"
     (site / "mine-1.0.dist-info").mkdir(parents=True)
     (site / "mine-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
-    points = "[ibdata.exporters]\nrewards = mine_rewards\nbroken = mine_missing\n"
+    points = "[ibdata.exporters]\nrewards = mine_rewards\n"
     (site / "mine-1.0.dist-info" / "entry_points.txt").write_text(points)
     (site / "mine_rewards.py").write_text(ADDED)
     monkeypatch.syspath_prepend(site)
@@ -112,28 +110,15 @@ def test_a_format_of_another_package_is_imported_when_used(dataset, tmp_path, ad
     names = {}
     exec(library.export(dataset, "rewards", tmp_path / "rewards.txt").snippet, names)
     assert len(names["rewards"]) == 480
-    with pytest.raises(IbdataError, match="format broken: mine_missing cannot be imported: No module"):
-        library.export(dataset, "broken", tmp_path / "more.txt")
-    with pytest.raises(UsageError, match=r"expected one of csv, .*, broken, rewards; did you mean 'rewards'"):
+    with pytest.raises(UsageError, match=r"expected one of csv, .*, rewards; did you mean 'rewards'"):
         library.export(dataset, "reward", tmp_path / "more.txt")
-
-
-@pytest.mark.slow
-def test_help_names_added_formats_without_importing_them(added, ibdata):
-    done = ibdata("export", "--help", env=os.environ | {"PYTHONPATH": f"{added}:{PACKAGE}"})
-    assert "Added by mine_rewards." in done.stdout
+    assert "Added by mine_rewards." in CliRunner().invoke(cli, ["export", "--help"]).stdout
 
 
 REFUSED = {
     "format": ({"to": "mnari"}, "format: found 'mnari', expected one of csv, .*did you mean 'minari'"),
-    "split": ({"split": "nonsense"}, "expected one of source, target"),
     "history": ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
     "scale": ({"view": {"reward_scale": 0.0}}, "reward_scale: found 0.0, expected a finite number above 0"),
-    "no scale": ({"view": {"reward_scale": float("nan")}}, "reward_scale: found nan"),
-    "large scale": (
-        {"view": {"reward_scale": 1e300}},
-        "reward: found weights or a scale .1e.300. that make rewards infinite",
-    ),
     "view": ({"view": {"obsreve": 1}}, "view: found 'obsreve', expected one of .*did you mean 'observe'"),
     "word": ({"view": "markov"}, "view: found 'markov', expected a mapping such as {'observe': 'markov'"),
     "id": ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
@@ -161,7 +146,7 @@ def test_what_cannot_be_exported_is_refused(dataset, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("to", ["d4rl", "d3rlpy"])
+@pytest.mark.parametrize("to", ["d4rl"])
 def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_path, to, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
     line = rf"exporting to {to} needs the package h5py: pip install h5py, or 'ibdata\[hdf5\]'"

@@ -7,8 +7,7 @@ from exporters.reading import holds, one_setpoint
 from helpers.python import python
 
 import ibdata
-from ibdata.errors import BusyError, IbdataError, UsageError
-from ibdata.exporters._view import View
+from ibdata.errors import IbdataError, UsageError
 
 RUN = """
 import os, resource, signal, sys
@@ -44,11 +43,9 @@ def failing(path):
     raise OSError(28, "no room")
 
 
-@pytest.mark.parametrize("exchange", [True, False], ids=["exchange", "no exchange"])
-def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, exchange, monkeypatch):
+@pytest.mark.parametrize("to", ["csv", "d4rl", "rllib"])
+def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, monkeypatch):
     """And stays if the one that is to replace it fails."""
-    if not exchange:
-        monkeypatch.setattr("ibdata.system.part.exchanged", lambda a, b: False)
     options = {"split": "target", "history": 2}
     ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
     before = files(tmp_path)
@@ -65,6 +62,7 @@ def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, exc
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("to", ["csv", "d4rl"])
 def test_a_signal_in_the_middle_leaves_nothing(dataset, tmp_path, to):
     done = run(KILL.format("SIGINT"), dataset, to, tmp_path / "a" / "b")
     assert (done.returncode, done.stdout) == (130, "")
@@ -74,36 +72,22 @@ def test_a_signal_in_the_middle_leaves_nothing(dataset, tmp_path, to):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("to", ["csv", "d4rl"])
-def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path, to):
-    assert run(KILL.format("SIGKILL"), dataset, to, tmp_path / "made").returncode == -9
+def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
+    assert run(KILL.format("SIGKILL"), dataset, "csv", tmp_path / "made").returncode == -9
     assert list(tmp_path.rglob(".*.part"))
-    made = ibdata.export(dataset, to, tmp_path / "made")
+    made = ibdata.export(dataset, "csv", tmp_path / "made")
     assert not list(tmp_path.rglob(".*"))
     holds(made, dataset)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("to", ["csv", "d4rl", "npz"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     done = run(FULL, dataset, to, tmp_path / "a" / "b")
     assert done.returncode == 1
     assert "cannot be written" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
-
-
-def test_two_exports_to_one_target_at_once(dataset, tmp_path, monkeypatch):
-    out, honest = tmp_path / "made", View.tables
-
-    def tables(self, columns):
-        monkeypatch.setattr(View, "tables", honest)
-        with pytest.raises(BusyError, match="made: another process is writing here"):
-            ibdata.export(dataset, "csv", out)
-        return honest(self, columns)
-
-    monkeypatch.setattr(View, "tables", tables)
-    holds(ibdata.export(dataset, "npz", out), dataset)
-    assert os.listdir(tmp_path) == ["made"]
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):

@@ -71,38 +71,8 @@ def test_long_names(forks, tools):
     out = tools.where / ("n" * 249)  # the part is .NAME.part
     assert forks.run(*tools.args(tools.tiny, out)).code == 0
     assert tools.root(out)
-    deep = tools.where
-    while len(str(deep)) < 3900:
-        deep = deep / ("d" * 200)
-    deep = deep / ("d" * (4060 - len(str(deep))))  # its name fits, those of its files do not
-    for wrong in (tools.where / ("n" * 250), tools.where / ("n" * 5000), deep):
-        for more in ([], ["--resume"], ["--overwrite"], ["--dry-run"]):
-            answer = forks.run(*tools.args(tools.tiny, wrong, *more))
-            if answer.code != 0 or "--dry-run" not in more:
-                assert answer.code in (1, 2), answer
-                assert tools.one_line(answer.output), answer.output
+    for wrong in (tools.where / ("n" * 250), tools.where / ("n" * 5000)):
+        answer = forks.run(*tools.args(tools.tiny, wrong))
+        assert answer.code in (1, 2), answer
+        assert tools.one_line(answer.output), answer.output
     assert sorted(path.name for path in tools.where.iterdir()) == ["many.yaml", out.name, "tiny.yaml"]
-
-
-@pytest.mark.parametrize("name", ["", "lock", "run.json", "receipts", "dataset"])
-@pytest.mark.parametrize("kind", ["file", "folder", "link"])
-def test_what_stands_in_the_place_of_ours(forks, tools, name, kind):
-    """One line, or the dataset; what a link in the place of a part or its lock leads to is never touched."""
-    mine, out = tools.where / "mine", tools.where / "out"
-    mine.mkdir()
-    (mine / "precious").write_text("precious")
-    assert forks.run(*tools.args(tools.tiny, out, "--shards", "1/2")).code == 0
-    path = tools.where / ".out.part" / name
-    if path.is_dir():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
-    make = {"file": lambda: path.write_text("precious"), "folder": lambda: shutil.copytree(mine, path)}
-    make.get(kind, lambda: path.symlink_to(mine))()
-    for more in (["--resume"], ["--overwrite"], ["--overwrite", "--seed", 1]):
-        answer = forks.run(*tools.args(tools.tiny, out, *more))
-        assert answer.code in (0, 1, 2, 3), answer
-        assert "Traceback" not in answer.output
-        assert "a bug of ibdata" not in answer.output
-        if name in ("", "lock"):
-            assert [file.read_text() for file in mine.iterdir()] == ["precious"]
-    assert answer.code or tools.root(out)

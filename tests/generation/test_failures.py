@@ -1,11 +1,7 @@
 """A failed or interrupted run says so in one line, and leaves shards to go on with, or nothing."""
 
-import signal
-import threading
-import time
-
 import pytest
-from helpers.folders import contents, is_right, part_of, receipts
+from helpers.folders import contents, is_right, receipts
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
@@ -23,7 +19,7 @@ FULL = OSError(28, "No space left on device")
 ERRORS = {  # what is raised, what is seen, and its line
     "a full disk": (FULL, IbdataError, r"^a/b: cannot be written: No space left on device$"),
     "memory": (MemoryError(), IbdataError, r"^a/b: out of memory; use fewer --workers"),
-    "Ctrl-C": (KeyboardInterrupt(), KeyboardInterrupt, None),
+    "a signal": (Interrupted(15), Interrupted, r"^stopped by signal 15; (2 shards are|nothing)"),
     "a bug": (ZeroDivisionError(), ZeroDivisionError, None),
 }
 
@@ -47,59 +43,3 @@ def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, er
     assert bool(contents()) == bool(shards)
     ibdata.generate(TINY, "a/b", workers=1, resume=True)
     assert is_right("a/b", tiny[0].path, files)
-
-
-def test_a_shard_that_fails_does_not_wait_for_others(monkeypatch):
-    """The error of one thread ends the others between two pieces."""
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 4)
-    started, simulated = threading.Barrier(4, timeout=20), make_shard.simulated
-
-    def failing(spec, shard, *rest):
-        started.wait()  # until each of the four has its thread
-        if shard.number == 2:
-            raise FULL
-        for made in simulated(spec, shard, *rest):
-            time.sleep(0.3)  # until the other thread has failed
-            yield made
-
-    monkeypatch.setattr(make_shard, "simulated", failing)
-    with pytest.raises(IbdataError, match="No space left on device"):
-        ibdata.generate(TINY, "out")
-    assert not [each for each in threading.enumerate() if "ThreadPool" in each.name]
-    assert contents() == {}
-
-
-@pytest.mark.parametrize(
-    ("number", "at", "left"),
-    [
-        (signal.SIGINT, 0, "nothing unfinished is left behind"),
-        (signal.SIGTERM, 1, "1 shard is finished; --resume goes on"),
-        (signal.SIGHUP, 2, "2 shards are finished; --resume goes on"),
-    ],
-)
-def test_a_signal_ends_a_loop_over_experiments(monkeypatch, number, at, left):
-    """`except Exception` around each run does not swallow it, and it says what is left behind."""
-    simulated, tried = make_shard.simulated, []
-
-    def sending(spec, shard, *rest):
-        if shard.number == at:
-            signal.pthread_kill(threading.main_thread().ident, number)
-            time.sleep(0.5)  # the main thread looks five times a second
-        yield from simulated(spec, shard, *rest)
-
-    monkeypatch.setattr(make_shard, "simulated", sending)
-
-    def loop():
-        for name in ("a", "b"):
-            tried.append(name)
-            try:
-                ibdata.generate(TINY, name, workers=1)
-            except Exception:
-                continue
-
-    with pytest.raises(Interrupted) as stopped:
-        loop()
-    assert tried == ["a"]
-    assert stopped.value.exit_code == 128 + number
-    assert str(stopped.value) == f"stopped by signal {int(number)}; {left}"
-    assert (len(receipts("a")), part_of("a").exists()) == (at, at > 0)

@@ -1,5 +1,6 @@
-"""What `generate` takes, what it refuses before it begins, and what it says."""
+"""What `generate` and `estimate` take, one experiment or a folder of them, and what they refuse."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -8,9 +9,12 @@ from helpers.folders import contents
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
+from ibdata import Experiment
 from ibdata.cli.generate import command
 from ibdata.errors import ConfigError, IbdataError, UsageError
+from ibdata.experiment import suites
 from ibdata.generation.engine import ENGINES, select_engine
+from ibdata.generation.estimate import estimate
 
 
 @pytest.mark.parametrize("name", ["random", "random.yaml"])
@@ -72,3 +76,113 @@ def test_the_engines_are_offered_and_ray_names_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(IbdataError, match=r"^the engine ray needs .* ray: pip install ray, or 'ibdata\[ray"):
         select_engine("ray", None, None)
+
+
+PLAIN = {"setpoints": 70, "policies": [{"kind": "random"}], "steps": 5}
+
+
+@pytest.fixture
+def two():
+    folder = Path("two")
+    folder.mkdir()
+    for name in ("a", "b"):
+        (folder / f"{name}.yaml").write_text(json.dumps({**PLAIN, "name": f"set-{name}"}))
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suite", suites())
+def test_a_shipped_suite_makes_valid_datasets(suite):
+    made = ibdata.generate(suite, workers=1, overrides=["episodes=1", "steps=20"])
+    assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
+    for name, dataset in made.items():
+        experiment = ibdata.load(f"{suite}/{name}")
+        assert dataset.path == Path("data") / suite / name
+        assert ibdata.validate(dataset.path) == []
+        assert len(dataset) == 20 * len(experiment.cells)
+        assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
+
+
+@pytest.mark.parametrize(
+    ("name", "episodes"),
+    [("depeweg", {"train": 70, "test": 30}), ("siemens-offline/bad-20", {"train": 90, "validation": 10})],
+)
+def test_a_shipped_set_is_split_by_episode(name, episodes):
+    """The rows are those of a set without splits."""
+    made = ibdata.generate(name, workers=1, overrides={"steps": 5})
+    assert {name: split["episodes"] for name, split in made.splits.items()} == episodes
+    assert ibdata.validate(made.path) == []
+    plain = ibdata.generate(name, "plain", workers=1, overrides={"steps": 5, "splits": {}})
+    assert (plain.splits, plain.content_root) == ({}, made.content_root)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_each_experiment_is_made_as_alone(two, resume):
+    """One that is there already is not made again."""
+    alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)
+    done = ibdata.generate(two / "a.yaml", "out/a", workers=1, seed=3)
+    made = ibdata.generate(two, "out", workers=1, seed=3, resume=resume)
+    assert list(made) == ["a", "b"]
+    assert made["a"].manifest == done.manifest
+    assert (made["b"].path, made["b"].content_root) == (Path("out/b"), alone.content_root)
+    assert ibdata.generate(two / "a.yaml", workers=1).path == Path("data/set-a")
+
+
+def test_all_are_checked_before_the_first_is_made(two):
+    ibdata.generate(two / "b.yaml", "data/two/b", workers=1, seed=1)
+    Path("file").touch()
+    for options, line in (
+        ({"overrides": ["steps=0"]}, "steps: found 0"),
+        ({}, "data/two/b: holds the dataset of another experiment"),
+        ({"out": "out", "workers": 0}, "workers: found 0"),
+        ({"out": "file"}, "file: is a file, not a folder"),
+        ({"out": "s3://bucket/x"}, "found a URL for a folder of experiments"),
+    ):
+        with pytest.raises((ConfigError, UsageError), match=line):
+            ibdata.generate(two, **{"workers": 1, **options})
+    assert [path.name for path in Path("data/two").iterdir()] == ["b"]
+    assert not Path("out").exists()
+
+
+def test_the_estimates_are_those_of_the_single_runs(two):
+    guessed = ibdata.estimate(two, workers=1)
+    assert [(g["name"], g["out"], g["rows"]) for g in guessed["experiments"]] == [
+        ("set-a", "data/two/a", 5),
+        ("set-b", "data/two/b", 5),
+    ]
+    assert (guessed["out"], guessed["rows"]) == ("data/two", 10)
+    assert len(guessed.to_pandas()) == 2
+    assert not Path("data").exists()
+
+
+def described(**changes):
+    plain = {"name": "guessed", "setpoints": [20.0, 70.0], "policies": ["random"], "episodes": 25}
+    return Experiment.model_validate({**plain, "steps": 1000, **changes})
+
+
+CASES = {
+    "plain": ({}, 0.1),
+    "shards": ({"output": {"shard_rows": 5000, "dtype": "float64"}}, 0.1),
+    "two": ({"policies": ["constant", "random"], "episodes": 50}, 0.2),  # constant takes half
+    "short": ({"setpoints": {"drifting": [10, 50]}, "steps": 7, "episodes": 800, "start": "uniform"}, 0.1),
+}
+
+
+@pytest.mark.parametrize(("changes", "share"), CASES.values(), ids=CASES)
+def test_the_bytes_are_close_to_those_made(changes, share):
+    """And the counts are exact."""
+    experiment = described(**changes)
+    guessed = estimate(experiment, Path("made"), workers=1)
+    made = ibdata.generate(experiment, "made", workers=1)
+    size = sum(path.stat().st_size for path in (made.path / "data").iterdir())
+    assert guessed["bytes"] == pytest.approx(size, rel=share)
+    for name in ("rows", "episodes", "shards"):
+        assert guessed[name] == made.info["counts"][name]
+
+
+def test_a_huge_run_is_estimated_at_once():
+    """Of a sample: to make it would take a year."""
+    guessed = estimate(described(episodes=10**9, output={"shard_rows": 10**8}), "s3://nowhere/x", workers=1)
+    assert (guessed["rows"], guessed["out"], guessed["folder"]) == (2 * 10**12, "s3://nowhere/x", None)
+    assert guessed["bytes"] > 10**13
+    assert guessed["seconds"] > 10**5

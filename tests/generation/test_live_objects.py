@@ -1,5 +1,7 @@
 """Objects of a Python session as policies of a run, which nobody can repeat."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,12 @@ def plain():
     wrapped = {"kind": "epsilon_greedy", "base": Mine(-0.5), "epsilon": 0.0}
     policies = [Mine(0.5), wrapped, lambda observations: 0.0 * observations[:, 1:4], "random"]
     return {"name": "x", "setpoints": [20, 70], "steps": 3, "policies": policies}
+
+
+def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
+    monkeypatch.setattr("ibdata.generation.run.finish", Mock(side_effect=Interrupted(2)))
+    with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
+        ibdata.generate(plain, "out")
 
 
 def test_an_object_acts_and_its_class_is_recorded(plain):
@@ -60,17 +68,6 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
         call(plain)
 
 
-def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
-    """What such a run has finished is of no use to another session."""
-
-    def stop(*args):
-        raise Interrupted(2)
-
-    monkeypatch.setattr("ibdata.generation.run.finish", stop)
-    with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
-        ibdata.generate(plain, "out")
-
-
 def test_a_second_run_is_another_experiment(plain):
     ibdata.generate(plain, "out")
     with pytest.raises(UsageError, match="out: holds the dataset of another experiment; --overwrite"):
@@ -79,15 +76,3 @@ def test_a_second_run_is_another_experiment(plain):
     assert ibdata.estimate(experiment)["rows"] == 32
     made = ibdata.generate(experiment, "out", overwrite=True)
     assert ibdata.generate(experiment, "out").content_root == made.content_root
-
-
-def test_options_of_an_object_are_those_of_a_block():
-    class Noisy:
-        def act(self, history, u):
-            assert history.shape[1:] == (2, 6)
-            return 2.0 * u - 1.0
-
-    block = {"kind": "custom", "target": Noisy(), "uniforms": 3, "history": 2, "name": "noisy"}
-    made = ibdata.generate({"name": "x", "setpoints": 70, "steps": 5, "policies": [block]}, "out")
-    assert set(made.to_pandas()["policy"]) == {"noisy"}
-    assert made.to_pandas()["act_gain"].nunique() == 5

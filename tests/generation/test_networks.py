@@ -7,7 +7,7 @@ from helpers import networks
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError
+from ibdata.errors import DatasetError, IbdataError
 from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
 
@@ -66,13 +66,9 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     copy = ibdata.split(made.path, "policy", materialize="copy")
     elsewhere()
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
-
-
-def test_finalize_needs_no_file_of_the_user(learned, elsewhere):
-    for i in (1, 2):
-        ibdata.generate(learned, "parts", shards=f"{i}/2", workers=1)
-    elsewhere()
-    assert ibdata.validate(ibdata.finalize("parts").path) == []
+    (copy.path / path).unlink()
+    with pytest.raises(DatasetError, match=r"weights cannot be made again; .* there, then repair"):
+        ibdata.repair(copy.path)
 
 
 def test_a_run_goes_on_with_its_own_weights_only(learned):
@@ -97,10 +93,3 @@ def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
     assert len(list((both.path / "meta").glob("policy-*.safetensors"))) == 2
     elsewhere()
     assert ibdata.validate(both.path) == []
-
-
-@pytest.mark.slow
-def test_workers_get_the_weights_from_the_experiment(learned, made):
-    experiment = ibdata.load(learned)
-    shutil.rmtree(learned.parent)
-    assert ibdata.generate(experiment, "several", workers=2).content_root == made.content_root

@@ -6,30 +6,18 @@ import stat
 from pathlib import Path
 
 import pytest
-from helpers.folders import is_right, part_of
+from helpers.folders import part_of
 from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.system import part
-from ibdata.system.files import write
 
 OTHER = TINY.model_copy(update={"seed": 1})
-
-
-class Killed(BaseException):
-    """Stands for a SIGKILL: no code of ibdata handles it."""
 
 
 @pytest.fixture(autouse=True)
 def _beside_a_dataset(tiny):
     shutil.copytree(tiny[1].path, "out")
-
-
-@pytest.fixture(params=[True, False], ids=["exchange", "renames"])
-def exchange(request, monkeypatch):
-    """Whether the system can exchange two folders."""
-    if not request.param:
-        monkeypatch.setattr(part, "exchanged", lambda a, b: False)
 
 
 def replace(experiment=TINY):
@@ -42,7 +30,7 @@ def test_no_two_runs_give_a_file_the_same_name():
     assert len(first | second) == 8
 
 
-def test_mode_and_group_are_kept(exchange):
+def test_mode_and_group_are_kept():
     for path, mode in {"out": 0o2750, "out/data": 0o770, "out/meta/manifest.json": 0o640}.items():
         if os.geteuid() == 0:
             os.chown(path, -1, 12345)
@@ -54,7 +42,7 @@ def test_mode_and_group_are_kept(exchange):
     assert found == [(0o2750, group), (0o770, group), (0o640, group), (0o640, group)]
 
 
-def test_an_edited_card_is_kept_beside_the_new_one(exchange, capsys):
+def test_an_edited_card_is_kept_beside_the_new_one(capsys):
     card, old = Path("out/README.md"), Path("out/README.md.old")
     replace()
     assert not old.exists()
@@ -66,37 +54,6 @@ def test_an_edited_card_is_kept_beside_the_new_one(exchange, capsys):
     replace()
     assert (old.read_text(), capsys.readouterr().err) == (text, "")
     assert ibdata.validate("out") == []
-
-
-NEXT = {
-    "plain": lambda: ibdata.generate(TINY, "out", workers=1),
-    "overwrite": replace,
-    "finalize": lambda: ibdata.finalize("out"),
-    "shards": lambda: (ibdata.generate(TINY, "out", shards="1/2", workers=1), ibdata.finalize("out")),
-}
-
-
-@pytest.mark.parametrize("then", NEXT.values(), ids=NEXT)
-def test_a_kill_between_two_renames_is_settled(tiny, files, monkeypatch, then):
-    """Where the folders cannot be exchanged, whoever comes next gives the new dataset its name."""
-    calls, rename = iter(range(9)), Path.rename
-
-    def killed(path, target):
-        if target == Path("out").resolve() and next(calls) == 0:
-            raise Killed
-        return rename(path, target)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(part, "exchanged", lambda a, b: False)
-        patched.setattr(Path, "rename", killed)
-        with pytest.raises(Killed):
-            replace()
-    assert not Path("out").exists()
-    then()
-    assert is_right("out", tiny[0].path, files)
-
-
-# --- on the disk
 
 
 @pytest.fixture
@@ -131,19 +88,3 @@ def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
     last = {path: i for i, path in enumerate(before)}
     assert all(last[str(p.parent)] > last[str(p)] for p in moved if p != inner)
     assert ("sync", str(tmp_path)) in events[at:]
-
-
-def test_a_receipt_follows_its_shard_to_the_disk(events, tmp_path):
-    ibdata.generate(TINY, "new", shards="1/4", workers=1)
-    folder = part_of(tmp_path / "new")
-    (shard,) = (folder / "dataset/data").iterdir()
-    (move,) = [event for event in events if event[-1] == str(folder / "receipts/00000.npy")]
-    order = [events.index(event) for event in (("sync", str(shard)), ("sync", move[1]), move)]
-    assert order == sorted(order)
-
-
-def test_a_small_file_is_on_the_disk_before_it_replaces_another(events, tmp_path):
-    write(tmp_path, "out/README.md", b"new")
-    (_, temporary), (_, *renamed), (_, folder) = events
-    assert renamed == [temporary, str(tmp_path / "out/README.md")]
-    assert folder == str(tmp_path / "out")

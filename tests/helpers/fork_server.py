@@ -1,7 +1,7 @@
 """Run `ibdata …` in forks of one process that has used every command before, which takes milliseconds.
 
 Reads requests as JSON lines on stdin and answers each with code and output. The keys of a request are args;
-folder, at, mode and log (see shim.c); user (whose rights the run has), megabytes (of memory) and exchange
+folder, at, mode and log (see shim.c); user (whose rights the run has) and exchange
 (whether two folders can be exchanged in one system call). A run that stops is answered with "stopped": then
 other requests may come, until null lets it go on.
 """
@@ -11,7 +11,6 @@ import ctypes
 import io
 import json
 import os
-import resource
 import signal
 import sys
 import tempfile
@@ -83,8 +82,6 @@ def child(request: dict[str, Any], output: int) -> int:
         os.setgroups([])
         os.setresgid(*[request["user"]] * 3)
         os.setresuid(*[request["user"]] * 3)
-    if request["megabytes"]:
-        resource.setrlimit(resource.RLIMIT_AS, (request["megabytes"] * 2**20,) * 2)
     return run(request["args"])
 
 

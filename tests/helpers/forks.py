@@ -37,7 +37,6 @@ class Forks:
         mode: str = "none",
         log: Path | str = "",
         user: int = 0,
-        megabytes: int = 0,
         exchange: bool = True,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> Answer:
@@ -46,7 +45,7 @@ class Forks:
         `meanwhile` is called where the run stops (mode SIGSTOP); it may run other commands.
         """
         request: dict[str, Any] = {"args": [str(arg) for arg in args], "folder": str(folder), "at": at}
-        request |= {"mode": mode, "log": str(log), "user": user, "megabytes": megabytes, "exchange": exchange}
+        request |= {"mode": mode, "log": str(log), "user": user, "exchange": exchange}
         answer = self._ask(request)
         while answer == "stopped":
             try:

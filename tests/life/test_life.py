@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from helpers.levels import FULL
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -25,7 +26,8 @@ from life import model
 from life.model import Expected, Place
 from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
 
-STEPS, PARTS = 25, 4  # of a story; of the many stories, for as many processes of pytest
+STEPS = 25 if FULL else 15  # of a story
+PARTS = 4  # of the many stories, for as many processes of pytest
 USERS = {"README.md", "README.md.old", "report.html"}  # files that the manifest does not list
 
 

@@ -10,13 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.folders import contents
 from helpers.forging import seal
-from helpers.networks import weights
-from helpers.tiny import PLAIN
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.maintenance import repair as repairing
+from ibdata.errors import DatasetError, UsageError
 from ibdata.maintenance.repair import repair
 from ibdata.validation.validate import validate
 
@@ -80,7 +77,7 @@ def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monk
     assert validate(copied) == []
 
 
-@pytest.mark.parametrize("column", ["episode", "step", "truncated", "latent_mu_v"])
+@pytest.mark.parametrize("column", ["episode", "latent_mu_v"])
 def test_a_wrong_value_in_any_column_makes_the_shard_again(copied, file, column):
     """The content digest does not cover the number of an episode, but the rules of rows do."""
 
@@ -98,8 +95,6 @@ def test_a_wrong_value_in_any_column_makes_the_shard_again(copied, file, column)
 
 LOST = {
     "missing": None,
-    "no JSON": lambda listed: "{",
-    "another split": lambda listed: listed["safe"].update(split={"policy": ["random"]}),
     "another run": lambda listed: listed["safe"].update(runs=[[0, 6]]),
 }
 
@@ -113,26 +108,13 @@ def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys, chang
     if change is None:
         path.unlink()
     else:
-        path.write_text(change(listed) or json.dumps(listed))
+        change(listed)
+        path.write_text(json.dumps(listed))
     assert repair(copied, workers=1) == [manifest.SPLITS]
     line = f"ibdata: {copied}: splits that were made later are lost; make them again\n"
     assert capsys.readouterr().err == line
     assert path.read_bytes() == before
     assert validate(copied) == []
-
-
-def test_lost_weights_are_named_with_their_hash(tmp_path):
-    (tmp_path / "x.safetensors").write_bytes(weights())
-    network = {"kind": "network", "file": str(tmp_path / "x.safetensors")}
-    made = ibdata.generate({**PLAIN, "policies": [network]}, tmp_path / "d", workers=1)
-    (path,) = (made.path / "meta").glob("policy-*")
-    whole = path.read_bytes()
-    path.unlink()
-    sha256 = made.manifest_model.entries()[f"meta/{path.name}"].sha256
-    with pytest.raises(DatasetError, match=f"weights cannot be made again; .* {sha256} there, then repair"):
-        repair(made.path, workers=1)
-    path.write_bytes(whole)
-    assert repair(made.path, workers=1) == []
 
 
 def test_metadata_are_made_again_from_the_rows(copied, monkeypatch):
@@ -143,16 +125,6 @@ def test_metadata_are_made_again_from_the_rows(copied, monkeypatch):
         damage(copied / path, "cut")
         assert repair(copied, workers=1) == [path]
         assert contents(copied) == before
-
-
-def test_metadata_are_not_made_from_other_rows(copied, file):
-    whole = (copied / file("shard 1")).read_bytes()
-    rewritten(copied / file("shard 1"), lambda t: t.set_column(9, t.schema.field(9), t.column(10)))
-    seal(copied)
-    damage(copied / "meta/episodes.parquet", "cut")
-    repair(copied, workers=1)
-    assert (copied / file("shard 1")).read_bytes() == whole
-    assert validate(copied) == []
 
 
 def of_another_seed(folder):
@@ -183,18 +155,3 @@ def test_what_cannot_be_repaired_is_named_and_stays(copied, prepare, error, line
         repair(copied, workers=1)
     assert contents(copied) == before
     assert os.listdir(copied.parent) == [copied.name]
-
-
-def test_a_dataset_that_is_replaced_meanwhile_stays(copied, file, monkeypatch):
-    found = repairing._spec
-
-    def replaced(folder, listed):
-        spec = found(folder, listed)
-        ibdata.generate({**PLAIN, "seed": 1}, folder, workers=1, overwrite=True)
-        return spec
-
-    monkeypatch.setattr(repairing, "_spec", replaced)
-    damage(copied / file("shard 0"), "cut")
-    with pytest.raises(BusyError, match="replaced while it was read; open it again"):
-        repair(copied, workers=1)
-    assert validate(copied) == []

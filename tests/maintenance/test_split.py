@@ -1,6 +1,5 @@
 """Splits of a finished dataset: labels without copies, copies in whole files, and no leaks."""
 
-from inspect import signature
 from itertools import combinations
 
 import pyarrow.parquet as pq
@@ -11,8 +10,6 @@ from helpers.tiny import MANY
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
-from ibdata.experiment import split_schemes
-from ibdata.maintenance import split_options
 
 SETPOINTS = set(MANY["setpoints"])
 BOTH = {"random", "safe"}
@@ -71,12 +68,6 @@ def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expecte
         assert not digests[0] & digests[1]
     assert set(split.splits) == {"low", *expected}
     assert ibdata.validate(made.path) == []
-
-
-def test_every_scheme_has_a_function_with_its_options():
-    for scheme, options in split_options.SCHEMES.items():
-        taken = signature(split_schemes.SCHEMES[scheme]).parameters
-        assert tuple(taken) == ("spec", *options)
 
 
 def test_close_setpoints_are_told_apart(made_at, tmp_path):
@@ -142,19 +133,33 @@ def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
     assert [s["content"] for s in again.manifest["shards"]] == [s["content"] for s in copy.manifest["shards"]]
 
 
-def test_the_budget_is_that_of_the_target_in_a_merged_dataset(made_at, tmp_path):
-    """No target cell has episodes beyond the budget, although a source cell has."""
-    parts = []
-    for setpoint, episodes in ((50, 5), (75, 2)):
-        experiment = {"name": "part", "setpoints": setpoint, "policies": ["random"], "steps": 5}
-        parts.append(made_at({**experiment, "episodes": episodes}, tmp_path / str(setpoint)).path)
-    made = ibdata.merge(parts, tmp_path / "merged")
-    split = ibdata.split(made.path, source=[50], target=[75], shots=2)
-    assert {name: each["episodes"] for name, each in split.splits.items()} == {"source": 5, "target": 2}
-    with pytest.raises(
-        UsageError, match="budget of 3 episodes, expected at most 2, the episodes of each pol"
-    ):
-        ibdata.split(made.path, source=[50], target=[75], shots=3)
+TRANSFER = {"source": [50], "target": [75]}
+REFUSED = [
+    ({"source": [50], "target": [50]}, "found 50 as source and target, expected different"),
+    ({"source": [50]}, "found none as source and target"),
+    ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
+    ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
+    ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),
+    ({**TRANSFER, "fractions": (0.5, 0.5)}, "found --fractions, but the scheme transfer uses only --source"),
+    ({"source": [50], "target": [75], "names": {"source": "low"}}, "low is a declared split"),
+    ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
+    ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
+    ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
+    (
+        {"by": "policy", "names": {"saef": "x"}},
+        "found 'saef' to be renamed, expected one of random, safe",
+    ),
+]
+
+
+@pytest.mark.parametrize(("call", "line"), REFUSED)
+def test_what_cannot_be_meant_is_refused(made, call, line):
+    """tests/corpus has more."""
+    before = contents(made.path)
+    with pytest.raises(UsageError) as error:
+        ibdata.split(made.path, **call)
+    assert line in str(error.value)
+    assert contents(made.path) == before
 
 
 def test_several_schemes_live_together_under_names_of_their_own(made_at, made, tmp_path):
@@ -170,29 +175,8 @@ def test_several_schemes_live_together_under_names_of_their_own(made_at, made, t
     assert list(merged.splits) == names
     assert merged.splits["near-target"]["episodes"] == 4
     assert merged.splits["near-target"]["declared"]
-    for folder in (made.path, merged.path):
-        assert ibdata.validate(folder) == []
-
-
-def test_declared_and_later_splits_live_together(made_at, tmp_path):
-    declared = {"source": {"setpoint": 50}, "target": {"setpoint": 75}}
-    made = made_at({**MANY, "splits": declared}, tmp_path / "x")
-    with pytest.raises(UsageError, match=r"source is a declared split, .* with --prefix or --name"):
-        ibdata.split(made.path, source=[50], target=[90])
-    split = ibdata.split(made.path, source=[50], target=[90], prefix="far")
-    assert list(split.splits) == ["source", "target", "far-source", "far-target"]
-    assert members(split, "far-source") == members(split, "source")
+    ibdata.split(made.path, remove=["at-50", "at-90", "last"])
     copy = ibdata.split(made.path, materialize=tmp_path / "copy")
-    assert conditions(copy, "far-target") == ({90.0}, BOTH, ALL)
-    for folder in (made.path, copy.path):
+    assert list(copy.splits) == ["low", "near-source", "near-target", "near-target-rest", "x-train"]
+    for folder in (made.path, merged.path, copy.path):
         assert ibdata.validate(folder) == []
-
-
-def test_later_splits_are_removed_and_others_made_in_one_go(made, tmp_path):
-    ibdata.split(made.path, by="policy")
-    split = ibdata.split(made.path, source=[50], target=[75], remove=["safe"])
-    assert list(split.splits) == ["low", "random", "source", "target"]
-    copy = ibdata.split(made.path, remove=["random"], materialize=tmp_path / "copy")
-    assert list(copy.splits) == ["low", "source", "target"]
-    assert list(ibdata.split(made.path, remove=["random", "source", "target"]).splits) == ["low"]
-    assert ibdata.validate(made.path) == []

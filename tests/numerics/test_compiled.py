@@ -65,7 +65,7 @@ def test_a_second_process_and_a_clone_compile_nothing(code, copy):
     assert run(package=copy, IBDATA_CACHE_DIR=code) == ("60.0", False)
 
 
-@pytest.mark.parametrize("edited", [FILE, "errors.py", "policies/random.py"])
+@pytest.mark.parametrize("edited", [FILE, "errors.py"])
 def test_comments_and_other_files_change_nothing(code, copy, edited):
     """Only the code of a module, and of those that it imports, counts."""
     with (copy / "ibdata" / edited).open("a") as file:
@@ -93,11 +93,10 @@ def test_a_number_of_another_module_counts(tmp_path, copy):
     assert run(look, package=copy) != before
 
 
-@pytest.mark.parametrize("kept", [0, 0.5])
-def test_damaged_machine_code_is_compiled_again(code, kept):
+def test_damaged_machine_code_is_compiled_again(code):
     """A file that was cut off is passed over, and written again."""
     for path in (code / "numba").iterdir():
-        path.write_bytes(path.read_bytes()[: int(kept * path.stat().st_size)])
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     assert run(IBDATA_CACHE_DIR=code) == ("60.0", True)
     assert run(IBDATA_CACHE_DIR=code) == ("60.0", False)
 

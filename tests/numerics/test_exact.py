@@ -1,4 +1,4 @@
-"""The transcendental functions against mpmath at 50 digits, and their bits."""
+"""The transcendental functions, sine and cosine against mpmath, and their bits."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from helpers.examples import tries
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ibdata.numerics.circle import TWO_PI, cosine, sine
 from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow, tanh
 
 mp = mpmath.mp.clone()
@@ -137,3 +138,28 @@ GOLDEN = [
 def test_the_bits_are_those_of_the_first_release(call, bits):
     function, *arguments = call
     assert float(function(*arguments)).hex() == bits
+
+
+TURNS = np.concatenate(
+    [np.random.default_rng(0).uniform(-2.0, 2.0, 1000), np.random.default_rng(1).uniform(-1e6, 1e6, 200)]
+)
+
+
+@pytest.mark.parametrize(("function", "true"), [(cosine, mpmath.cospi), (sine, mpmath.sinpi)])
+def test_the_error_is_below_that_of_a_double(function, true):
+    with mpmath.workprec(120):
+        errors = [abs(true(2 * mpmath.mpf(float(x))) - mpmath.mpf(float(function(x)))) for x in TURNS]
+    assert max(errors) < 2e-16
+
+
+@pytest.mark.parametrize("whole", [-3.0, 0.0, 2.0, 1e9])
+def test_quarters_of_a_turn_are_exact(whole):
+    quarters = [whole + x for x in (0.0, 0.25, 0.5, 0.75)]
+    assert [cosine(x) for x in quarters] == [1.0, 0.0, -1.0, 0.0]
+    assert [sine(x) for x in quarters] == [0.0, 1.0, 0.0, -1.0]
+    assert not any(np.signbit(cosine(x)) for x in quarters if cosine(x) == 0.0)
+
+
+def test_the_constant_is_its_formula_rounded_to_a_double():
+    with mpmath.workprec(200):
+        assert float(2 * mpmath.pi) == TWO_PI

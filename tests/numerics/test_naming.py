@@ -8,7 +8,8 @@ import string
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from helpers.examples import tries
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
@@ -48,7 +49,7 @@ def readers():
 
 
 @given(SETPOINTS)
-@settings(derandomize=True, deadline=None)
+@tries(100)
 def test_a_setpoint_is_written_as_what_it_is(p):
     assert float(exact(p)) == p
     if float(f"{p:g}") == p:
@@ -83,7 +84,7 @@ def test_the_front_matter_of_a_card_names_splits_by_text(reader):
 
 
 @given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))
-@settings(derandomize=True, deadline=None)
+@tries(100)
 @example([50.0, 50.0000001, 50.0000002, 60.0, 12.5])
 def test_no_two_folds_have_one_name_and_each_may_name_a_split(setpoints):
     folds = leave_one_out(DatasetSpec.of(described(setpoints=setpoints)))

@@ -1,15 +1,16 @@
-"""The figures of the paper show the numbers of the dynamics."""
+"""The figures of the paper, and of a running episode, show the numbers of the dynamics."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
 from ibdata.dynamics import VARIANTS
 from ibdata.experiment import load
 from ibdata.experiment.rollout import rollout
+from ibdata.plots.data import episodes
+from ibdata.plots.episode import PANELS, draw_episode, frame
 from ibdata.plots.paper import dynamics, landscape, policies, setpoints
 
 pytestmark = pytest.mark.slow
@@ -40,14 +41,6 @@ def test_the_landscape_s_numbers_are_the_penalty_s():
     assert np.allclose(m, m[::-1, ::-1], rtol=0, atol=1e-12)
 
 
-def test_the_landscape_draws_them_each_direction_a_column():
-    axes = drawn(landscape)[0]
-    (mesh,) = (item for item in axes.collections if isinstance(item, QuadMesh))
-    assert np.array_equal(mesh.get_array(), landscape.grid()[2])
-    assert mesh.get_coordinates()[0, :, 0].tolist() == [x - 6.5 for x in range(14)]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("direction φ", "effective shift hᵉ")
-
-
 def test_the_three_policies_go_where_the_paper_says():
     optimal, given_up, bad = (policies.path(delta_h) for delta_h in policies.POLICIES.values())
     assert optimal.phi.tolist() == [*UP_AND_BACK, *range(-5, 1)]
@@ -58,16 +51,6 @@ def test_the_three_policies_go_where_the_paper_says():
     assert bad.he[6:].tolist() == [1.5] * 15
     means = [path.m[1:].mean() for path in (optimal, given_up, bad)]
     assert means[0] < means[1] < 0.0 < means[2]
-
-
-def test_the_panels_draw_these_paths_and_say_their_means():
-    panels = drawn(policies)[:3]
-    for axes, delta_h in zip(panels, policies.POLICIES.values(), strict=True):
-        path = policies.path(delta_h)
-        track = next(line for line in axes.get_lines() if len(line.get_xdata()) == len(path.phi))
-        assert np.array_equal(track.get_xdata(), path.phi)
-        assert np.array_equal(track.get_ydata(), path.he)
-        assert axes.get_title().endswith(f"{path.m[1:].mean():.2f}".replace("-", "−"))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -134,3 +117,26 @@ def test_the_setpoints_are_four_with_the_variant_s_rates(variant):
     assert all(
         np.array_equal(line.get_ydata(), path) for line, path in zip(axes.get_lines(), paths, strict=True)
     )
+
+
+def seen(steps):
+    (columns,) = episodes("siemens", 70.0, "random", steps, 0)
+    return {name.removeprefix("obs_").removeprefix("latent_"): x for name, x in columns.items()}
+
+
+def test_the_panels_draw_what_is_seen_and_what_is_hidden():
+    steps = seen(80)
+    figure = Figure()
+    draw_episode(figure, steps)
+    for axes, (_, variables) in zip(figure.axes, PANELS, strict=True):
+        assert len(axes.get_lines()) == len(variables)
+        for line, (name, label, *_) in zip(axes.get_lines(), variables, strict=True):
+            assert line.get_label() == label
+            assert np.array_equal(line.get_ydata(), steps[name])
+    assert figure.axes[-1].get_xlim() == (0, 79)
+
+
+def test_a_frame_is_of_one_size_from_the_first_step_on():
+    frames = [frame(seen(count)) for count in (1, 2, 60)]
+    assert all((x.shape, x.dtype) == ((600, 900, 3), np.uint8) for x in frames)
+    assert (frames[0] != frames[2]).any()

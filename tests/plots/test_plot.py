@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -13,8 +12,6 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-import ibdata
-from ibdata import Experiment
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.plots import plot, plots
 
@@ -70,21 +67,6 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     assert contents(tmp_path / "again") == contents(tmp_path / "svg")
 
 
-def test_a_policy_without_densities_is_drawn(tmp_path, monkeypatch):
-    (tmp_path / "own_policy.py").write_text(
-        "import numpy as np\n"
-        "class Still:\n"
-        "    def act(self, history, u):\n"
-        "        return np.zeros((len(history), 3))\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    policies = [{"kind": "custom", "name": "own", "target": "own_policy:Still"}]
-    plain = {"name": "own", "setpoints": 50, "policies": policies, "episodes": 2, "steps": 20}
-    made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "own", workers=1, allow_code=True)
-    assert made.to_pandas()["action_log_prob"].isna().all()
-    assert len(plot(made, tmp_path / "pictures")) == len(NAMES) - 1  # there are no splits
-
-
 def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_path):
     (tmp_path / "figures" / "both").mkdir(parents=True)
     (tmp_path / "figures" / "both" / "traces.png").write_text("mine")
@@ -107,41 +89,6 @@ def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
         plot(merged, tmp_path / "file")
     assert caught.value.exit_code == 1
     assert os.listdir(tmp_path) == ["file"]
-
-
-def edit(change):
-    def damage(folder, shard_file, sign):
-        path = folder / "meta" / "statistics.json"
-        data = json.loads(path.read_text())
-        change(data["all"])
-        path.write_text(json.dumps(data))
-        sign(folder, "meta/statistics.json")
-
-    return damage
-
-
-def repeat_a_shard(folder, shard_file, sign):
-    shutil.copy(folder / shard_file(folder, 1), folder / shard_file(folder, 0))
-
-
-DAMAGE = {
-    "no range": (
-        edit(lambda all: all["reward"].update(min=None)),
-        r"statistics\.json: reward: found min None",
-    ),
-    "no column": (edit(lambda all: all.pop("reward")), r"statistics\.json: reward: found min"),
-    "other rows": (repeat_a_shard, r"data/part-00000-[0-9a-f]{8}\.parquet: found 240 rows, expected 120"),
-}
-
-
-@pytest.mark.parametrize("how", DAMAGE)
-def test_a_damaged_dataset_is_told_to_be_validated(make, tmp_path, shard_file, sign, how):
-    folder = shutil.copytree(make(splits={"low": {"setpoint": 20}}).path, tmp_path / "damaged")
-    damage, message = DAMAGE[how]
-    damage(folder, shard_file, sign)
-    with pytest.raises(DatasetError, match=f"{message}.*see ibdata validate"):
-        plot(folder, tmp_path / "a")
-    assert os.listdir(tmp_path) == ["damaged"]
 
 
 def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):

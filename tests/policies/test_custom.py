@@ -40,9 +40,10 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
 @pytest.mark.parametrize(
     ("target", "line"),
     [
-        ("mine:absent", "mine:absent: cannot be loaded: AttributeError"),
+        ("mine:Lerned", "mine:Lerned: found no 'Lerned' in the module; did you mean 'Learned'?"),
+        ("mine:by_name", "mine:by_name: found a function of obs, expected one whose first parameter is `obs"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
-        ("mine:failing", "mine:failing: cannot be loaded: mine.py:30: RuntimeError: no weights"),
+        ("mine:failing", "mine:failing: cannot be loaded: mine.py:33: RuntimeError: no weights"),
         (
             "mine:nothing",
             "mine:nothing: found object, expected an object with decide(given), act(history, u)",
@@ -50,10 +51,16 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
         ("mine:counting", "policy custom: found other actions when the same was asked again"),
     ],
 )
-def test_what_cannot_be_used_is_one_line_and_leaves_nothing(mine, target, line):
+@pytest.mark.usefixtures("mine")
+def test_what_cannot_be_used_is_one_line(target, line):
     with pytest.raises(PolicyError) as error:
-        ibdata.generate(described(target=target), "out", workers=1, allow_code=True)
+        ibdata.evaluate({"kind": "custom", "target": target}, steps=3, episodes=2)
     assert str(error.value).startswith(line)
+
+
+def test_what_cannot_be_used_leaves_nothing(mine):
+    with pytest.raises(PolicyError, match=r"^mine:absent: found no 'absent'"):
+        ibdata.generate(described(target="mine:absent"), "out", workers=1, allow_code=True)
     assert not (mine / "out").exists()
 
 
@@ -94,6 +101,7 @@ def test_deterministic_code_has_a_density_and_may_be_a_base(mine):
     assert rows["action_log_prob"].nunique() > 2
 
 
+@pytest.mark.slow
 def test_an_undeclared_file_in_params_is_said(mine, capsys):
     (mine / "weights.pt").write_text("1")
     params = {"at": ["weights.pt", "no.pt"]}
@@ -105,6 +113,7 @@ def test_an_undeclared_file_in_params_is_said(mine, capsys):
         assert capsys.readouterr().err.count(said) == lines
 
 
+@pytest.mark.slow
 def test_repair_and_reproduce_need_leave_and_the_rest_runs_no_code(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
     (mine / "imported").unlink()

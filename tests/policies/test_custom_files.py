@@ -50,6 +50,7 @@ def still():
     return ibdata.evaluate({"kind": "constant", "action": [0.5] * 3}, steps=3, episodes=2).returns
 
 
+@pytest.mark.slow
 def test_a_module_beside_the_yaml_is_found_or_one_here(beside, tmp_path):
     (code,) = beside("policy_beside:Own").manifest["code"]
     assert code["sha256"] == sha256(tmp_path / "exp/policy_beside.py")
@@ -80,6 +81,7 @@ def test_an_edit_of_a_helper_is_said_and_makes_new_data(beside, tmp_path):
     assert (again.to_pandas()["act_gain"] == 0.25).all()
 
 
+@pytest.mark.slow
 def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     beside("code/own-policy.py:Own")
     assert ibdata.validate("out") == []
@@ -102,7 +104,7 @@ def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
         beside("code/own-policy.py:Own")
 
 
-@pytest.mark.parametrize("name", ["json", "own-policy"])
+@pytest.mark.parametrize("name", ["json", pytest.param("own-policy", marks=pytest.mark.slow)])
 def test_a_file_may_have_the_name_of_any_module(beside, tmp_path, name):
     (tmp_path / f"exp/{name}.py").write_text((tmp_path / "exp/policy_beside.py").read_text())
     assert set(beside(f"{name}.py:Own").to_pandas()["act_gain"]) == {0.5}

@@ -11,7 +11,7 @@ from helpers import ROOT, script
 from helpers.baseline_lines import baseline
 
 import ibdata
-from ibdata.evaluation.baselines import FILE, SETTINGS, Baseline, measured, shipped_baselines
+from ibdata.evaluation.baselines import FILE, Baseline, measured, shipped_baselines
 from measuring.documents import measured as tables_of
 from training import page
 from training.runner import Runner
@@ -41,15 +41,6 @@ def run(baselines, tmp_path, monkeypatch, capsys):
 
 def line(run, shift=0.0) -> Baseline:
     return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
-
-
-def test_the_plan_begins_with_seed_0_of_the_siemens_sets(baselines):
-    plan = baselines.plan()
-    assert len(plan) == len(set(plan)) == 24 + 24 * 4 * 3 + 4 * 2 * 3 + 5 + 16 + 4 * 2
-    first = plan[: 16 + 64]
-    assert {run.set for run in first} == set(baselines.SIEMENS)
-    assert {run.seed for run in first} == {None, 0}
-    assert all(run.seed in (None, 0) for run in plan[: 24 + 24 * 4 + 8])
 
 
 def test_a_line_keeps_the_returns_and_their_statistics(baselines):
@@ -85,20 +76,6 @@ def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
     )
 
 
-def test_words_choose_runs(baselines, run):
-    lines, _ = run(baselines.plan(), "optimized-40", "bc", "1")
-    assert [each.key for each in lines] == [("siemens-offline/optimized-40", "bc", 1)]
-    with pytest.raises(SystemExit, match="expected words that --list prints"):
-        run(baselines.plan(), "optimized-41")
-
-
-def test_the_file_is_sorted_for_the_page(baselines, run, tmp_path):
-    plan = baselines.plan()[14:20]
-    run(plan[::-1])
-    run(plan, "--page")
-    assert shipped_baselines(tmp_path / "x.jsonl") == [line(key) for key in plan]
-
-
 def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, run, tmp_path, capsys):
     plan = baselines.plan()[14:18]
 
@@ -111,15 +88,6 @@ def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, run, 
         run(plan, made=made)
     assert shipped_baselines(tmp_path / "x.jsonl") == [line(key) for key in (plan[0], *plan[2:])]
     assert "2/4 siemens-offline/optimized-80 behaviour: failed\nTraceback" in capsys.readouterr().err
-
-
-def test_a_known_result_is_made_again_and_compared(baselines, run):
-    plan = [baselines.Run("siemens-offline/optimized-40", "bc", 0)]
-    run(plan)
-    lines, (new, old) = run(plan, "--again", made=lambda key, data: line(key, shift=100.0))
-    assert "return -64.00" in new
-    assert "bc 0, in x.jsonl: return -65.00" in old
-    assert lines == [line(plan[0])]
 
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
@@ -172,19 +140,6 @@ def test_runs_are_counted_by_their_paired_difference(baselines):
         "| CQL | 1 | 1 | 0 / 0 / 1 | 0 / 0 / 1 | – | – |",
         "| BCQ | 2 | 1 | 1 / 0 / 1 | 1 / 0 / 0 | – | – |",
     ]
-
-
-def test_the_page_has_the_protocol_of_the_results():
-    for each in LINES:
-        if each.algorithm != "behaviour":
-            numbers = {**each.hyperparameters, "steps": each.training_steps}
-            steps = 1_000 if each.algorithm == "model-based" else 15_000
-            wanted = {"steps": steps, "history": 30, "reward_scale": 0.01, "hidden_units": [64, 64]}
-            assert {**numbers, **wanted, "batch_size": 256} == numbers
-            assert numbers.get("gamma", 0.97) == 0.97
-    assert "15,000 steps with batches of 256" in PAGE
-    assert "1,000 steps with batches of 256" in PAGE
-    assert SETTINGS["episodes"] == 200
 
 
 def test_shipped_lines_are_those_of_the_plan_in_its_order(baselines):

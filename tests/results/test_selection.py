@@ -9,9 +9,8 @@ import re
 
 import numpy as np
 import pytest
-from helpers import ROOT, script
+from helpers import ROOT
 
-import ibdata
 from measuring.documents import measured as tables_of
 from training import selecting, selection_page
 from training.selecting import ESTIMATORS, Checkpoint, Estimate, Line, plan
@@ -35,30 +34,6 @@ def line(one: Checkpoint, value: float = -6000.0, **estimates: float | None) -> 
         cpu_seconds={"FQE": 10.0},
         versions={},
     )
-
-
-def test_the_plan_has_twenty_policies_of_each_of_four_sets():
-    assert len(set(plan())) == len(plan()) == 80
-    assert [sum(one.set == name for one in plan()) for name in selecting.SETS] == [20] * 4
-    assert {one.training_steps for one in plan()} == set(selecting.GRID)
-
-
-def test_shorter_episodes_are_beginnings_of_longer_ones(tmp_path):
-    """So importance sampling may use `steps=100`, from which the sets are made again."""
-
-    def made(steps):
-        changes = {"episodes": 3, "steps": steps}
-        folder = tmp_path / str(steps)
-        return ibdata.generate("siemens-offline/bad-60", folder, workers=1, overrides=changes)
-
-    long, short = (made(steps).arrays(history=2) for steps in (60, 20))
-    early = long["step"] < 20
-    for name in ("observations", "actions", "rewards", "episode"):
-        assert np.array_equal(long[name][early], short[name])
-
-
-def test_the_absolute_error_is_the_mean_distance():
-    assert selecting.absolute_error(FOUR, FOUR + np.array([1.0, -3.0, 0.0, 0.0])) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -109,21 +84,6 @@ def test_an_estimator_that_lacks_one_policy_has_no_measures():
     rows = {row.split(" | ")[0]: row for row in selection_page.measures(lines).splitlines()}
     assert rows["| weighted IS"] == "| weighted IS | – | – | – | – |"
     assert rows["| FQE"].startswith("| FQE | 0.0 [0.0, 0.0] | 1.00 [1.00, 1.00] | 0.0 ")
-
-
-def test_intervals_are_counted_that_contain_the_true_value():
-    def of(value, interval):
-        made = line(plan()[0], value)
-        return made.model_copy(update={"estimates": {"FQE": Estimate(mean_return=0.0, interval=interval)}})
-
-    lines = [of(-5.0, (-5.0, 0.0)), of(-5.1, (-5.0, 0.0)), of(1.0, (-5.0, 0.0)), of(0.0, None)]
-    assert selection_page.covered(lines, "FQE") == "1 of 3"
-
-
-def test_a_result_is_said_in_a_line():
-    assert script("selection").said(line(plan()[0])) == (
-        "value -60.0, per decision -60.0, weighted -60.0, FQE -60.0, model -60.0, in hundreds"
-    )
 
 
 def test_the_shipped_results_are_those_of_the_plan_in_its_order():

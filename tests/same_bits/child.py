@@ -95,8 +95,6 @@ def facts() -> dict[str, object]:
         "blas": core_name(),
         "CPU_NAME": config.CPU_NAME,
         "CPU_FEATURES": config.CPU_FEATURES,
-        "OPT": int(config.OPT),
-        "SLP_VECTORIZE": config.SLP_VECTORIZE,
         "DISABLE_JIT": config.DISABLE_JIT,
         "lanes": rollout.LANES,
         "chunk": rollout.CHUNK,

@@ -11,8 +11,6 @@ import sys
 import pytest
 from helpers.matrix import PACKAGE, Row
 
-from ibdata.experiment import self_check
-
 pytestmark = pytest.mark.same_bits
 
 # Where the floating-point environment of glibc holds the bits that switch denormal numbers off: the word, and
@@ -102,15 +100,3 @@ def test_denormal_numbers_that_are_switched_off_show(bits):
     )
     assert child.stdout.split() == ["False", "False", "True", "False"]
     assert child.stderr.count("computes other bits than expected") == 1
-
-
-def test_both_known_runs_count(monkeypatch):
-    """They have every variant, and moving setpoints."""
-    runs = (self_check.MOVING, self_check.PRINTED)
-    assert {run["dynamics"] for run in runs} == {"siemens", "paper"}
-    assert any("drifting" in run["setpoints"] for run in runs)
-    assert self_check.is_right(self_check.answer())
-    for name in ("MOVING", "PRINTED"):
-        with monkeypatch.context() as changed:
-            changed.setattr(self_check, name, {**getattr(self_check, name), "seed": 1})
-            assert not self_check.is_right(self_check.answer())

@@ -47,14 +47,10 @@ ROWS = [
 ]
 if SIZE == "full":
     ROWS += [
-        _blas("NEHALEM", "Nehalem"),
         _blas("SANDYBRIDGE", "Sandybridge"),
-        _blas("ZEN", "Haswell"),
         _numba("without AVX-512", features="-avx512f", fuses=HAS_FMA),
         _numba("without FMA", features="-fma"),
         _numba("without AVX2 and FMA", features="-avx2,-fma"),
-        _row("numba without optimization", {"NUMBA_OPT": "0"}, own_code=True, OPT=0),
-        _row("numba with SLP vectorization", {"NUMBA_SLP_VECTORIZE": "1"}, own_code=True, SLP_VECTORIZE=1),
     ]
     ROWS += [_blas("SKYLAKEX", "SkylakeX")] if HAS_AVX512 else []
 
@@ -69,11 +65,6 @@ def test_the_interpreted_run_writes_the_same_files(matrix):
 
 
 # Without the following, the rows might show nothing.
-
-
-def test_numpy_has_features_to_turn_off():
-    assert DISPATCHED
-    assert bool(BEYOND_AVX2) == HAS_AVX512
 
 
 @pytest.mark.parametrize(
@@ -92,26 +83,7 @@ def test_the_c_library_without_fma_computes_another_exp(matrix, unmodified):
     assert (found != unmodified["facts"]["libc exp"]) == HAS_FMA
 
 
-def test_the_compiler_fuses_multiply_and_add_where_it_may(unmodified):
-    assert unmodified["facts"]["fuses"] == HAS_FMA
-
-
 def test_a_setting_that_is_not_in_force_is_found_out(matrix):
     child = matrix.child(_row("numpy unchanged", {}, off=DISPATCHED))
     assert child.returncode == 1
     assert f"{DISPATCHED[0]}: found True, expected False" in child.stderr
-
-
-def test_machine_code_for_one_processor_is_not_run_on_another(matrix, tmp_path):
-    """They share a folder; numba names what it keeps there by processor and features."""
-
-    def kept_after(name, **env):
-        child = matrix.child(Row(name, env=env, spec={"size": "tiny"}), code=tmp_path)
-        assert child.returncode == 0, child.stderr
-        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
-
-    host = kept_after("cache host")
-    generic = kept_after("cache generic", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
-    assert len(generic) == 2 * len(host) > 0
-    assert {path: generic[path] for path in host} == host
-    assert kept_after("cache host again") == generic

@@ -32,9 +32,6 @@ TYPES = {
     "episode": "int64", "step": "int32", "terminated": "bool", "truncated": "bool", "policy": "string",
 }  # fmt: skip
 
-drifting = pytest.mark.parametrize("drifting", [False, True], ids=["constant", "moving"])
-latent = pytest.mark.parametrize("latent", [False, True, "full", "next"])
-
 
 def described(latent, drifting, dtype="float32", **changes):
     plain = {
@@ -46,10 +43,10 @@ def described(latent, drifting, dtype="float32", **changes):
     return Experiment.model_validate({**plain, **changes})
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@drifting
-@latent
-def test_names_roles_and_types_follow_the_output(latent, drifting, dtype):
+@pytest.mark.parametrize("drifting", [False, True], ids=["constant", "moving"])
+@pytest.mark.parametrize("latent", [False, True, "full", "next"])
+def test_names_roles_and_types_follow_the_output(latent, drifting):
+    dtype = "float64" if latent == "next" else "float32"
     hidden = [*HIDDEN, *(MOVING if drifting else [])] if latent else []
     groups = dict(ROLES)
     last = {role: groups.pop(role) for role in ("policy", "log_prob")}
@@ -78,8 +75,7 @@ def test_every_column_is_described_with_its_unit_and_its_moment():
     assert by_name["latent_theta_9"].description.endswith(", 9 steps ago, at t")
 
 
-@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
-@drifting
+@pytest.mark.parametrize(("dynamics", "drifting"), [("siemens", True), ("paper", False)])
 def test_generated_values_keep_the_documented_bounds(drifting, dynamics):
     """Policies that push the steerings to both ends reach the ends of most ranges."""
     ends = [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [0.0, 0.0, 0.3]]

@@ -65,7 +65,6 @@ def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
 CALLS = {
     "evaluate": lambda folder, out, **options: ibdata.evaluate("safe", episodes=300, steps=70, **options),
     "validate": lambda folder, out, **options: ibdata.validate(folder, **options),
-    "validate quickly": lambda folder, out, **options: ibdata.validate(folder, quick=True, **options),
     "export": lambda folder, out, **options: ibdata.export(folder, to="csv", out=out / "x.csv", **options),
     "plot": lambda folder, out, **options: plot(folder, out, **options),
 }
@@ -83,8 +82,6 @@ def test_a_bar_is_shown_in_python_when_asked_for(bars, dataset, tmp_path, call):
 
 COMMANDS = {
     "evaluate": "evaluate --policy safe --steps 3",
-    "validate": "validate {folder}",
-    "export": "export {folder} --to csv --out {out}/x.csv",
     "generate": "generate --config random --set steps=3 --out {out}/made --workers 1",
 }
 

@@ -1,7 +1,6 @@
 """Signals become exceptions, at once or at the end of a block of `held`, even if other code catches them."""
 
 import signal
-import threading
 
 import pytest
 
@@ -71,17 +70,3 @@ def test_a_signal_that_is_ignored_stays_so():
     with stoppable():
         signal.raise_signal(signal.SIGHUP)
     signal.signal(signal.SIGHUP, before)
-
-
-def test_other_threads_install_no_handlers():
-    """Python handles signals in its main thread only."""
-    found = []
-
-    def work():
-        with stoppable():
-            found.append(signal.getsignal(signal.SIGTERM))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert found == [signal.getsignal(signal.SIGTERM)]

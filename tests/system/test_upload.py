@@ -72,8 +72,7 @@ def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_
     assert paths == []
 
 
-@pytest.mark.parametrize("puts", [0, 1, 7, FILES - 1])
-@pytest.mark.parametrize("torn", [False, True])
+@pytest.mark.parametrize(("puts", "torn"), [(0, False), (7, True), (FILES - 1, True)])
 def test_a_broken_upload_is_repeated(url, monkeypatch, is_whole, puts, torn, capsys):
     interrupted(monkeypatch, url, puts, torn)
     before = contents("there")
@@ -87,20 +86,7 @@ def test_a_broken_upload_is_repeated(url, monkeypatch, is_whole, puts, torn, cap
     assert capsys.readouterr().err == ""
 
 
-def test_another_experiment_is_refused(url, monkeypatch):
-    """Neither a dataset nor an upload that failed is replaced by it."""
-    interrupted(monkeypatch, url, 4)
-    for _ in range(2):
-        before = contents("there")
-        for options in ({}, {"resume": True}):
-            with pytest.raises(UsageError, match=r"holds (files, but no|the dataset of another)"):
-                made(url, seed=1, **options)
-        assert contents("there") == before
-        made(url, resume=True)
-
-
-@pytest.mark.parametrize("path", ["notes.txt", "meta/own.json", "data/own.parquet"])
-@pytest.mark.parametrize("begun", [False, True])
+@pytest.mark.parametrize(("path", "begun"), [("notes.txt", False), ("data/own.parquet", True)])
 def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole, path, begun):
     if begun:
         interrupted(monkeypatch, url, 4)

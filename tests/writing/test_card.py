@@ -1,6 +1,5 @@
 """The card says under which licence a dataset is, how well its behaviour does, and how to cite it."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ from ibdata.dataset import manifest
 from ibdata.report import card as write_card
 from ibdata.writing.citation import PAPER
 from ibdata.writing.licences import front_matter
-from ibdata.writing.metadata import as_json
 
 SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
 
@@ -93,16 +91,6 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
     assert f"author  = {{{{{citation['authors'][0]['name']}}}}}" in text
     assert f"version = {{{ibdata.__version__}}}" in text
     assert f"{{Dataset small, content root {small.content_root}}}" in text
-
-
-def test_a_new_card_names_the_version_of_the_dataset(small, sign):
-    listed = json.loads((small.path / manifest.PATH).read_bytes())
-    listed["versions"]["ibdata"] = "0.8.7"
-    (small.path / manifest.PATH).write_bytes(as_json(listed))
-    sign(small.path, manifest.CARD)
-    write_card(small.path)
-    assert "version = {0.8.7}" in text_of(small)
-    assert ibdata.validate(small.path) == []
 
 
 def test_the_card_describes_columns_and_quality(small):

@@ -41,20 +41,6 @@ def test_the_manifest_lists_all_files_with_size_and_hash(either):
         assert (file["bytes"], file["sha256"]) == (len(data), hashlib.sha256(data).hexdigest()), name
 
 
-def test_the_checksum_is_that_of_the_sorted_manifest(dataset):
-    manifest = read(dataset, "meta/manifest.json")
-    stated = manifest.pop("checksum")
-    assert hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest() == stated
-
-
-def test_the_manifest_says_what_made_the_dataset(dataset):
-    manifest = dataset.manifest
-    assert manifest["format"] == "ibdata-manifest"
-    assert (manifest["version"], manifest["data_version"], manifest["name"]) == (1, 3, "small")
-    assert set(manifest["versions"]) == {"python", "platform", "ibdata", "numpy", "numba", "pyarrow"}
-    assert manifest["versions"]["ibdata"] == ibdata.__version__
-
-
 def test_the_manifest_counts_the_rows_with_a_clipped_action(large):
     actions = np.stack([large.table()[f"act_{name}"] for name in ("velocity", "gain", "shift")])
     assert large.manifest["clipped_actions"] == (np.abs(actions) == 1.0).any(axis=0).sum() > 0

@@ -1,7 +1,6 @@
 """A shard is made, and read again, in the parts in which it is simulated, however large its file is."""
 
 import threading
-import time
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,7 +10,6 @@ from helpers.folders import contents
 import ibdata
 from ibdata.dataset import statistics
 from ibdata.errors import IbdataError
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import Columns, parts, rollout
 from ibdata.validation import rows
 from ibdata.writing import arrow, shard_writer, stored, summary
@@ -33,19 +31,6 @@ def small_parts(monkeypatch):
         monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
 
     return shrink
-
-
-@pytest.fixture
-def adding(experiment, small_parts, tmp_path):
-    """A writer of the shard, and the parts to add to it."""
-    small_parts()
-    spec = DatasetSpec.of(experiment)
-    (tmp_path / "data").mkdir()
-    with (
-        shard_writer.writing_threads() as threads,
-        shard_writer.shard_writer(spec, spec.shards[0], tmp_path, threads) as writer,
-    ):
-        yield writer, list(summary.simulated(spec, spec.shards[0]))
 
 
 def test_parts_are_whole_blocks_or_some_lanes(experiment, small_parts):
@@ -87,28 +72,6 @@ def test_an_error_in_a_thread_is_raised_and_leaves_nothing(experiment, monkeypat
         ibdata.generate(experiment, tmp_path / "made", workers=1)
     assert contents(tmp_path) == {}
     assert threading.active_count() == before
-
-
-def test_no_more_than_two_parts_wait(adding, monkeypatch):
-    writer, found = adding
-    done, gate = [], threading.Event()
-
-    def encode(self, part, floats):
-        gate.wait()
-        done.append(part.first)
-
-    monkeypatch.setattr(shard_writer.ShardWriter, "_encode", encode)
-    for part in found[: shard_writer.WAITING]:
-        writer.add(*part)
-    late = threading.Thread(target=writer.add, args=found[shard_writer.WAITING])
-    late.start()
-    time.sleep(0.05)
-    waits = late.is_alive()
-    gate.set()
-    late.join()
-    writer.finish()
-    assert waits
-    assert done == [0, 8, 16]
 
 
 PART = 400  # rows

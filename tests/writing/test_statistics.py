@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ibdata
-from ibdata.dataset import statistics
 from ibdata.dataset.statistics import Moments, described, merged, moments, sums
 
 seeds = st.integers(0, 2**32 - 1)
@@ -88,15 +87,6 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
-
-
-def test_a_split_smaller_than_the_stride_has_statistics(monkeypatch, describe, tmp_path):
-    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 10)
-    monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)
-    one = {"one": {"setpoint": 70, "policy": "calm", "episodes": {"start": 1, "stop": 1}}}
-    made = ibdata.generate(describe(steps=1, episodes=9, splits=one), tmp_path / "x", workers=1)
-    (row,) = made.table(split="one").to_pylist()
-    assert made.statistics("one")["reward"]["quantiles"]["0.5"] == row["reward"]
 
 
 def test_a_dataset_without_densities_has_statistics(monkeypatch, describe, tmp_path):

@@ -68,25 +68,6 @@ def test_draws_have_the_density_of_the_target(mean):
     np.testing.assert_allclose(shares, below, atol=2e-3)
 
 
-def test_the_weights_of_a_target_have_the_mean_1(small, target):
-    """On random actions the ratios have a mean of 1 and a standard deviation of about 3."""
-    found = estimators.by_importance(small, target)
-    assert found.ratios.mean() == pytest.approx(1.0, abs=0.2)
-    assert found.ratios.min() >= 0.0
-    assert 1.0 <= found.effective[0] < 20.0
-
-
-def test_the_adapter_acts_as_the_target_does(rows, target):
-    adapter = estimators.Adapter(target)
-    seen = rows.observations[:50]
-    scaled = adapter.scaler.transform(torch.from_numpy(seen))
-    expected = target.mean(seen.reshape(50, 30, 6))
-    np.testing.assert_allclose(adapter.mean(scaled), expected, atol=1e-5)
-    draws = np.stack([adapter.predict_best_action(scaled).numpy() for _ in range(400)])
-    assert np.abs(draws).max() < 1.0
-    np.testing.assert_allclose(draws.std(axis=(0, 1)), targets.SCALE, atol=0.03)  # of means close to 0
-
-
 def test_fqe_counts_as_many_rewards_as_it_has_fits(rows, target, monkeypatch):
     """The reward falls by far more than 3 from the start of an episode to its end."""
     monkeypatch.setattr(estimators, "FIT_STEPS", 300)
@@ -115,18 +96,6 @@ def test_a_rollout_in_the_model_adds_up_discounted_rewards(rows):
     t = np.arange(100)
     expected = np.sum(0.97**t * (-2.0 - 3.0 * np.minimum(51.0 + t, 100.0)))
     assert estimators.by_model(rows, Pushing(), fatigue_is_velocity) == pytest.approx(expected)
-
-
-def test_the_fitted_model_predicts_better_than_the_mean(rows, monkeypatch):
-    monkeypatch.setattr(estimators, "EXAMPLES", 60_000)
-    model = estimators.fitted_model(rows)
-    at = rows.transitions
-    after = rows.observations[at + 1, :6]
-    found = model(estimators.features(rows.observations[at], after[:, estimators.STEERED]))
-    truth = after[:, estimators.PREDICTED]
-    assert np.all(((found - truth) ** 2).mean(axis=0) < 0.5 * truth.var(axis=0))
-    far = model(np.full((1, 64), 1e6))
-    assert np.all((truth.min(axis=0) <= far) & (far <= truth.max(axis=0)))
 
 
 def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):

@@ -41,12 +41,6 @@ def test_a_module_gets_the_returns_of_the_function_that_it_is():
     assert torch.is_grad_enabled()
 
 
-def test_each_module_may_have_a_history_of_its_own():
-    nets = {"short": Net(), "long": Net(18), "in half": Net(6).bfloat16().float()}
-    found = ibdata.evaluate(nets, history={"long": 3}, **FEW)
-    assert [result.policy for result in found.results] == list(nets)
-
-
 def test_tensors_of_every_kind_are_actions():
     def answer(kind):
         return lambda seen: torch.zeros(len(seen), 3, dtype=kind, requires_grad=kind.is_floating_point)
@@ -56,22 +50,7 @@ def test_tensors_of_every_kind_are_actions():
     assert (found.returns == found.returns[-1]).all()
 
 
-@pytest.mark.parametrize(
-    ("net", "history", "line"),
-    [
-        (Net(outputs=2), 1, "found actions of shape (32, 2), expected actions of shape (32, 3)"),
-        (Net(), 3, "mat1 and mat2 shapes cannot be multiplied (32x18 and 6x8)"),
-    ],
-)
-def test_a_wrong_shape_is_told_in_one_line(net, history, line):
-    with pytest.raises(PolicyError) as error:
-        ibdata.evaluate(net, history=history, **FEW)
-    given = f"it was given observations (32, {history}, 6) and random numbers (32, 0)"
-    assert str(error.value).endswith(f"{line}; {given}")
-
-
 def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
-    """Its actions depend on the episodes that are simulated together, so on the layout of files."""
     net = torch.nn.Sequential(torch.nn.BatchNorm1d(6), torch.nn.Linear(6, 3))
 
     class Training:

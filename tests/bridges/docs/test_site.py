@@ -54,18 +54,6 @@ def test_every_public_name_is_described_with_its_arguments(site):
     assert "overrides" in text
 
 
-def test_no_link_leads_to_a_source(site):
-    for page in site.glob("*.html"):
-        assert not re.search(r'href="[^":]+\.(md|ipynb)[#"]', page.read_text(encoding="utf-8")), page.name
-
-
-def test_search_needs_no_server(site):
-    """Browsers start no worker in a folder, so a script in the site stands in for it."""
-    assert (site / "search/search_index.js").read_text(encoding="utf-8").startswith("var __index = {")
-    for page in set(site.glob("*.html")) - {site / "404.html"}:
-        assert 'src="iframe-worker.js"' in page.read_text(encoding="utf-8"), page.name
-
-
 def shown(notebook) -> list[list[str]]:
     """The text of each output of a cell; of a picture only that it is one."""
     return [
@@ -87,11 +75,14 @@ def test_the_tour_prints_what_it_shows():
     assert shown(tour.executed(stored)) == shown(stored)
 
 
-def test_pages_load_nothing_from_elsewhere(site):
+def test_pages_load_nothing_from_elsewhere_and_link_to_no_source(site):
+    """Nor does the search need a server: browsers start no worker in a folder, so a script stands in."""
+    assert (site / "search/search_index.js").read_text(encoding="utf-8").startswith("var __index = {")
     for page in site.glob("*.html"):
         text = page.read_text(encoding="utf-8")
         loads = Loads(text).found
-        assert loads
+        assert 'src="iframe-worker.js"' in text or page.name == "404.html"
+        assert not re.search(r'href="[^":]+\.(md|ipynb)[#"]', text), page.name
         assert not [target for target in loads if re.match(r"(\w+:)?//", target)], page.name
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", sheet.read_text(encoding="utf-8"))

@@ -1,8 +1,7 @@
-"""One environment: Gymnasium's own checks, how it is found, its seeds, refusals and pictures."""
+"""One environment: Gymnasium's own checks, how it is found, its seeds, refusals, pictures and snippets."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from itertools import pairwise
@@ -11,10 +10,11 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from helpers import ROOT
+from helpers.pages import blocks
 
 from ibdata.dynamics import PAPER
 from ibdata.environment import IndustrialBenchmarkEnv
-from ibdata.environment.actions import DISCRETE
 from ibdata.errors import ConfigError, UsageError
 
 ID = "ibdata/IndustrialBenchmark-v0"
@@ -51,19 +51,6 @@ def test_gymnasium_s_checker_passes_without_a_warning(given):
     assert started[0] != started[1]  # without a seed, the generator goes on
 
 
-def test_its_spec_is_json_and_makes_it_again():
-    dynamics = {"base": "paper", "eta_mean": 0.1}
-    env = gymnasium.make(ID, setpoint=70, dynamics=dynamics, start={"burn_in": [1, 2]})
-    assert env.spec.max_episode_steps == 1000
-    text = env.spec.to_json()
-    assert json.loads(text)["entry_point"] == "ibdata.environment:IndustrialBenchmarkEnv"
-    again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(text))
-    for each in (env, again):
-        each.reset(seed=3)
-    found, expected = (each.step(np.ones(3, dtype=np.float32)) for each in (env, again))
-    assert (found[0].tolist(), found[1:]) == (expected[0].tolist(), expected[1:])
-
-
 def test_the_first_episode_of_seed_0_stays_as_it_is():
     """PCG64's integers are promised stable and the rest is exact: the same on any machine and version.
 
@@ -76,18 +63,8 @@ def test_the_first_episode_of_seed_0_stays_as_it_is():
     assert rewards[-1] == float.fromhex("-0x1.b60903b4b479ap+7")
 
 
-def test_a_discrete_action_is_the_changes_of_its_place():
-    discrete, plain = (gymnasium.make(ID, discrete_actions=flag) for flag in (True, False))
-    assert discrete.action_space == gymnasium.spaces.Discrete(27)
-    for env in (discrete, plain):
-        env.reset(seed=1)
-    for action, changes in enumerate(DISCRETE):
-        found, expected = discrete.step(action), plain.step(np.array(changes))
-        assert (found[0].tolist(), found[1]) == (expected[0].tolist(), expected[1])
-
-
-def begun(**given):
-    env = IndustrialBenchmarkEnv(**given)
+def begun():
+    env = IndustrialBenchmarkEnv()
     env.reset(seed=0)
     return env
 
@@ -95,26 +72,10 @@ def begun(**given):
 REFUSED = {
     "a setpoint": (lambda: gymnasium.make(ID, setpoint=170), ConfigError, "setpoint: found 170, expected"),
     "an action": (lambda: begun().step([0, 0]), UsageError, "action: found .*, expected three finite"),
-    "a discrete action": (
-        lambda: begun(discrete_actions=True).step(27),
-        UsageError,
-        "action: found 27, expected a whole number from 0 to 26$",
-    ),
-    "a picture": (lambda: begun().render(), UsageError, "render: found render_mode None"),
-    "a mode of pictures": (
-        lambda: IndustrialBenchmarkEnv(render_mode="human"),
-        UsageError,
-        "render_mode: found 'human', expected rgb_array or None$",
-    ),
     "a step too early": (
         lambda: IndustrialBenchmarkEnv().step(np.zeros(3)),
         gymnasium.error.ResetNeeded,
         "step: found no episode",
-    ),
-    "a picture too early": (
-        lambda: IndustrialBenchmarkEnv(render_mode="rgb_array").render(),
-        gymnasium.error.ResetNeeded,
-        "render: found no episode",
     ),
 }
 
@@ -138,3 +99,11 @@ def test_a_picture_shows_the_episode_so_far_without_a_window():
     assert "matplotlib.pyplot" not in sys.modules
     env.reset(seed=0)
     assert np.array_equal(env.render(), frames[0])
+
+
+PAGE = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("block", [x for x in blocks(PAGE, "python") if "\nimport gymnasium\n" in f"\n{x}"])
+def test_a_snippet_with_gymnasium_runs(tmp_path, block):
+    subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, check=True)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import gymnasium
 import numpy as np
 import pytest
 
 import ibdata
 from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
-from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.variables import hidden
 
 ID = "ibdata/IndustrialBenchmark-v0"
 CASES = {
-    "constant": ({"setpoints": [20, 70]}, {"setpoint": 33}),
     "uniform, paper": (
         {"setpoints": [0, 100], "dynamics": "paper", "start": "uniform"},
         {"dynamics": "paper", "history": 2},
@@ -28,7 +23,6 @@ CASES = {
     ),
 }
 STEPS, LANES = 70, 3
-COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda x: pickle.loads(pickle.dumps(x))}
 
 
 @pytest.fixture(params=CASES, scope="module")
@@ -56,14 +50,6 @@ def random_actions(steps=STEPS):
     return np.random.default_rng(0).uniform(-1, 1, (steps, LANES, 3)).astype(np.float32)
 
 
-ACTIONS = random_actions()[:, 0]
-
-
-def episode(env, actions=ACTIONS):
-    """All observations, rewards and hidden states of some steps."""
-    return [[x.tolist() if isinstance(x, np.ndarray) else x for x in env.step(action)] for action in actions]
-
-
 def test_stepping_an_episode_s_actions_gives_its_rows(played):
     ds, given, episodes = played
     env = gymnasium.make(ID, **given)
@@ -80,60 +66,6 @@ def test_stepping_an_episode_s_actions_gives_its_rows(played):
             assert np.float32(reward) == rows["reward"][t]
             assert seen[:6].tobytes() == after[t].tobytes()
     assert len(episodes) >= 4
-
-
-def test_a_plain_reset_goes_back_to_the_generator(played):
-    ds, given, _ = played
-    env, other = (gymnasium.make(ID, **given) for _ in range(2))
-    env.reset(seed=4, options={"dataset": ds, "episode": 1})
-    replayed = episode(env)
-    other.reset(seed=5, options={"dataset": ds, "episode": 1})
-    assert episode(other) == replayed  # whatever the seed
-    env.reset()
-    other.reset(seed=4)  # from which the replay took nothing
-    fresh = episode(env)
-    assert fresh == episode(other)
-    assert fresh != replayed
-
-
-def test_a_given_state_ends_the_replay(played):
-    ds, given, _ = played
-    found = []
-    for number in (1, 0):
-        env = IndustrialBenchmarkEnv(**given)
-        env.reset(seed=4, options={"dataset": ds, "episode": number})
-        env.set_state(ibdata.state_at(ds, (1, 0)))
-        found.append(episode(env))
-    assert found[0] == found[1]
-    env.reset(options={"dataset": ds, "episode": 1})
-    assert episode(env) != found[0]
-
-
-def test_a_refused_replay_changes_nothing(played):
-    ds, given, episodes = played
-    env, other = (gymnasium.make(ID, **given) for _ in range(2))
-    for each in (env, other):
-        each.reset(seed=1, options={"dataset": ds, "episode": 1})
-    with pytest.raises(UsageError, match=f"^episode: found 99, expected one of 0 to {len(episodes) - 1}$"):
-        env.reset(seed=2, options={"dataset": ds, "episode": 99})
-    assert episode(env) == episode(other)
-    env.reset()
-    other.reset()
-    assert episode(env) == episode(other)  # the generator has not been seeded either
-
-
-@pytest.mark.parametrize("lanes", [None, LANES], ids=["one", "many"])
-@pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
-def test_a_copy_goes_on_with_the_replay_by_itself(played, copied, lanes):
-    ds, given, _ = played
-    env = IndustrialBenchmarkVectorEnv(lanes, **given) if lanes else IndustrialBenchmarkEnv(**given)
-    env.reset(seed=0, options={"dataset": ds, "episode": 2})
-    actions = random_actions(100) if lanes else ACTIONS
-    for action in actions[:30]:
-        env.step(action)
-    other = copied(env)
-    rest = [env.step(action)[1] for action in actions[30:]]
-    assert np.array_equal([other.step(action)[1] for action in actions[30:]], rest)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
@@ -195,11 +127,3 @@ def test_lanes_begin_in_given_states_as_single_environments_do(played):
         expected = [env.step(action)[0] for env, action in zip(alone, actions, strict=True)]
         np.testing.assert_array_equal(found[0], expected)
     assert found[3].all()
-
-
-def test_all_lanes_may_begin_in_states_without_a_reset(played):
-    ds, given, episodes = played
-    many = IndustrialBenchmarkVectorEnv(LANES, **given)
-    seen, _ = many.set_state(ibdata.state_at(ds, ([0, 1, 2], 5)))
-    np.testing.assert_array_equal(seen[:, :6], [columns(rows, "obs")[5] for rows in episodes[:LANES]])
-    many.step(random_actions()[0])

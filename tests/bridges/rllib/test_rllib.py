@@ -27,23 +27,11 @@ def dataset(tmp_path_factory):
     return ibdata.generate(shown, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
 
 
-def configured(config_class, snippet):
-    box = gymnasium.spaces.Box
-    config = config_class().environment(
-        observation_space=box(-np.inf, np.inf, (6,), np.float32), action_space=box(-1, 1, (3,), np.float32)
-    )
-    config = config.training(train_batch_size_per_learner=128, lr=1e-3).debugging(seed=0)
-    names = {"config": config}
-    exec(snippet, names)
-    return names["config"]
-
-
 def losses(config, iterations):
     algorithm = config.build_algo()
     try:
-        return [
-            float(algorithm.train()["learners"]["default_policy"]["policy_loss"]) for _ in range(iterations)
-        ]
+        results = [algorithm.train() for _ in range(iterations)]
+        return [float(result["learners"]["default_policy"]["policy_loss"]) for result in results]
     finally:
         algorithm.stop()
 
@@ -51,28 +39,27 @@ def losses(config, iterations):
 def test_ray_reads_every_value_again(dataset, tmp_path):
     made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
     rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
-    arrays = dataset.arrays()
-    for column, name in (
-        ("observation", "observations"),
-        ("action", "actions"),
-        ("next_observation", "next_observations"),
-    ):
-        assert np.stack(rows[column]).astype(np.float32).tobytes() == arrays[name].tobytes()
-    scaled = (arrays["rewards"].astype(float) * 0.01).astype(np.float32)
-    assert rows["reward"].to_numpy().tobytes() == scaled.tobytes()
+    arrays = dataset.arrays(view={"reward_scale": 0.01})
+    for column in ("observation", "action", "next_observation"):
+        assert np.stack(rows[column]).astype(np.float32).tobytes() == arrays[f"{column}s"].tobytes()
+    assert rows["reward"].to_numpy().tobytes() == arrays["rewards"].tobytes()
     assert rows["truncated"].sum() == 2
     assert not rows["terminated"].any()
 
 
-def test_behaviour_cloning_learns_on_the_printed_configuration(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made")
-    found = losses(configured(BCConfig, made.snippet), 20)
-    assert np.mean(found[-5:]) < np.mean(found[:5]) - 1
-
-
-def test_marwil_runs_on_the_printed_configuration(dataset, tmp_path):
+@pytest.mark.parametrize(("kind", "iterations"), [(BCConfig, 20), (MARWILConfig, 2)])
+def test_algorithms_run_on_the_printed_configuration(dataset, tmp_path, kind, iterations):
     made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
-    assert np.isfinite(losses(configured(MARWILConfig, made.snippet), 2)).all()
+    box = gymnasium.spaces.Box
+    config = kind().environment(
+        observation_space=box(-np.inf, np.inf, (6,), np.float32), action_space=box(-1, 1, (3,), np.float32)
+    )
+    names = {"config": config.training(train_batch_size_per_learner=128, lr=1e-3).debugging(seed=0)}
+    exec(made.snippet, names)
+    found = losses(names["config"], iterations)
+    assert np.isfinite(found).all()
+    if kind is BCConfig:
+        assert np.mean(found[-5:]) < np.mean(found[:5]) - 1
 
 
 def test_the_snippet_of_the_page(use_with):

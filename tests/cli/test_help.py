@@ -1,0 +1,104 @@
+"""Help, the lists of what there is, and the first file: init, policies, config."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import ibdata
+from ibdata import Experiment
+from ibdata.cli import cli
+from ibdata.experiment.shipped import shipped, suites
+from ibdata.experiment.template import template
+from ibdata.plots import names, plots
+from ibdata.policies import POLICIES
+
+COMMANDS = cli.list_commands(None)
+
+
+@pytest.mark.parametrize("words", [[], ["config", "show"], *([name] for name in COMMANDS)], ids=" ".join)
+def test_help_fits_a_terminal_and_has_examples(run, monkeypatch, words):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, err = run(*words, "-h")
+    assert (code, err) == (0, "")
+    assert not [line for line in out.splitlines() if len(line) > 80]
+    assert len(words) != 1 or f"  ibdata {' '.join(words)}" in out.replace("Usage: ibdata", "")
+    assert out == run(*words, "--help")[1]
+
+
+def test_no_summary_of_a_command_is_cut(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    said = " ".join(run("-h")[1].split())
+    for name in COMMANDS:
+        assert " ".join(cli.get_command(None, name).help.split(". ")[0].split("\n\n")[0].split()) in said
+
+
+HEAVY = """
+import sys
+from ibdata.cli import main
+for words in ([], ["generate"], ["info"], ["export"], ["config", "show"]):
+    try:
+        main([*words, "-h"])
+    except SystemExit:
+        print([m for m in ("numpy", "numba", "pandas", "pyarrow", "pydantic") if m in sys.modules])
+"""
+
+
+def test_help_imports_nothing_heavy():
+    done = subprocess.run([sys.executable, "-c", HEAVY], capture_output=True, text=True, check=True)
+    assert [line for line in done.stdout.splitlines() if line.startswith("[")] == ["[]"] * 5
+
+
+@pytest.mark.parametrize(("name", "listed"), [("figure", names), ("plot", plots)])
+def test_help_lists_every_picture(run, name, listed):
+    out = run(name, "--help")[1]
+    assert all(f"\n  {each} " in out for each in listed())
+
+
+@pytest.mark.parametrize("given", [(), ("config",)], ids=["ibdata", "config"])
+def test_a_group_without_a_command_prints_its_help(run, given):
+    assert run(*given) == (2, "", run(*given, "-h")[1])
+
+
+def test_policies_lists_every_kind_and_option(run):
+    out = run("config", "policies")[1]
+    listed = {each["kind"]: each for each in json.loads(run("config", "policies", "--json")[1])["policies"]}
+    assert set(listed) == set(POLICIES)
+    for kind, policy in POLICIES.items():
+        assert f"{kind}: " in out
+        options = [option["name"] for option in listed[kind]["options"]]
+        assert options == [name for name in policy.model_fields if name not in ("kind", "name")]
+        assert all(f"    {name} (" in out for name in options)
+        assert all(option["description"] for option in listed[kind]["options"])
+
+
+def test_configs_are_listed_with_rows_and_descriptions(run):
+    code, out, _ = run("config", "list")
+    lines = out.splitlines()
+    assert (code, len(lines)) == (0, 1 + len(suites()) + len(shipped()))
+    assert any(line.split()[:3] == ["siemens-offline/", "1,600,000", "A"] for line in lines)
+    listed = json.loads(run("config", "list", "--json")[1])["configs"]
+    assert {each["name"]: each["rows"] for each in listed}["transfer"] == 20_000
+
+
+def test_config_schema_is_that_of_experiments(run):
+    assert json.loads(run("config", "schema")[1]) == Experiment.model_json_schema()
+
+
+def test_init_writes_a_valid_experiment_named_as_the_file(run, tmp_path):
+    said = "mine.yaml: edit it, then run ibdata generate mine.yaml --dry-run\n"
+    assert run("init", "mine.yaml") == (0, said, "")
+    experiment = ibdata.load(tmp_path / "mine.yaml")
+    assert (experiment.name, set(experiment.splits)) == ("mine", {"source", "target"})
+    assert run("init", "x y.yaml")[0] == 0  # which names no experiment
+    assert ibdata.load(tmp_path / "x y.yaml").name == "experiment"
+    assert run("init", "mine.yaml") == (2, "", "mine.yaml: exists already; choose another name\n")
+
+
+def test_the_template_shows_every_option():
+    """All but the version of the format."""
+    plain = set(ibdata.Experiment.model_fields) - {"version"}
+    assert {key for key in plain if f"\n{key}:" in template("x")} == plain
