@@ -15,9 +15,8 @@ class Bad(Deterministic):
 
         (Δv, Δg, Δh) = clip((100 - v, 100 - g, 100 - h), -1, 1)
 
-    The observation is the current one, in raw units. Source: `siemens-research/lion`, generate_data.py, which
-    also normalises the observation; with that, this baseline and `mediocre` would always take the action
-    (1, 1, 1).
+    Source: `siemens-research/lion`, generate_data.py, which also normalises the observation; with that, this
+    baseline and `mediocre` would always take the action (1, 1, 1).
     """
 
     kind: Literal["bad"] = "bad"

@@ -30,11 +30,10 @@ class ColouredNoise(Wrapper):
 
         x[t] = Σ_k s_k (A_k cos 2πkt/N + B_k sin 2πkt/N),    s_k ∝ k^(-β/2),    k = 1 … N/2
 
-    A_k and B_k ~ N(0, 1) are drawn once for an episode, separately for each number; the s_k make the variance
-    of x equal to 1, and `scale` · x is added. β = 0 is white, 1 pink, 2 brown noise. x repeats itself after
-    N steps, the `period`. An action has no simple density given those before it, so `action_log_prob` is NaN.
-    Sources: Timmer and König 1995, On generating power law noise; for exploration Eberhard et al. 2023, Pink
-    noise is all you need, who recommend β = 1 and draw the noise of a whole episode at once.
+    A_k and B_k ~ N(0, 1) are drawn once for an episode; the s_k make the variance of x equal to 1, and
+    `scale` · x is added. β = 0 is white, 1 pink, 2 brown noise. `action_log_prob` is NaN. Sources: Timmer and
+    König 1995, On generating power law noise; for exploration Eberhard et al. 2023, Pink noise is all you
+    need, who recommend β = 1.
     """
 
     kind: Literal["coloured_noise"] = "coloured_noise"

@@ -16,8 +16,7 @@ class Mediocre(Deterministic):
 
         (Δv, Δg, Δh) = clip((25 - v, 25 - g, 25 - h), -1, 1)
 
-    The observation is the current one, in raw units, so gain and shift oscillate around the target. Source:
-    `siemens-research/lion`, generate_data.py; see `bad` for the units.
+    Gain and shift oscillate around the target. Source: `siemens-research/lion`, generate_data.py; see `bad`.
     """
 
     kind: Literal["mediocre"] = "mediocre"

@@ -22,9 +22,8 @@ Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True)]
 class Mixture(Choice):
     """Draws one of several policies for each episode; the drawn policy acts in it from start to end.
 
-    The density is that of the policy that was drawn. Field data look like this where several operators take
-    turns; Fu et al. 2020, D4RL (arXiv 2004.07219), make their medium-replay and medium-expert data of several
-    policies.
+    The density is that of the policy that was drawn. Fu et al. 2020, D4RL (arXiv 2004.07219), make their
+    medium-replay and medium-expert data of several policies.
     """
 
     own_needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)

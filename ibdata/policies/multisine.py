@@ -19,9 +19,8 @@ class Multisine(Deterministic):
 
         x_j[t] ∝ Σ_i cos(2π (3i + j - 3) t/N - π i (i - 1)/K),    i = 1 … K,    j = 1, 2, 3
 
-    The highest peak of x_j is the `amplitude`. The three numbers of the action have different frequencies, so
-    they are uncorrelated over a period of N steps. An episode begins at a random time of the period; given
-    this time, its actions have the probability 1. Sources: Schroeder 1970, Synthesis of low-peak-factor
+    The three numbers of the action are uncorrelated over a period. An episode begins at a random time of it;
+    given this time, its actions have the probability 1. Sources: Schroeder 1970, Synthesis of low-peak-factor
     signals; Ljung 1999, System Identification, chapter 13.
     """
 

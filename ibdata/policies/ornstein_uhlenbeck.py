@@ -23,10 +23,9 @@ class OrnsteinUhlenbeck(Wrapper):
 
         x[t] = (1 - θ) x[t-1] + σ z,    z ~ N(0, 1),    x before the first step is 0
 
-    The process itself is not clipped; it is the policy's memory, given which the density is that of a clipped
-    normal. Its standard deviation grows to σ / √(1 - (1 - θ)²), by default 0.38. Sources: Uhlenbeck and
-    Ornstein 1930, On the theory of the Brownian motion; for exploration, with these defaults, Lillicrap et
-    al. 2016 (arXiv 1509.02971), section 7.
+    The process itself is not clipped; the density is conditional on it. Its standard deviation grows to
+    σ / √(1 - (1 - θ)²), by default 0.38. Sources: Uhlenbeck and Ornstein 1930, On the theory of the Brownian
+    motion; for exploration, with these defaults, Lillicrap et al. 2016 (arXiv 1509.02971), section 7.
     """
 
     own_needs: ClassVar[Needs] = Needs(history=0, step_draws=3, memory=3)  # the memory is x

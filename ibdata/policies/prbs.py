@@ -22,11 +22,10 @@ Amplitude = Annotated[float, Field(gt=0.0, le=1.0, strict=True)]
 class Prbs(Deterministic):
     """Moves each steering up or down by the same amount, in the order of a pseudo-random binary signal.
 
-    The signal is a sequence of maximal length, 2^order - 1 bits of `hold` steps each, from a shift register
-    with feedback. From bit to bit, its autocorrelation is nearly that of white noise, with the greatest power
-    that bounded actions allow. The three numbers of the action follow the same sequence a third of it apart.
-    An episode begins at a random place of the sequence; given this place, its actions have the probability 1.
-    Source: Ljung 1999, System Identification, chapter 13.
+    The signal is a sequence of maximal length from a shift register with feedback. From bit to bit, its
+    autocorrelation is nearly that of white noise. The three numbers of the action follow it a third of it
+    apart. An episode begins at a random place; given this place, its actions have the probability 1. Source:
+    Ljung 1999, System Identification, chapter 13.
     """
 
     needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 class Sticky(Wrapper):
     """Repeats the last action with probability κ; else, and at the first step, the base acts.
 
-    An action is held for 1/(1 - κ) steps on average. The density has a unit mass at the last action; it is
-    not known (NaN) if the base is a custom policy without `deterministic: true`. Source: the sticky actions
-    of Machado et al. 2018, Revisiting the Arcade Learning Environment; there they belong to the environment.
+    An action is held for 1/(1 - κ) steps on average. The density is NaN if the base is a custom policy
+    without `deterministic: true`. Source: Machado et al. 2018, Revisiting the Arcade Learning Environment,
+    where sticky actions belong to the environment.
     """
 
     own_needs: ClassVar[Needs] = Needs(history=1, step_draws=1)

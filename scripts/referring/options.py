@@ -7,6 +7,7 @@ from typing import Any
 from ibdata.experiment import Experiment
 
 SCHEMA = Experiment.model_json_schema()
+SMALL = {"BurnIn", "Drifting", "EpisodeRange", "SetpointRange"}  # blocks that their options explain
 NUMBERS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true` or `false`"}
 
 
@@ -33,7 +34,8 @@ def _form(schema: dict[str, Any]) -> str:
     """The values of an option in words."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
+        keys = SCHEMA["$defs"][name]["properties"]
+        return f"`{{{', '.join(keys)}}}`" if name in SMALL else f"[{name}](#{name.lower()})"
     if any("discriminator" in option for option in (schema, *schema.get("anyOf", ()))):
         return "[policy](policies.md)"
     if choices := schema.get("oneOf") or schema.get("anyOf"):

@@ -55,8 +55,8 @@ def columns() -> str:
     }
     parts = []
     for heading, own in sections.items():
-        rows = [(f"`{c.name}`", _kind(c), _range_and_unit(c), c.description) for c in own]
-        parts.append(f"## {heading}\n\n{table(('column', 'type', 'range and unit', 'meaning'), rows)}")
+        rows = [(f"`{c.name}`", _values(c), c.description) for c in own]
+        parts.append(f"## {heading}\n\n{table(('column', 'values', 'meaning'), rows)}")
     return "\n\n".join(parts)
 
 
@@ -65,13 +65,10 @@ def _columns(latent: bool | str, setpoints: str | int = 70) -> list[Column]:
     return columns_of(Experiment.model_validate(plain))
 
 
-def _kind(column: Column) -> str:
-    return "float" if column.dtype.startswith("float") else column.dtype
-
-
-def _range_and_unit(column: Column) -> str:
+def _values(column: Column) -> str:
+    kind = "" if column.dtype.startswith("float") else column.dtype
     unit = "" if column.unit == "1" else column.unit
-    return f"{_range(column)} {unit}".strip()
+    return ", ".join(filter(None, (kind, _range(column), unit)))
 
 
 def _range(column: Column) -> str:

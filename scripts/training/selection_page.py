@@ -11,6 +11,7 @@ from measuring.documents import DOCS, table, write_measured
 from training import selecting
 from training.selecting import CHOSEN, ESTIMATORS, PER_DECISION, SETS, WEIGHTED, Line, plan
 
+STEPS = ("1", "3", "100")  # of which the table of weights has the effective numbers
 NAMES = dict(zip(ESTIMATORS, ("per-decision IS", "weighted IS", "FQE", "model"), strict=True))
 
 
@@ -56,11 +57,11 @@ def weights(lines: Sequence[Line]) -> str:
     rows = []
     for name in SETS:
         if own := of(lines, name):
-            sizes = [[line.effective[n] for line in own] for n in own[0].effective]
+            sizes = [[line.effective[n] for line in own] for n in STEPS]
             shown = [f"{np.median(size):,.1f}" for size in sizes]
             intervals = [covered(own, estimator) for estimator in (PER_DECISION, WEIGHTED)]
             rows.append([f"`{name.partition('/')[2]}`", *shown, *intervals])
-    steps = [f"{n} step{'s' * (n != '1')}" for n in lines[0].effective]
+    steps = [f"{n} step{'s' * (n != '1')}" for n in STEPS]
     return table(["set", *steps, NAMES[PER_DECISION], NAMES[WEIGHTED]], rows)
 
 
