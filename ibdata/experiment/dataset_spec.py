@@ -15,7 +15,7 @@ from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.plan import Shard, episodes_per_shard, plan, segments
+from ibdata.experiment.plan import Shard, plan, segments
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
 from ibdata.system.storage import damaged
@@ -99,11 +99,6 @@ class DatasetSpec:
     def episodes(self) -> int:
         """The number of episodes in the dataset."""
         return sum(len(e.cells) * e.episodes for e in self.experiments)
-
-    @property
-    def least_shards(self) -> int:
-        """The least number of shards, which is known without a list of them."""
-        return sum(-(-len(e.cells) * e.episodes // episodes_per_shard(e)) for e in self.experiments)
 
     @property
     def labels(self) -> list[str]:

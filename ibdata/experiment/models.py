@@ -37,7 +37,6 @@ from ibdata.simulation.world import World
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-MAX_CELLS = 1_000_000
 MAX_SHARDS = 10_000_000
 
 
@@ -192,9 +191,6 @@ class Experiment(FrozenModel):
     def _contradictions(self) -> Iterator[tuple[Loc, str]]:
         setpoints, _ = setpoint_values(self.setpoints)
         cells = len(setpoints) * len(self.policies)
-        if cells > MAX_CELLS:
-            yield ("setpoints",), f"found more than {MAX_CELLS} cells, expected at most {MAX_CELLS}"
-            return
         if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
             message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
             yield ("output", "shard_rows"), message

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from ibdata.errors import UsageError
-
-try:
-    import numba
-except ValueError as error:  # numba reads its environment variables on import
-    names = ", ".join(sorted(name for name in os.environ if name.startswith("NUMBA_")))
-    raise UsageError(f"{names}: numba refuses this setting: {error} Correct or unset it.") from None
+import numba
 
 from ibdata.numerics.code_cache import CodeCache
 

@@ -89,13 +89,10 @@ GIVEN = {
 }
 ALIKE = {  # the text of an override: the same in a mapping
     "output.dtype=float64": {"output.dtype": "float64"},
-    "output={}": {"output": {}},
     "setpoints.stop=20": {"setpoints.stop": 20},
-    "policies.1.name=calm": {"policies.1.name": "calm"},
     "policies.0.base.action=[0, 0, 1]": {"policies.0.base.action": (0, 0, 1)},
     "policies.0={kind: random}": {"policies.0": {"kind": "random"}},
     "splits.b={setpoint: 30}": {"splits.b": {"setpoint": np.float64(30)}},
-    "splits={}": {"splits": {}},
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -115,12 +114,3 @@ def test_where_nothing_can_be_written_it_is_compiled_each_time(tmp_path):
     for _ in range(2):
         assert run(**places, TMPDIR=tmp_path / "tmp") == ("60.0", True)
     assert list((tmp_path / "tmp").iterdir()) == []
-
-
-def test_a_setting_that_numba_refuses_is_one_line(ibdata):
-    """numba reads its variables when it is imported."""
-    refused = ibdata("validate", ".", env={**os.environ, "NUMBA_NUM_THREADS": "0"})
-    assert refused.returncode == 2
-    assert re.fullmatch(
-        r"NUMBA_\w+(, NUMBA_\w+)*: numba refuses .*threads.* Correct or unset it\.\n", refused.stderr
-    )
