@@ -14,18 +14,11 @@ import pytest
 import ray
 from helpers import ROOT
 from helpers.pages import blocks
+from helpers.tiny import PLAIN
 
 import ibdata
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
-TINY = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 6,
-    "steps": 50,
-    "output": {"shard_rows": 50},
-}
 POLICY = """
 import os, signal, sys
 from pathlib import Path
@@ -73,8 +66,8 @@ def processes(mark):
 
 
 def test_ray_makes_the_same_files_and_is_ended(files):
-    made = ibdata.generate(TINY, "ray", workers=2, engine="ray")
-    plain = ibdata.generate(TINY, "plain", workers=1)
+    made = ibdata.generate(PLAIN, "ray", workers=2, engine="ray")
+    plain = ibdata.generate(PLAIN, "plain", workers=1)
     assert made.content_root == plain.content_root
     assert files("ray") == files("plain")
     assert not ray.is_initialized()
@@ -90,7 +83,7 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     Path("deadly.py").write_text(POLICY)
     params = {"driver": os.getpid(), "flag": str(tmp_path / "flag")}
     policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
-    experiment = {**TINY, "policies": [policy]}
+    experiment = {**PLAIN, "policies": [policy]}
     made = ibdata.generate(experiment, "ray", engine="ray", allow_code=True)
     assert (tmp_path / "flag").read_text() == "xx"
     plain = ibdata.generate(experiment, "plain", workers=1, allow_code=True)
