@@ -1,7 +1,5 @@
 """Commands print no control characters of datasets, experiments and URLs, and no credentials."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The known answer detects a machine that computes other bits, and the golden roots a package that does."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil

@@ -1,7 +1,5 @@
 """Networks of Stable-Baselines3, d3rlpy and plain torch act in ibdata as they do in their library."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The `VecEnv` of ibdata gives what Stable-Baselines3 makes of single environments, and trains its models."""
 
-from __future__ import annotations
-
 import copy
 
 import gymnasium

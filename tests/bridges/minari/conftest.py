@@ -1,7 +1,5 @@
 """A dataset of twelve episodes, with two setpoints and the latent state of t + 1."""
 
-from __future__ import annotations
-
 import pytest
 
 import ibdata

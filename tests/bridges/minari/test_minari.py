@@ -1,7 +1,5 @@
 """Minari reads every value of the export, with metadata, environment, ids and scores."""
 
-from __future__ import annotations
-
 import minari
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The Ray engine gives the same dataset, survives killed workers, and stops all that it starts."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """Datasets in an object store: a local S3 server, and fsspec's file system in memory."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import subprocess
