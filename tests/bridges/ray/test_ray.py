@@ -12,7 +12,7 @@ import pytest
 import ray
 from helpers import ROOT
 from helpers.pages import blocks
-from helpers.tiny import PLAIN
+from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 
@@ -64,8 +64,8 @@ def processes(mark):
 
 
 def test_ray_makes_the_same_files_and_is_ended(files):
-    made = ibdata.generate(PLAIN, "ray", workers=2, engine="ray")
-    plain = ibdata.generate(PLAIN, "plain", workers=1)
+    made = ibdata.generate(TINY, "ray", workers=2, engine="ray")
+    plain = ibdata.generate(TINY, "plain", workers=1)
     assert made.content_root == plain.content_root
     assert files("ray") == files("plain")
     assert not ray.is_initialized()
@@ -81,7 +81,7 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     Path("deadly.py").write_text(POLICY)
     params = {"driver": os.getpid(), "flag": str(tmp_path / "flag")}
     policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
-    experiment = {**PLAIN, "policies": [policy]}
+    experiment = {**TINY.plain(), "policies": [policy]}
     made = ibdata.generate(experiment, "ray", engine="ray", allow_code=True)
     assert (tmp_path / "flag").read_text() == "xx"
     plain = ibdata.generate(experiment, "plain", workers=1, allow_code=True)
