@@ -1,7 +1,5 @@
 """What `ibdata generate`, `evaluate`, `info`, `head`, `stats` and `diff` print, as text and as JSON."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """Finding what there is: lists, suggestions, completion, and help that is not cut."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Help, the lists of what there is, and the first file: init, policies, config."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Every argument and option of every command reaches the library: a table of command lines and calls."""
 
-from __future__ import annotations
-
 import inspect
 import json
 from pathlib import Path

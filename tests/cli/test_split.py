@@ -1,7 +1,5 @@
 """`ibdata split` says what it makes, replaces and removes."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Datasets to damage, and the commands by which the cases damage them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

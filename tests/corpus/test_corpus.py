@@ -15,8 +15,6 @@ In a line, … stands for any text, data/part-00000.parquet for the file of the 
 byte, \u2603 for a character, and ⟦a×3⟧ for aaa. A case without a run validates x.yaml and generates from it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Many generated experiments: valid ones are read back unchanged, others give one line of error."""
 
-from __future__ import annotations
-
 import copy
 import json
 from pathlib import Path
@@ -90,12 +88,6 @@ VALUES = st.recursive(
     ),
     max_leaves=6,
 )
-TEXT = st.text(
-    st.sampled_from(list("aeinkx01.-+~:,?[]{}#&*!|>'\"%@` \t\n\r\\/=<_é☃\ufeff\x00\x85\u2028")), max_size=60
-)
-PIECES = ["name: x\n", "setpoints: ", "[", "]", "{", "}", "- ", "? ", ": ", "\n", "  ", "&a ", "*a ", "|\n"]
-PIECES += ["!!int ", "---\n", "...\n", "%YAML 1.1\n", "<<: ", "70", "1e3", "policies: ", "kind: random", "#"]
-YAML = TEXT | st.lists(st.sampled_from(PIECES), max_size=14).map("".join)
 
 
 def lines_of(error: UsageError) -> list[str]:
@@ -151,15 +143,3 @@ def test_one_wrong_value_is_named_or_is_valid(file, plain, data):
             said = line.removeprefix(f"{file}:1:").split(": ")[1]
             strict = ("found", "not valid YAML") if not said.split(".")[0].isidentifier() else ()
             assert said.split(".")[0] in (where[0], "splits", "output") or said.startswith(strict), line
-
-
-@examples(700)
-@given(data=YAML.map(str.encode) | st.binary(max_size=80))
-def test_any_text_is_an_experiment_or_an_error_with_its_place(file, data):
-    file.write_bytes(data)
-    try:
-        load(file)
-    except ConfigError as error:
-        for line in lines_of(error):
-            place = line.removeprefix(f"{file}:").split(":")
-            assert [number.isdigit() and int(number) > 0 for number in place[:2]] == [True, True]

@@ -1,7 +1,5 @@
 """Reading exports back with the libraries that they are for, as the arrays of `Dataset.arrays`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,14 +1,19 @@
-"""Rules for every format: exports hold every value, and refuse invalid arguments."""
+"""Rules for every format: exports hold every value, say what they show, and refuse invalid arguments."""
 
 import json
 import sys
+import zipfile
 from pathlib import Path
 
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from exporters.reading import holds, one_setpoint
+from exporters.reading import equal, hdf5, holds, one_setpoint
 
-import ibdata as library
+import ibdata
 from ibdata.cli import cli
 from ibdata.dataset.models import SplitEntry
 from ibdata.errors import DatasetError, IbdataError, UsageError
@@ -30,14 +35,14 @@ VIEWS = {
 
 @pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
 def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history, view):
-    made = library.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=history, view=view)
+    made = ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), history=history, view=view)
     holds(made, dataset, one_setpoint(to), history, view=view)
 
 
 def test_blocks_of_any_size_give_the_same_values(dataset, tmp_path, to, monkeypatch):
     """Of a split, too."""
     monkeypatch.setattr("ibdata.exporters._view.BLOCK_ROWS", 30)
-    made = library.export(dataset, to, tmp_path / "made", split="target", history=3)
+    made = ibdata.export(dataset, to, tmp_path / "made", split="target", history=3)
     assert made.rows == 160
     holds(made, dataset, "target", history=3)
 
@@ -55,7 +60,7 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
     out = tmp_path / "new" / "folder" / "made"
-    made = library.export(dataset, to, out, split=one_setpoint(to), view={"reward_scale": 0.5})
+    made = ibdata.export(dataset, to, out, split=one_setpoint(to), view={"reward_scale": 0.5})
     assert (made.format, made.reward_scale) == (to, 0.5)
     assert (made.rows, made.episodes) == ((160, 4) if to == "neorl" else (480, 12))
     assert made.history == (30 if to == "neorl" else 1)
@@ -105,13 +110,13 @@ def added(tmp_path, monkeypatch):
 
 
 def test_a_format_of_another_package_is_imported_when_used(dataset, tmp_path, added):
-    library.export(dataset, "npz", tmp_path / "made.npz")
+    ibdata.export(dataset, "npz", tmp_path / "made.npz")
     assert "mine_rewards" not in sys.modules
     names = {}
-    exec(library.export(dataset, "rewards", tmp_path / "rewards.txt").snippet, names)
+    exec(ibdata.export(dataset, "rewards", tmp_path / "rewards.txt").snippet, names)
     assert len(names["rewards"]) == 480
     with pytest.raises(UsageError, match=r"expected one of csv, .*, rewards; did you mean 'rewards'"):
-        library.export(dataset, "reward", tmp_path / "more.txt")
+        ibdata.export(dataset, "reward", tmp_path / "more.txt")
     assert "Added by mine_rewards." in CliRunner().invoke(cli, ["export", "--help"]).stdout
 
 
@@ -129,7 +134,7 @@ REFUSED = {
 @pytest.mark.parametrize(("options", "message"), REFUSED.values(), ids=REFUSED)
 def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
     with pytest.raises(IbdataError, match=message):
-        library.export(dataset, **{"to": "npz", "out": tmp_path / "made", **options})
+        ibdata.export(dataset, **{"to": "npz", "out": tmp_path / "made", **options})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -138,11 +143,11 @@ def test_what_cannot_be_exported_is_refused(dataset, tmp_path, monkeypatch):
     splits = {**dataset.split_entries, "none": SplitEntry(episodes=0, rows=0, declared=False)}
     monkeypatch.setattr(dataset, "split_entries", splits)
     with pytest.raises(UsageError, match="split: 'none' has no rows"):
-        library.export(dataset, "csv", tmp_path / "made", split="none")
+        ibdata.export(dataset, "csv", tmp_path / "made", split="none")
     cut = dataset.table().slice(0, 90).to_batches()
     monkeypatch.setattr(dataset, "iter_batches", lambda *args: (b.select(args[0]) for b in cut))
     with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):
-        library.export(dataset, "npz", tmp_path / "made")
+        ibdata.export(dataset, "npz", tmp_path / "made")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -151,5 +156,45 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_pa
     monkeypatch.setitem(sys.modules, "h5py", None)
     line = rf"exporting to {to} needs the package h5py: pip install h5py, or 'ibdata\[hdf5\]'"
     with pytest.raises(ImportError, match=line):
-        library.export(dataset, to, tmp_path / "a" / "made")
+        ibdata.export(dataset, to, tmp_path / "a" / "made")
     assert list(tmp_path.iterdir()) == []
+
+
+def said(made):
+    """What an export says of itself."""
+    if made.format in ("npz", "neorl"):
+        return json.loads(zipfile.ZipFile(made.path).comment)
+    if made.format in ("d3rlpy", "d4rl"):
+        with h5py.File(made.path) as file:
+            return json.loads(file.attrs["view"])
+    return json.loads(pq.read_schema(made.path).metadata[b"view"])
+
+
+@pytest.mark.parametrize("view", [VIEWS["markov"][1], VIEWS["troubles"][1]], ids=["markov", "troubles"])
+@pytest.mark.parametrize("to", ["npz", "neorl", "d3rlpy", "d4rl", "rllib"])
+def test_an_export_says_what_it_shows(dataset, tmp_path, to, view):
+    out = tmp_path / ("made.parquet" if to == "rllib" else "made")
+    made = ibdata.export(dataset, to, out, history=3, split="target", view=view)
+    found = said(made)
+    assert tuple(found["frame"]) == made.frame == dataset.windows(view=view).frame
+    assert (found["history"], found["split"], found["content_root"]) == (3, "target", dataset.content_root)
+    assert found["reward"] == view["reward"]
+    assert ("episodes" in found) == bool(found["imperfections"])
+    assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
+
+
+@pytest.mark.parametrize("to", ["npz", "d4rl", "csv"])
+def test_the_true_values_of_imperfect_measurements_stay_beside(dataset, tmp_path, to):
+    made = ibdata.export(dataset, to, tmp_path / "made", view=VIEWS["troubles"][1])
+    readers = {"npz": lambda path: dict(np.load(path)), "d4rl": hdf5, "csv": pd.read_csv}
+    found = readers[to](made.path)
+    name = "clean_obs_fatigue" if to == "csv" else "infos/clean_obs_fatigue"
+    equal(found[name], dataset.table(["obs_fatigue"])["obs_fatigue"].to_numpy())
+
+
+def test_rows_without_a_next_frame_are_left_out_and_counted(tmp_path, to):
+    given = {"name": "x", "setpoints": 20, "policies": ["random"], "episodes": 4, "steps": 9}
+    dataset = ibdata.generate(given, tmp_path / "data", workers=1)
+    made = ibdata.export(dataset, to, tmp_path / "made", history=2, view={"observe": "markov"})
+    assert (made.rows, made.episodes, made.left_out) == (32, 4, 4)
+    holds(made, dataset, history=2, view={"observe": "markov"})

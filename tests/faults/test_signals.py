@@ -12,7 +12,6 @@ import pytest
 pytestmark = pytest.mark.faults
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 GONE = 15.0  # seconds; it takes 0.1 on an idle machine
-signals = pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 
 
 class Ended(NamedTuple):
@@ -60,27 +59,17 @@ def wrong_with(tools, ended, out, number):
 
 
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "with its process group"])
-@signals
+@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 def test_a_signal_ends_a_run(tools, whole, number, group):
     """At any moment; what is finished then can be resumed, and nothing is left where no shard is."""
-    wrong = []
-    for i in range(tools.size(4, 20)):
-        out, moment = tools.where / f"out-{i}", tools.random.uniform(0.6, 3.2)
+    wrong, early = [], tools.size(6, 50)
+    for i in range(early + tools.size(4, 20)):
+        out = tools.where / f"out-{i}"
+        moment = 0.03 + 0.9 * i / early if i < early else tools.random.uniform(0.6, 3.2)
         ended = send(tools, out, number, moment, "--workers", 1 + i % 3, group=group)
         wrong += [f"after {moment:.2f} s: {what}" for what in wrong_with(tools, ended, out, number)]
-        if i == 0 or tools.full:
+        if i == early or tools.full:
             assert tools.generate(tools.many, out, "--resume").returncode == 0
             assert tools.root(out) == whole
             assert tools.leftovers(out) == []
-    assert not wrong, "\n".join(wrong)
-
-
-@signals
-def test_a_signal_while_starting_leaves_nothing(tools, number):
-    """Nor does it show a traceback."""
-    wrong, tries = [], tools.size(12, 100)
-    for i in range(tries):
-        out, moment = tools.where / f"out-{i}", 0.03 + 0.9 * i / tries
-        ended = send(tools, out, number, moment)
-        wrong += [f"after {moment:.2f} s: {what}" for what in wrong_with(tools, ended, out, number)]
     assert not wrong, "\n".join(wrong)

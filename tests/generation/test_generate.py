@@ -144,24 +144,12 @@ def test_all_are_checked_before_the_first_is_made(two):
     assert not Path("out").exists()
 
 
-def test_the_estimates_are_those_of_the_single_runs(two):
-    guessed = ibdata.estimate(two, workers=1)
-    assert [(g["name"], g["out"], g["rows"]) for g in guessed["experiments"]] == [
-        ("set-a", "data/two/a", 5),
-        ("set-b", "data/two/b", 5),
-    ]
-    assert (guessed["out"], guessed["rows"]) == ("data/two", 10)
-    assert len(guessed.to_pandas()) == 2
-    assert not Path("data").exists()
-
-
 def described(**changes):
     plain = {"name": "guessed", "setpoints": [20.0, 70.0], "policies": ["random"], "episodes": 25}
     return Experiment.model_validate({**plain, "steps": 1000, **changes})
 
 
 CASES = {
-    "plain": ({}, 0.1),
     "shards": ({"output": {"shard_rows": 5000, "dtype": "float64"}}, 0.1),
     "two": ({"policies": ["constant", "random"], "episodes": 50}, 0.2),  # constant takes half
     "short": ({"setpoints": {"drifting": [10, 50]}, "steps": 7, "episodes": 800, "start": "uniform"}, 0.1),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.own_code import FILES, PLAIN, generate, sha256, stopped
+from helpers.own_code import PLAIN, generate, sha256, stopped
 from helpers.python import python
 from helpers.versions import POLICY
 
@@ -78,19 +78,6 @@ def test_another_version_of_an_installed_library_is_refused(here):
     path.write_text(json.dumps(note))
     with pytest.raises(UsageError, match="with other code, in the version of scipy;"):
         generate(resume=True)
-
-
-def test_what_is_edited_meanwhile_is_recorded_as_it_was(whole):
-    before = {path: sha256(path) for path in FILES if (whole / path).exists()}
-    plain = generate("plain").content_root
-    edit = "pathlib.Path({!r}).write_text('SIZE = 0.125; SIGN = 1.0; Own = None')"
-    edits = "\n".join(edit.format(path) for path in ("mine.py", "helper.py"))
-    (whole / "at-70-edit.py").write_text(edits)
-    made = generate()
-    assert made.content_root == plain
-    (code,) = made.manifest["code"]
-    assert sha256("mine.py") != before["mine.py"] == code["sha256"]
-    assert code["files"] == {path: before[path] for path in ("helper.py", "lazy.py", "weights.txt")}
 
 
 @pytest.mark.parametrize(

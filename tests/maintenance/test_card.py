@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers.folders import contents
+from helpers.tiny import PLAIN
 
 import ibdata
 from ibdata.dataset import manifest
@@ -19,16 +20,6 @@ from ibdata.report import card
 from ibdata.system.part import locked_part
 
 pytestmark = pytest.mark.slow
-
-PLAIN = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}, {"kind": "constant", "action": [0, 0, 0], "name": "still"}],
-    "episodes": 3,
-    "steps": 20,
-    "output": {"shard_rows": 60},
-    "splits": {"source": {"setpoint": 20}},
-}
 
 
 class Page(HTMLParser):
@@ -127,7 +118,7 @@ def test_the_report_says_what_the_dataset_is(carded, page):
     assert carded.content_root in code
     described = [column["description"] for column in carded.info["columns"]]
     paths = [shard["path"] for shard in carded.manifest["shards"]]
-    words = ["240", "12 of 20 steps", "random, still", "source", *carded.manifest["versions"].values()]
+    words = ["240", "12 of 20 steps", "random, safe", "source", *carded.manifest["versions"].values()]
     assert {*described, *paths, *words} <= set(cells)
     table, *_ = ibdata.quality(carded).tables()
     for name, value, meaning in table.rows:

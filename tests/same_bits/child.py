@@ -8,8 +8,6 @@ Each setting is a process of its own, because numpy, numba and the C library rea
 variables when they are loaded. The workers begin with `start` below, and have the same sizes of blocks.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import json

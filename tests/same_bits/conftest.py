@@ -1,7 +1,5 @@
 """The matrix as a fixture: all rows start together, and each test waits for its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The known answer detects a machine that computes other bits, and the golden roots a package that does."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil
@@ -37,20 +35,15 @@ with tempfile.TemporaryDirectory() as folder:
 FORCED = {"spec": {"size": "tiny", "known_answer": "0" * 64}}
 COMPILE = 'numba.njit(nogil=True, error_model="numpy", **options)'
 FUSED = "numba.njit(fastmath={'contract'}, **options)"
-FAST = "numba.njit(fastmath=True, **options)"
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
     "fused multiply-add": ("numerics/compiled.py", COMPILE, FUSED),
-    "fastmath": ("numerics/compiled.py", COMPILE, FAST),
     "exp of the C library": (
         "numerics/exact.py",
         "    k = np.rint(x",
         "    return math.exp(x)\n    k = np.rint(x",
     ),
-    "log of the C library": ("numerics/exact.py", "    bits = ", "    return math.log(x)\n    bits = "),
 }
-if os.environ.get("IBDATA_SAME_BITS") != "full":
-    CHANGES = {name: CHANGES[name] for name in ("fused multiply-add", "exp of the C library")}
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Workers, blocks, shards and interruptions do not change the content or the files."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Content roots on other processors, as numpy, OpenBLAS, numba and the C library see them, and uncompiled."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.matrix import HAS_AVX512, HAS_FMA, SIZE, Row
 from numpy._core import _multiarray_umath as umath

@@ -1,7 +1,5 @@
 """The oldest library versions that pyproject.toml allows, and the pinned newest ones."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

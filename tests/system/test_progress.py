@@ -55,13 +55,6 @@ def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch
     assert sorted(n for n in bar.moves if n) == [44 * steps, 44 * steps, 256 * steps, 256 * steps]
 
 
-def test_the_bar_of_generate_begins_with_what_is_there(bars, tmp_path):
-    tiny = parts(5).model_copy(update={"episodes": 4, "output": {"shard_rows": 5}})
-    ibdata.generate(tiny, tmp_path, shards="1/2", workers=1)
-    ibdata.generate(tiny, tmp_path, workers=1, resume=True, progress=True)
-    assert (bars[0].moves[0], sum(bars[0].moves)) == (10, 20)
-
-
 CALLS = {
     "evaluate": lambda folder, out, **options: ibdata.evaluate("safe", episodes=300, steps=70, **options),
     "validate": lambda folder, out, **options: ibdata.validate(folder, **options),

@@ -18,7 +18,7 @@ from pyarrow.fs import FileSystem
 import ibdata
 import ibdata.plots
 from ibdata.cli import cli
-from ibdata.errors import DatasetError, IbdataError, UsageError, hidden
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment.template import write_template
 from ibdata.maintenance.card import card
 from ibdata.maintenance.listing import datasets_in
@@ -126,19 +126,6 @@ def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch):
     with pytest.raises(DatasetError) as error:
         _ = ibdata.open(url).info
     assert not any(secret in text for text in (*shown, str(error.value)) for secret in SECRETS)
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("s3://bucket/a@b: x", "s3://bucket/a@b: x"),
-        ("s3://KEY@bucket/a@b", "s3://…@bucket/a@b"),
-        ("https://x/?sig=KEY&region=eu, http://u:KEY@y", "https://x/?sig=…&region=eu, http://…@y"),
-        ("a/b: c@d:e", "a/b: c@d:e"),
-    ],
-)
-def test_what_is_hidden(text, shown):
-    assert hidden(text) == shown
 
 
 # --- what takes no URL

@@ -6,7 +6,6 @@ from helpers.examples import tries
 from hypothesis import given
 from hypothesis import strategies as st
 
-import ibdata
 from ibdata.dataset.statistics import Moments, described, merged, moments, sums
 
 seeds = st.integers(0, 2**32 - 1)
@@ -87,14 +86,3 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
-
-
-def test_a_dataset_without_densities_has_statistics(monkeypatch, describe, tmp_path):
-    def unknown(self, given, action):
-        return np.full(len(action), np.nan)
-
-    monkeypatch.setattr("ibdata.policies.random.Random.log_density", unknown)
-    made = ibdata.generate(describe(), tmp_path / "x", workers=1)
-    assert np.isnan(made.table()["action_log_prob"].to_numpy()[:240]).all()
-    assert made.statistics()["reward"]["count"] == 480
-    assert made.statistics()["action_log_prob"]["mean"] is None

@@ -1,7 +1,5 @@
 """The baselines: their rows are d3rlpy's transitions, and their runs repeat."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer

@@ -1,7 +1,5 @@
 """d3rlpy reads every transition of the export, and learns from it what is scored in the benchmark."""
 
-from __future__ import annotations
-
 import d3rlpy
 import numpy as np
 import pytest

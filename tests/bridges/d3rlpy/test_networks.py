@@ -1,7 +1,5 @@
 """Networks of Stable-Baselines3, d3rlpy and plain torch act in ibdata as they do in their library."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 
@@ -16,7 +14,6 @@ from helpers import ROOT
 from helpers.asking import action_of, proposed
 from helpers.pages import check_guide
 from stable_baselines3 import PPO, SAC, TD3
-from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import ibdata
@@ -181,12 +178,6 @@ class Clamped(torch.nn.Sequential):
         return super().forward(x.clamp(-3.0, 3.0))
 
 
-class Halved(FlattenExtractor):
-    def forward(self, observations):
-        return 0.5 * super().forward(observations)
-
-
-EXTRACTED = {"features_extractor_class": Halved}
 MORE = r"found \w+, whose actions are up to [0-9.e-]+ from those of"
 REFUSED = {
     "an object": (object, "found object"),
@@ -197,7 +188,6 @@ REFUSED = {
     "many outputs": (lambda: torch.nn.Linear(6 * FRAMES, 4), "mean: found weights of shape"),
     "a clamp": (Clamped, MORE),
     "a choice of draws": (lambda: of_d3rlpy("CRR"), MORE),
-    "an extractor of TD3": (lambda: of_sb3(TD3, net=EXTRACTED), MORE),
 }
 
 

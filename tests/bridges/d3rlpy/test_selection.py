@@ -1,7 +1,5 @@
 """Off-policy evaluation and selection: the noise of the target policies, and the estimators."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Modules of torch are evaluated as they are, and its loaders read windows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

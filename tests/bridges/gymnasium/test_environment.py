@@ -1,7 +1,5 @@
 """One environment: Gymnasium's own checks, how it is found, its seeds, refusals, pictures and snippets."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from itertools import pairwise

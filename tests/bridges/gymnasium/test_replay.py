@@ -1,7 +1,5 @@
 """The environments replay the episodes of datasets, and begin in given states."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The vector environment does what Gymnasium's loop over single ones does, in all three modes of reset."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import pytest

@@ -1,11 +1,9 @@
 """The tests of tests/exporters that hold for every format, run for Minari."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest
-from exporters import test_conformance, test_target, test_views
+from exporters import test_conformance, test_target
 from exporters.conftest import dataset  # noqa: F401
 
 
@@ -20,8 +18,8 @@ def for_every_format(test) -> bool:
     return "to" in inspect.signature(test).parameters and "to" not in tables
 
 
-for _module in (test_conformance, test_target, test_views):
+for _module in (test_conformance, test_target):
     for _name, _test in list(vars(_module).items()):
         if _name.startswith("test_") and for_every_format(_test):
             globals()[_name] = _test
-del test_conformance, test_target, test_views
+del test_conformance, test_target

@@ -1,7 +1,5 @@
 """Minari reads every value of the export, with metadata, environment, ids and scores."""
 
-from __future__ import annotations
-
 import minari
 import numpy as np
 import pytest
@@ -10,7 +8,29 @@ import ibdata
 from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
 
+SMALL = {
+    "name": "small",
+    "setpoints": [20, 70],
+    "policies": ["random", "safe"],
+    "episodes": 3,
+    "steps": 25,
+    "seed": 11,
+    "output": {"latent": "next", "shard_rows": 50},
+    "splits": {"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}},
+}
 MARKOV = {"observe": "markov", "actions": True, "reward": {"consumption": 1.0, "fatigue": 1.0}}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return ibdata.generate(SMALL, tmp_path_factory.mktemp("bridge") / "small", workers=1)
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    """Minari's root, and nothing of the user's."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "root"))
+    return tmp_path / "root"
 
 
 def equal(found, expected):

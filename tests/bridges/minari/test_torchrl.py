@@ -1,7 +1,5 @@
 """TorchRL samples a TensorDict that is made from arrays."""
 
-from __future__ import annotations
-
 import warnings
 
 import pytest

@@ -1,7 +1,5 @@
 """The Ray engine gives the same dataset, survives killed workers, and stops all that it starts."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -14,18 +12,11 @@ import pytest
 import ray
 from helpers import ROOT
 from helpers.pages import blocks
+from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning:ray", "ignore::ResourceWarning")
-TINY = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 6,
-    "steps": 50,
-    "output": {"shard_rows": 50},
-}
 POLICY = """
 import os, signal, sys
 from pathlib import Path
@@ -90,7 +81,7 @@ def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     Path("deadly.py").write_text(POLICY)
     params = {"driver": os.getpid(), "flag": str(tmp_path / "flag")}
     policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
-    experiment = {**TINY, "policies": [policy]}
+    experiment = {**TINY.plain(), "policies": [policy]}
     made = ibdata.generate(experiment, "ray", engine="ray", allow_code=True)
     assert (tmp_path / "flag").read_text() == "xx"
     plain = ibdata.generate(experiment, "plain", workers=1, allow_code=True)

@@ -1,7 +1,5 @@
 """polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the same bits from a dataset."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

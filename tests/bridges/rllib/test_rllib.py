@@ -1,7 +1,5 @@
 """RLlib trains on the export with the printed configuration."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Datasets in an object store: a local S3 server, and fsspec's file system in memory."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import subprocess
@@ -12,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.pages import blocks
+from helpers.tiny import PLAIN
 from moto.server import ThreadedMotoServer
 
 import ibdata
@@ -19,14 +18,6 @@ from ibdata.errors import DatasetError
 from ibdata.system.storage import Remote
 
 NUMBERS = itertools.count()
-TINY = {
-    "name": "tiny",
-    "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "random"}],
-    "episodes": 4,
-    "steps": 50,
-    "output": {"shard_rows": 100},
-}
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +49,7 @@ def url(request, bucket):
 
 
 def generate(place, **options):
-    return ibdata.generate(TINY, place, workers=1, **options)
+    return ibdata.generate(PLAIN, place, workers=1, **options)
 
 
 def test_what_is_written_is_read_again(url):
@@ -73,7 +64,7 @@ def test_what_is_written_is_read_again(url):
     for name, array in opened.arrays(history=3).items():
         np.testing.assert_array_equal(array, plain.arrays(history=3)[name])
     assert ibdata.validate(url) == []
-    assert repr(opened) == f"<ibdata.Dataset {url}: 400 rows, 8 episodes>"
+    assert repr(opened) == f"<ibdata.Dataset {url}: 240 rows, 12 episodes>"
 
 
 def test_the_first_rows_need_the_first_file_only(bucket, monkeypatch):
