@@ -16,7 +16,7 @@ Columns = dict[str, npt.NDArray[np.float64]]
 def episodes(
     dynamics: str, setpoints: Any, policy: str, steps: int, seed: int, count: int = 1
 ) -> list[Columns]:
-    """The first `count` episodes of a cell, each with its columns (steps,) and the derived values."""
+    """The first `count` episodes of a cell, each with its variables by name (steps,)."""
     experiment = Experiment.model_validate(
         {
             "name": "figure",
@@ -30,5 +30,6 @@ def episodes(
         }
     )
     made = rollout(experiment, 0, count)
-    table = made.table.reshape(len(made.names), count, steps)
-    return [{name: table[i, j].astype(np.float64) for i, name in enumerate(made.names)} for j in range(count)]
+    names = [name.removeprefix("obs_").removeprefix("latent_") for name in made.names]
+    table = made.table.reshape(len(names), count, steps).astype(np.float64)
+    return [dict(zip(names, table[:, number], strict=True)) for number in range(count)]

@@ -24,8 +24,7 @@ SETPOINT = 50.0
 
 def parts(dynamics: str, seed: int) -> Columns:
     """The quantities drawn, by name, (200,) at steps 0 … 199."""
-    (columns,) = episodes(dynamics, SETPOINT, "random", STEPS, seed)
-    state = {name.removeprefix("obs_").removeprefix("latent_"): x for name, x in columns.items()}
+    (state,) = episodes(dynamics, SETPOINT, "random", STEPS, seed)
     offset = VARIANTS[dynamics].consumption_offset
     steerings = zip(state["setpoint"], state["velocity"], state["gain"], strict=True)
     return {

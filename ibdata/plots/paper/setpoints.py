@@ -20,7 +20,7 @@ LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, ":"))
 def paths(dynamics: str, seed: int) -> npt.NDArray[np.float64]:
     """The setpoints (4, 1000)."""
     made = episodes(dynamics, "drifting", "constant", STEPS, seed, len(LINES))
-    return np.array([columns["obs_setpoint"] for columns in made])
+    return np.array([columns["setpoint"] for columns in made])
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
