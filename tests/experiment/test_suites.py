@@ -182,7 +182,7 @@ def test_returns_like_neorls_are_within_three_percent(name):
     assert found.mean_return == pytest.approx(NEORL[name], rel=0.03)
 
 
-@pytest.mark.parametrize("suite", ["d4rl-like", "d4rl-like-all"])
+@pytest.mark.parametrize("suite", ["d4rl-like", pytest.param("d4rl-like-all", marks=pytest.mark.slow)])
 def test_half_trained_networks_are_between_random_and_expert(suite):
     policies = {name: load(f"{suite}/{name}").policies[0] for name in ("random", "medium", "expert")}
     points = [cell.setpoint for cell in load(f"{suite}/random").cells]

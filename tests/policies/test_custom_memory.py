@@ -49,7 +49,8 @@ def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, na
     assert known.any() == (name != "Resetting")
 
 
-def test_the_options_must_give_what_an_object_needs(make):
+@pytest.mark.usefixtures("make")
+def test_the_options_must_give_what_an_object_needs():
     line = "found uniforms: 0, expected at least the needs of Centred; write uniforms: 3"
     with pytest.raises(PolicyError, match=line):
-        make("Centred")
+        ibdata.evaluate({"kind": "custom", "target": "remembering.py:Centred"}, steps=2, episodes=2)

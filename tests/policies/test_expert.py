@@ -90,6 +90,7 @@ def test_its_reward_is_as_high_as_measured(start, least):
     assert found.results[0].mean_reward > least
 
 
+@pytest.mark.slow
 def test_it_is_better_than_every_shipped_network():
     files = [path.stem for path in (ROOT / "ibdata/policies/weights").glob("*.safetensors")]
     networks = [{"kind": "network", "file": name, "name": name} for name in files]

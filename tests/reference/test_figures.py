@@ -103,7 +103,10 @@ def random_rollouts(variant, setpoint):
     return run_away, cap, dropped, at_cap / (EPISODES * STEPS)
 
 
-@pytest.mark.parametrize("setpoint", [10, 50, 100])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("setpoint", [pytest.param(10, marks=SLOW), pytest.param(50, marks=SLOW), 100])
 def test_mu_reaches_its_cap_14_or_15_steps_after_the_run_away(setpoint):
     """Figure 4: run-away at t = 80 to 90, bifurcation near t = 100, unless an effective value resets μ.
 
