@@ -34,6 +34,11 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]
 
 
+def pytest_make_parametrize_id(val: object) -> str | None:
+    """Parameters are named by the beginning of their text."""
+    return ascii(str(val))[1:-1][:30] if isinstance(val, str | dict | list | tuple) else None
+
+
 @pytest.fixture(scope="session")
 def command() -> str:
     """The path of the installed console script."""

@@ -67,7 +67,6 @@ def test_links_to_datasets_are_followed(made, run):
         (("generate", "randm.yaml"), 2, "random"),
         (("evaluate", "--policy", "saef"), 2, "safe"),
     ],
-    ids=str,
 )
 def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, near):
     found, out, err = run(*args)
@@ -87,7 +86,6 @@ def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, n
         (("repr",), ["reproduce"]),
         (("generate", "--res"), ["--resume"]),
     ],
-    ids=str,
 )
 def test_the_shell_completes_names(made, run, monkeypatch, words, offered):
     monkeypatch.setenv("_IBDATA_COMPLETE", "bash_complete")

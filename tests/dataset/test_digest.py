@@ -49,7 +49,6 @@ def test_the_same_content_has_the_same_root(describe, dataset, tmp_path, change)
         {"output": {"latent": "full"}},
         {"output": {**NEXT, "dtype": "float64"}},
     ],
-    ids=str,
 )
 def test_other_content_has_another_root(describe, dataset, tmp_path, change):
     made = ibdata.generate(describe(**{"output": NEXT, **change}), tmp_path / "x", workers=1)

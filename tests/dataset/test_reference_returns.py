@@ -21,7 +21,7 @@ SETTINGS = [
     for dynamics in ("siemens", "paper")
     for length in ((100, 0.97), (1000, 1.0))
 ]
-settings = pytest.mark.parametrize("settings", SETTINGS, ids=str)
+settings = pytest.mark.parametrize("settings", SETTINGS)
 
 
 def block(policy, dynamics="siemens"):
@@ -128,7 +128,6 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
         ("siemens", "default", 100, 1.0),
         ({"base": "siemens"}, "default", 100, 0.97),
     ],
-    ids=str,
 )
 def test_only_equal_things_are_compared(settings):
     assert scale(*settings) is None

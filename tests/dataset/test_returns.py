@@ -53,7 +53,6 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
 @pytest.mark.parametrize(
     "changes",
     [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}],
-    ids=str,
 )
 def test_other_episodes_have_none(describe, tmp_path, changes):
     experiment = describe(**{"setpoints": [70], "steps": 1000, "episodes": 1, **changes})

@@ -79,7 +79,6 @@ def test_moving_setpoints_count_by_their_first_value(moving):
         ({"split": ["source"]}, "split: found ['source'], expected the name of one split"),
         ({"columns": ["rewards"]}, "column: found 'rewards', expected one of episode, "),
     ],
-    ids=str,
 )
 def test_an_unknown_name_is_one_line_that_lists_the_known_ones(labelled, selection, line):
     reads = [labelled.to_pandas, labelled.table, labelled.arrays]

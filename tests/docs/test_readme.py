@@ -18,7 +18,7 @@ SHELL = [line for language, block in BLOCKS if language == "sh" for line in bloc
 PROVEN = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("promises.md", "errata.md"))
 
 
-def test_it_is_short_and_begins_with_the_two_commands_that_ci_runs():
+def test_it_is_short_and_begins_with_the_two_commands():
     assert len(TEXT.splitlines()) <= 120
     assert SHELL[0].endswith("ibdata generate --config random.yaml")
     assert SHELL[1] == "scripts/test"

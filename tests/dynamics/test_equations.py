@@ -150,7 +150,7 @@ def test_a_segment_of_three_steps_is_followed_by_a_new_one(variant):
 
 @tries(300)
 @given(p=setpoints, b=rates, left=st.integers(0, 99), u=st.tuples(uniforms, uniforms, uniforms, uniforms))
-def test_any_step_is_the_printed_one_and_treats_both_bounds_alike(p, b, left, u):
+def test_any_step_is_the_printed_one_at_both_bounds(p, b, left, u):
     printed_one = printed.setpoint(p, b, left, dict(zip(DRAWS, u, strict=True)))
     assert drift(p, b, left, *u, PAPER.parameters) == printed_one
     for variant in (SIEMENS, PAPER) if left > 0 else ():

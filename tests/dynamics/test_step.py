@@ -58,7 +58,7 @@ def test_every_field_has_its_shape_and_type(n):
             assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
 
 
-def test_the_zero_action_step_moves_the_setpoint_and_fills_the_history():
+def test_the_zero_action_step_moves_and_fills():
     quiet = tape.noise(np.random.default_rng(0), 1)
     half = np.array([0.5])
     noise = quiet._replace(uniform_drift_length=half, uniform_drift_rate=half + 0.25, uniform_drift_zero=half)

@@ -37,7 +37,7 @@ def test_the_environment_is_registered_once_in_every_order(tmp_path, order):
     assert said(tmp_path, code) == str(EXPECTED)
 
 
-def test_without_gymnasium_ibdata_works_and_the_environment_says_what_to_install(tmp_path):
+def test_without_gymnasium_it_says_what_to_install(tmp_path):
     code = """
 class Without:
     def find_spec(self, name, path=None, target=None):

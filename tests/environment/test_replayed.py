@@ -118,9 +118,8 @@ def test_the_first_observations_are_those_of_the_burn_in(played):
             },
         },
     ],
-    ids=str,
 )
-def test_a_replay_through_a_view_shows_the_rows_that_the_view_of_the_dataset_has(played, view):
+def test_a_replay_through_a_view_shows_its_rows(played, view):
     arrays = played.arrays(history=FRAMES, view=view)
     actions = played.arrays()["actions"].reshape(12, 40, 3)
     for simulation in (Simulation(settings_of(played, view=view), 12), Lane(settings_of(played, view=view))):
@@ -171,7 +170,7 @@ def test_the_other_lanes_stay_as_they_are(dataset):
 
 
 @pytest.mark.parametrize("drifting", [False, True])
-def test_integers_come_in_the_order_of_the_steps_however_many_are_taken_at_once(drifting):
+def test_integers_come_in_the_order_of_the_steps(drifting):
     key, index = np.array([3, 2**63], dtype=np.uint64), 5
     parts = [
         integers(key[None], np.array([index]), purpose, 1, 300, slots)[:, :, 0]
@@ -201,7 +200,6 @@ def test_integers_come_in_the_order_of_the_steps_however_many_are_taken_at_once(
             "episode: found 2 episodes, expected one episode, or one for each of 3 lanes",
         ),
     ],
-    ids=str,
 )
 def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, message):
     given = options if len(options) == 2 or "only one" in message else {"dataset": dataset, **options}
@@ -211,7 +209,7 @@ def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, mess
     assert Replay.asked_for({"reset_mask": np.ones(1, dtype=bool)}, settings(), 1) is None
 
 
-def test_settings_of_other_episodes_are_refused_with_the_ones_to_give(dataset, moving, uniform):
+def test_settings_of_other_episodes_are_refused(dataset, moving, uniform):
     def refusal(ds, **given):
         with pytest.raises(UsageError) as caught:
             Replay.asked_for({"dataset": ds, "episode": 0}, settings(**given), 1)

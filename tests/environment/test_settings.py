@@ -39,7 +39,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize(("name", "value"), [(name, value) for name in WRONG for value in WRONG[name]])
-def test_a_setting_that_cannot_be_meant_is_named_with_what_was_expected(name, value):
+def test_a_setting_that_cannot_be_meant_is_named(name, value):
     with pytest.raises(UsageError) as caught:
         settings(**{name: value})
     assert str(caught.value) == f"{name}: {WRONG[name][value]}"
@@ -73,7 +73,7 @@ def test_dynamics_are_a_name_a_mapping_or_a_variant(dynamics, variant):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_the_extremes_of_consumption_are_within_its_bounds_and_near_them(variant):
+def test_the_extremes_of_consumption_are_near_its_bounds(variant):
     """The dearest and the cheapest steerings, the worst and the best of m, the normal draw at its ends."""
     low, high = consumption_bounds(VARIANTS[variant])
     seen = []

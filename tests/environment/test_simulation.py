@@ -43,7 +43,7 @@ def actions_of(recorded):
     return np.array([recorded.columns[name] for name in names]).T
 
 
-def test_the_simulation_fed_a_dataset_s_integers_is_its_episode_bit_for_bit(case, recorded):
+def test_fed_a_datasets_integers_it_is_its_episode(case, recorded):
     simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
     columns = recorded.columns
     names = hidden_variables(simulation.settings.world.drifting)
@@ -63,7 +63,7 @@ def test_the_simulation_fed_a_dataset_s_integers_is_its_episode_bit_for_bit(case
 @pytest.mark.parametrize(
     ("setpoint", "start"), [(70, "default"), ("drifting", "uniform"), ("drifting", {"burn_in": [0, 7]})]
 )
-def test_a_lane_is_the_same_alone_and_among_others_that_rest_or_start_again(setpoint, start):
+def test_a_lane_is_the_same_alone_and_among_others(setpoint, start):
     given = settings(setpoint=setpoint, start=start, history=3)
     together, tape = Simulation(given, 3), random_tape(3)
     alone = [(Simulation(given, 1), Tape(tape.integers[lane])) for lane in range(3)]
@@ -109,7 +109,7 @@ VIEWS = {
 
 
 @pytest.mark.parametrize("options", VIEWS.values(), ids=VIEWS)
-def test_the_lane_of_the_environment_is_a_simulation_of_one_lane_bit_for_bit(options):
+def test_the_environment_is_a_simulation_of_one_lane(options):
     """And what it sees lies within the bounds."""
     given = settings(**options)
     low, high = (np.tile(bounds, given.history) for bounds in frame_bounds(given))
@@ -150,7 +150,7 @@ def test_a_copy_goes_on_by_itself(kind, copied):
     assert other.observations().tolist() == one.observations().tolist()
 
 
-def test_a_change_of_the_reward_never_reaches_back_before_the_episode():
+def test_the_first_delta_reward_is_within_the_episode():
     """In a lane that begins anew among others, it is that from its first observation to its second."""
     simulations = [Simulation(settings(view={"reward": reward}), 3) for reward in ("delta", "classic")]
     (delta, tape), (classic, other) = ((each, random_tape(3)) for each in simulations)
@@ -199,7 +199,7 @@ def test_a_lane_goes_on_from_the_state_of_a_row(either):
         assert (seen[6:] == observations[t]).all()
 
 
-def test_each_state_that_is_gone_on_from_is_measured_with_noise_of_its_own():
+def test_each_branch_is_measured_with_noise_of_its_own():
     simulation = Simulation(settings(setpoint=70, view={"imperfections": {"noise": {"obs_gain": 1.0}}}), 3)
     state, tape, seen = initial_state([70.0] * 3), random_tape(3), []
     for _ in range(2):

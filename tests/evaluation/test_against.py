@@ -53,7 +53,7 @@ def test_the_shipped_behaviour_does_not_differ_from_itself():
     assert behaviour.standard_error < 0.001
 
 
-def test_baselines_are_shown_and_in_the_plain_data_only_if_they_are_asked_for(shipped):
+def test_baselines_are_there_only_if_asked_for(shipped):
     found = ibdata.evaluate("safe", against="d4rl-like/medium")
     assert found.plain()["baselines"][0]["set"] == "d4rl-like/medium"
     assert "d4rl-like/medium" in repr(found)

@@ -52,7 +52,7 @@ def replayed(index, discount, actions):
 
 
 @pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
-def test_the_return_is_the_discounted_sum_of_the_rewards_after_the_zero_action_step(discount):
+def test_the_return_is_the_discounted_sum_of_rewards(discount):
     found = returns(NUDGE, discount=discount, seed=3)[0]
     expected = [replayed(index, discount, [NUDGE["action"]] * 30) for index in range(4)]
     assert found == pytest.approx(expected, rel=1e-13)
@@ -73,7 +73,7 @@ def test_the_random_numbers_have_their_addresses_for_ever():
     assert {form: digest(form).hex()[:8] for form in ADDRESSES} == ADDRESSES
 
 
-@pytest.mark.parametrize("start", ["default", "uniform", {"burn_in": [2, 9]}], ids=str)
+@pytest.mark.parametrize("start", ["default", "uniform", {"burn_in": [2, 9]}])
 def test_all_policies_meet_the_same_environment(start):
     """A base that always acts is the base, although its wrapper draws from an address of its own."""
     always = {"kind": "epsilon_greedy", "base": NUDGE, "epsilon": 0.0}
@@ -96,7 +96,7 @@ def test_nothing_but_the_address_matters(monkeypatch):
     assert (returns("random", seed=1) != few[1]).all()
 
 
-def test_a_policy_sees_its_history_newest_first_and_its_rewards_are_those_of_the_next_observation():
+def test_a_policy_sees_its_history_newest_first():
     watching = Watching(frames=3)
     found = returns(watching, discount=0.9)[0]
     seen = np.array(watching.seen[-30:])  # it was asked before the run, too

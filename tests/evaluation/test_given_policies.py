@@ -28,7 +28,7 @@ REFUSED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("arguments", "message"), REFUSED, ids=str)
+@pytest.mark.parametrize(("arguments", "message"), REFUSED)
 def test_what_cannot_be_meant_is_one_line(arguments, message):
     with pytest.raises(UsageError) as caught:
         evaluate(**{"policy": "random", "episodes": 2, **arguments})
@@ -63,7 +63,7 @@ class Seeing:
         return np.zeros((len(observations), 3))
 
 
-def test_policies_may_have_labels_and_lengths_of_history_of_their_own():
+def test_policies_may_have_own_labels_and_histories():
     own = Seeing(4)
     own.needs = Needs(history=4)
     given = [
@@ -152,6 +152,6 @@ def test_a_view_that_nobody_could_see_is_refused():
         ibdata.evaluate("safe", **ALIKE, view={"observe": "markov"})
 
 
-def test_policies_of_ibdata_see_what_they_need_beside_an_object_with_a_view():
+def test_an_objects_view_leaves_other_policies_alone():
     both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, view={"observe": ["obs_gain"]})
     assert both.returns[1].tolist() == ibdata.evaluate("optimized", **ALIKE).returns[0].tolist()

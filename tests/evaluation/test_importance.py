@@ -57,7 +57,7 @@ def test_steps_from_which_all_weights_are_0_are_named():
     assert [each.mean_return for each in found.results] == [0.0, 1.5, None]
 
 
-def test_the_weights_of_long_episodes_may_be_too_small_for_a_number():
+def test_weights_of_long_episodes_may_underflow():
     found = of_logs(np.array([[-1000.0], [-1000.0 - np.log(3.0)]]), np.array([[-4.0], [-8.0]]), 1.0)
     assert found.weights.tolist() == [[0.0], [0.0]]
     assert found.results[2].mean_return == pytest.approx(-5.0)
@@ -155,7 +155,7 @@ class Inside(Corner):
         return np.zeros(action.shape, dtype=bool)
 
 
-def test_a_density_without_point_masses_is_0_where_the_data_have_some(dataset):
+def test_a_density_is_0_at_point_masses_it_lacks(dataset):
     """The formula's clipped actions are at ±1, where the measure has point masses."""
     actions = dataset.table(["act_velocity", "act_gain", "act_shift"]).to_pandas().to_numpy()
     corner = (np.abs(actions) == 1.0).all(axis=1).reshape(80, 6)

@@ -56,7 +56,7 @@ def test_the_next_rows_of_a_dataset_scatter_by_it(either):
     assert abs(squares.mean()) <= 4 * squares.std() / np.sqrt(n)
 
 
-def test_the_errors_are_the_means_over_the_rows_that_are_asked_for(dataset):
+def test_the_errors_are_means_over_the_rows_asked_for(dataset):
     whole, part = noise_floor(dataset), noise_floor(dataset, "target", policy="calm")
     frame = dataset.to_pandas()
     own = dataset.to_pandas(split="target", policy="calm")

@@ -55,7 +55,7 @@ SETTINGS = [
 ]
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@pytest.mark.parametrize("settings", SETTINGS)
 def test_random_scores_0_and_the_top_100_without_error(settings):
     found = evaluate(["random", "safe", "optimized", "expert"], episodes=30, **settings)
     random, safe, optimized, expert = found.results

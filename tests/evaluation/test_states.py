@@ -92,7 +92,6 @@ def test_a_merged_dataset_has_the_states_of_its_parts(dataset, describe, tmp_pat
         (0, "last", "step: found 'last', expected whole numbers"),
         ([1, 2, 3], [1, 2], "episode and step: found 3 and 2 numbers, expected equally many"),
     ],
-    ids=str,
 )
 def test_rows_that_are_not_there_are_one_line(dataset, episode, step, message):
     with pytest.raises(UsageError) as caught:
@@ -119,7 +118,6 @@ def damage(folder, column, row, value):
         ("act_gain", np.nan, "episode 1: step 10: found the action [0.09"),
         ("reward", np.nan, "episode 1: step 10: reward: found nan, expected -"),
     ],
-    ids=str,
 )
 def test_rows_that_the_simulation_does_not_give_are_one_line(copied, column, value, message):
     damage(copied, column, 40 + 10, value)

@@ -59,7 +59,7 @@ def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
 
 
 @pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
-def test_a_branch_goes_on_from_the_state_with_noise_of_its_own_address(either, discount):
+def test_a_branch_goes_on_with_noise_of_its_own(either, discount):
     """Also where setpoints move."""
     found = branches(either, {"episode": [4, 9], "step": [17, 0]}, NUDGE, discount=discount, seed=3)
     for i, (episode, step) in enumerate([(4, 17), (9, 0)]):
@@ -87,14 +87,14 @@ def test_the_first_action_may_be_given(dataset):
         assert found[i] == pytest.approx(expected, rel=1e-13)
 
 
-def test_the_value_of_a_policys_own_action_is_the_value_of_the_state(dataset):
+def test_q_of_a_policys_own_action_is_v(dataset):
     rows, policy = [0, 3, 77, 410], POLICIES["optimized"]()
     histories = dataset.arrays(history=policy.needs.history)["observations"][rows].reshape(4, -1, 6)
     actions = proposed(policy, histories, np.empty((4, 0)))
     np.testing.assert_array_equal(branches(dataset, rows, policy, actions), branches(dataset, rows, policy))
 
 
-def test_a_policy_knows_what_it_would_know_if_it_had_watched_the_episode(dataset, monkeypatch):
+def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
     monkeypatch.setattr(Recalling, "given", [])
     branches(dataset, [40 * 5 + 20, 40 * 5 + 3], Recalling(), [[1, 0, 0], [1, 0, 0]], episodes=2)
     moved = dataset.to_pandas()["act_velocity"].to_numpy()[200:]

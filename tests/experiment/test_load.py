@@ -102,6 +102,6 @@ WHOLE_FILES = {
 }
 
 
-@pytest.mark.parametrize(("text", "lines"), WHOLE_FILES.items(), ids=repr)
+@pytest.mark.parametrize(("text", "lines"), WHOLE_FILES.items())
 def test_a_file_has_all_its_problems_told_at_once(problems, text, lines):
     assert problems(text) == [f"x.yaml:{line}" for line in lines]

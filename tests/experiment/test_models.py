@@ -96,7 +96,6 @@ def test_the_digest_of_a_cell_never_changes(fields, form, digest):
         *({"dynamics": x} for x in ("siemens", {"base": "siemens"}, {"base": "siemens", "eta_mean": 0.1})),
         {"start": "default"},
     ],
-    ids=str,
 )
 def test_what_is_no_part_of_a_cell_leaves_its_digest(change):
     assert digests(**change) == digests()
@@ -172,7 +171,6 @@ def test_later_policies_with_the_same_label_are_numbered(names, labels):
         ({"start": 0, "stop": 1, "step": 0.1}, [i / 10 for i in range(11)]),  # 0.3, not 0.30000000000000004
         ({"start": 0, "stop": 100, "step": 100 / 3}, [0.0, 100 / 3, 200 / 3]),
     ],
-    ids=str,
 )
 def test_each_form_of_setpoints_gives_its_numbers(value, expected):
     assert setpoints(value) == expected
@@ -187,7 +185,7 @@ def test_any_field_of_the_dynamics_can_be_replaced_alone(field):
     assert made.cells[0].dynamics == {"base": "siemens", field: value}
 
 
-@pytest.mark.parametrize("change", [{"dynamics": "paper"}, {"setpoints": [10.0]}, {"steps": 7}], ids=str)
+@pytest.mark.parametrize("change", [{"dynamics": "paper"}, {"setpoints": [10.0]}, {"steps": 7}])
 def test_a_changed_copy_is_the_experiment_with_the_change(change):
     used, fresh = experiment(), experiment(**change)
     _ = used.cells, used.variant, used.labels, used.drifting  # kept from now on

@@ -53,7 +53,6 @@ REFUSED = {
         (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
     ],
-    ids=str,
 )
 def test_overrides_replace_what_the_file_says(loaded, with_lines, overrides, attribute, value):
     found = loaded(with_lines(), overrides)

@@ -119,7 +119,6 @@ def test_an_override_replaces_all_of_a_block_and_no_other():
         ({}, "steps=1", "overrides: found 'steps=1', expected a list of texts key=value, or a mapping"),
         ({}, [1], "override: found 1, expected key=value"),
     ],
-    ids=str,
 )
 def test_a_mistake_is_one_line_that_names_its_key(given, overrides, line):
     with pytest.raises(UsageError) as error:

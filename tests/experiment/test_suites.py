@@ -88,7 +88,7 @@ def test_a_folder_where_one_file_is_meant_is_refused(folder):
     )
 
 
-@pytest.mark.parametrize("config", [None, 42, ["random"]], ids=repr)
+@pytest.mark.parametrize("config", [None, 42, ["random"]])
 def test_what_is_no_experiment_is_refused(config):
     with pytest.raises(
         UsageError, match=f"^config: found {re.escape(repr(config))}, expected a file, the name"

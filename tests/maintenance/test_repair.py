@@ -220,7 +220,6 @@ def test_reproduce_names_a_changed_or_missing_file(copied, file, damage):
         ),
         ({"output": {"dtype": "float64"}}, ["column reward: float32 and float64"]),
     ],
-    ids=str,
 )
 def test_a_difference_is_named(made, made_at, tmp_path, change, lines):
     found = ibdata.difference(made, made_at({**PLAIN, **change}, tmp_path / "other"))

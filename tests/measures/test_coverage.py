@@ -38,7 +38,7 @@ def test_steering_is_that_of_the_dynamics():
             state = step(state, action[None], Noise(*np.zeros((len(Noise._fields), 1))))
 
 
-def test_a_pair_counts_once_and_the_setpoint_and_the_action_tell_pairs_apart():
+def test_a_pair_of_state_and_action_counts_once():
     found = Coverage()
     state, still = np.full((1, 3), 50.0), np.zeros((1, 3))
     found.add(np.array([70.0]), state, still, ONE)
@@ -50,7 +50,7 @@ def test_a_pair_counts_once_and_the_setpoint_and_the_action_tell_pairs_apart():
     assert found.pairs[1] > 3
 
 
-def test_it_is_the_mean_over_rows_of_the_standard_deviation_in_the_cell():
+def test_it_is_the_mean_standard_deviation_of_the_cells():
     """Cell 3: half ±1 in velocity only. Cell 8: twice as many rows, and no spread."""
     found = Stochasticity()
     moving = np.zeros((10, 3))

@@ -29,7 +29,7 @@ def explored(describe, tmp_path_factory):
     return ibdata.generate(experiment, tmp_path_factory.mktemp("quality") / "made", workers=1)
 
 
-def test_random_actions_have_coverage_1_and_the_entropy_of_the_uniform_density(explored):
+def test_random_actions_have_coverage_1_and_full_entropy(explored):
     found = ibdata.quality(explored, policy="random")
     assert found.state_action_coverage == pytest.approx(1.0, abs=0.05)
     assert found.action_entropy == pytest.approx(3 * np.log(2), rel=1e-6)

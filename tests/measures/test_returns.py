@@ -26,7 +26,7 @@ def info(dataset):
     return dataset.info_model
 
 
-def test_trajectory_quality_is_0_for_the_minimal_policy_and_1_for_the_expert():
+def test_trajectory_quality_is_0_at_least_1_for_expert():
     assert trajectory_quality(-3.0, minimal=-3.0, expert=-1.0) == 0.0
     assert trajectory_quality(-1.0, minimal=-3.0, expert=-1.0) == 1.0
     assert trajectory_quality(-4.0, minimal=-3.0, expert=-1.0) == -0.5
@@ -39,7 +39,7 @@ def test_return_improvement_does_not_depend_on_unit_or_zero():
     assert return_improvement(np.array([-5.0, -5.0])) is None
 
 
-def test_setpoints_have_ends_of_their_own_and_are_weighted_by_episodes(info):
+def test_setpoints_are_weighted_by_episodes(info):
     known = scale("siemens", "default", 1000, 1.0)
     (low20, high20), (low70, high70) = (known.ends([p], "expert") for p in (20.0, 70.0))
     half = 0.5 * (high70 - low70)
@@ -51,7 +51,7 @@ def test_setpoints_have_ends_of_their_own_and_are_weighted_by_episodes(info):
     assert return_measures(table(*rows), info).return_improvement == pytest.approx(by_hand)
 
 
-def test_without_a_reference_at_every_setpoint_and_length_there_is_no_trajectory_quality(info):
+def test_without_references_there_is_no_trajectory_quality(info):
     assert return_measures(table((70, 1000, -2e5)), info).trajectory_quality is not None
     assert return_measures(table((70, 1000, -2e5), (69, 1000, -2e5)), info).trajectory_quality is None
     assert return_measures(table((70, 1000, -2e5), (70, 40, -2e5)), info).trajectory_quality is None

@@ -44,6 +44,10 @@ def test_a_sticky_policy_has_a_mass_at_its_last_action(base, step, action, proba
         assert log_density(policy, given, action) == pytest.approx(np.log(probability))
 
 
+def test_at_the_first_step_there_is_nothing_to_repeat():
+    assert (played(Sticky(base=UP, kappa=1.0), 4, 3) == 0.5).all()
+
+
 def test_a_custom_base_leaves_no_density():
     policy = Sticky(base={"kind": "custom", "target": "ibdata.policies.bad:Bad"}, kappa=0.5)
     (given, action), *_ = playing(policy, 4, 1)

@@ -22,7 +22,7 @@ from ibdata.policies import POLICIES, Decision, Policy
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
-blocks = pytest.mark.parametrize("block", BLOCKS, ids=json.dumps)
+blocks = pytest.mark.parametrize("block", BLOCKS)
 
 
 def read_only(array):

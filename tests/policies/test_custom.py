@@ -114,7 +114,7 @@ def test_an_undeclared_file_in_params_is_said(mine, capsys):
 
 
 @pytest.mark.slow
-def test_repair_and_reproduce_need_leave_and_the_rest_runs_no_code(mine, shard_file):
+def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
     (mine / "imported").unlink()
     assert ibdata.validate("out") == []

@@ -75,7 +75,7 @@ def test_the_gains_are_those_that_the_script_finds(dynamics):
         assert script("expert").best_gains(dynamics, row[0]) == row[GAINS:].tolist()
 
 
-@pytest.mark.parametrize("start", STARTS, ids=str)
+@pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("dynamics", VARIANTS)
 def test_it_is_better_than_optimized_at_every_setpoint_and_start(dynamics, start):
     policies = [{"kind": "expert", "dynamics": dynamics}, "optimized"]
@@ -84,7 +84,7 @@ def test_it_is_better_than_optimized_at_every_setpoint_and_start(dynamics, start
         assert -difference.mean_difference > 5 * difference.standard_error
 
 
-@pytest.mark.parametrize(("start", "least"), [("default", -170.5), ({"burn_in": [15, 64]}, -171.0)], ids=str)
+@pytest.mark.parametrize(("start", "least"), [("default", -170.5), ({"burn_in": [15, 64]}, -171.0)])
 def test_its_reward_is_as_high_as_measured(start, least):
     found = ibdata.evaluate("expert", 70.0, start=start, steps=1000, discount=1.0, episodes=40)
     assert found.results[0].mean_reward > least

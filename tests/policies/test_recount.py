@@ -27,7 +27,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 @pytest.mark.usefixtures("network_here")
-@pytest.mark.parametrize("block", BLOCKS, ids=str)
+@pytest.mark.parametrize("block", BLOCKS)
 def test_the_draws_are_as_frequent_as_the_density_says(block):
     policy = policy_of(block)
     if block["kind"] == "coloured_noise":
@@ -43,7 +43,6 @@ def test_the_draws_are_as_frequent_as_the_density_says(block):
         ({"kind": "gaussian", "base": BASE, "scale": 0.6}, {"scale": 0.63}),
         ({"kind": "sticky", "base": SAFE, "kappa": 0.4}, {"kappa": 0.42}),
     ],
-    ids=str,
 )
 def test_a_wrong_density_of_integral_1_is_found(of, draws):
     assert errors(policy_of({**of, **draws}), policy_of(of)) > SIGMAS

@@ -156,7 +156,7 @@ def test_the_last_bits_may_depend_on_the_place():
     assert len(returns(rounded)) == 5
 
 
-@pytest.mark.parametrize("steps", [[5, 5, 5, 5], [0, 0, 0, 1], [2, 2]], ids=str)
+@pytest.mark.parametrize("steps", [[5, 5, 5, 5], [0, 0, 0, 1], [2, 2]])
 @pytest.mark.parametrize("asked", [0, 2])
 def test_a_remembering_object_is_asked_in_order(steps, asked):
     policy = policy_of(Recurrent())

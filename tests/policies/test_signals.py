@@ -24,7 +24,7 @@ def test_the_sequence_has_the_longest_period(order):
     np.testing.assert_allclose(np.fft.ifft(spectrum).real[1:], -np.ones(n - 1), atol=1e-9)
 
 
-def test_an_episode_goes_through_the_sequence_from_a_random_place():
+def test_an_episode_begins_anywhere_in_the_sequence():
     policy = Prbs(order=4, hold=3, amplitude=0.5)
     action = played(policy, 50, 45)
     assert set(np.unique(action).tolist()) == {-0.5, 0.5}

@@ -135,7 +135,7 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
     assert (first.step == 0).all()
 
 
-@pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}], ids=str)
+@pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}])
 def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
     monkeypatch.setattr("ibdata.experiment.replay.CHUNK", 4)
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 4)

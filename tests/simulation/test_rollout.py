@@ -157,14 +157,13 @@ REPLACED = {"base": "siemens", "alpha_threshold": 1.2}
         (REPLACED, MOVING, {"burn_in": [0, 0]}, "next"),
         (REPLACED, CONSTANT, "uniform", "full"),
     ],
-    ids=str,
 )
 def test_every_value_is_that_of_a_plain_simulation(dynamics, setpoints, start, latent):
     output = {"dtype": "float64", "latent": latent}
     assert_resimulated(described(dynamics=dynamics, setpoints=setpoints, start=start, output=output))
 
 
-@pytest.mark.parametrize("burn_in", [[0, 4], [9, 9]], ids=str)
+@pytest.mark.parametrize("burn_in", [[0, 4], [9, 9]])
 def test_a_policy_sees_the_observations_of_its_burn_in(burn_in):
     """Not its first recorded one repeated; before the burn-in, the first one of all."""
     greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.2}

@@ -88,7 +88,7 @@ def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
             disk.reserve(file.fileno(), 2**62)
 
 
-def test_the_processors_of_the_machine_count_where_its_own_are_unknown(monkeypatch):
+def test_unknown_own_processors_are_those_of_the_machine(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 7)
     assert available_processors() == 7

@@ -30,7 +30,7 @@ PLACES = dict.fromkeys(["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs
 PLACES |= dict.fromkeys(["s3:/a/b", "a/b", "/s3://x", "://x", "c://x", Path("s3://a"), None, ""], False)
 
 
-@pytest.mark.parametrize(("place", "expected"), PLACES.items(), ids=str)
+@pytest.mark.parametrize(("place", "expected"), PLACES.items())
 def test_a_scheme_of_two_letters_and_two_slashes_make_a_url(place, expected):
     assert is_url(place) == expected
 

@@ -24,7 +24,7 @@ def measured(given, number=7, clean=CLEAN):
     return imperfections_of(given).of(COLUMNS).episode(clean, number)
 
 
-def test_a_delay_repeats_the_first_value_and_leaves_other_columns_alone():
+def test_a_delay_repeats_the_first_value():
     seen, lost = measured({"delay": {"obs_fatigue": 4}})
     assert (seen[4:, 1] == CLEAN[:-4, 1]).all()
     assert (seen[:4, 1] == CLEAN[0, 1]).all()
@@ -38,7 +38,7 @@ def test_quantised_values_are_the_nearest_multiples():
     assert (seen[:, 1] * 2 == np.rint(CLEAN[:, 1] * 2)).all()
 
 
-def test_noise_is_normal_and_independent_between_columns_and_episodes():
+def test_noise_is_normal_and_independent():
     """Of 20,000 draws the mean is within 4 standard errors; so are the deviation and the correlations."""
     given = {"noise": {"obs_velocity": 2.0, "obs_fatigue": 3.0}}
     clean = np.zeros((20_000, 3), dtype=np.float32)
@@ -54,7 +54,7 @@ def test_noise_is_normal_and_independent_between_columns_and_episodes():
     assert not (measured({**given, "seed": 6}, 0, clean)[0][:, :2] == first[:, :2]).any()
 
 
-def test_a_missing_value_is_the_last_that_arrived_and_the_first_always_arrives():
+def test_a_missing_value_is_the_last_that_arrived():
     seen, lost = measured({"missing": {"obs_fatigue": 0.4}})
     assert not lost[0].any()
     assert abs(lost[:, 1].mean() - 0.4) < 4 * np.sqrt(0.4 * 0.6 / len(CLEAN))
@@ -64,7 +64,7 @@ def test_a_missing_value_is_the_last_that_arrived_and_the_first_always_arrives()
         assert value == last
 
 
-def test_step_by_step_and_in_other_lanes_the_same_is_seen_as_in_whole_episodes():
+def test_steps_and_lanes_see_what_whole_episodes_see():
     options = view_options(list(COLUMNS), True, imperfections=EVERYTHING)
     window, history = Window(options, False, 3, 2), 2
     actions = np.random.default_rng(2).uniform(-1, 1, (400, 3, 3)).astype(np.float32)

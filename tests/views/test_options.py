@@ -13,7 +13,7 @@ from ibdata.views.rewards import reward_of
 
 
 @pytest.mark.parametrize(("drifting", "size"), [(False, 20), (True, 22)])
-def test_markov_is_the_observation_and_the_hidden_state_in_the_order_of_the_columns(drifting, size):
+def test_markov_is_observation_and_hidden_state(drifting, size):
     columns = view_options("markov").columns(drifting)
     assert columns[:6] == OBSERVED == tuple(f"obs_{name}" for name in of_role("observation"))
     assert columns[6:] == tuple(f"latent_{name}" for name in hidden(drifting))
@@ -30,7 +30,7 @@ def test_a_frame_has_columns_then_flags_then_the_actions_before():
     )
 
 
-def test_bounds_are_those_of_the_columns_unless_they_are_measured_inexactly():
+def test_bounds_are_those_of_exact_columns():
     imperfections = {"noise": {"obs_velocity": 1.0}, "missing": {"obs_gain": 0.5}, "mask": True}
     options = view_options(["obs_velocity", "obs_gain", "latent_mu_v"], True, imperfections=imperfections)
     assert bounds_of(options, False) == [(None, None), (0, 100), (0, 5), (0, 1), *[(-1, 1)] * 3]
@@ -60,7 +60,6 @@ def test_bounds_are_those_of_the_columns_unless_they_are_measured_inexactly():
             "imperfections: found 'obs_velocity', expected one of the observed columns",
         ),
     ],
-    ids=str,
 )
 def test_what_is_no_view_is_refused(given, message):
     with pytest.raises(UsageError, match=message):

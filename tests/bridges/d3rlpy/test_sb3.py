@@ -73,7 +73,7 @@ def check_alike(a, b, actions):
         check_infos(resets, their_resets)
 
 
-@pytest.mark.parametrize("given", SETTINGS, ids=str)
+@pytest.mark.parametrize("given", SETTINGS)
 def test_it_gives_the_bits_of_a_loop_over_environments(given):
     a, b = both(**given)
     assert (a.observation_space, a.action_space) == (b.observation_space, b.action_space)

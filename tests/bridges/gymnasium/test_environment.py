@@ -40,7 +40,7 @@ def test_gymnasium_makes_it_after_any_import(imported, name):
     assert (done.stdout, done.stderr) == ("70.0\n", "")
 
 
-@pytest.mark.parametrize("given", SETTINGS, ids=str)
+@pytest.mark.parametrize("given", SETTINGS)
 def test_gymnasium_s_checker_passes_without_a_warning(given):
     """Spaces, types, seeds. Warnings are errors in this suite."""
     env = gymnasium.make(ID, **given).unwrapped

@@ -43,7 +43,7 @@ def same(ours, theirs):
     assert equal(info, other)
 
 
-@pytest.mark.parametrize("given", SETTINGS, ids=str)
+@pytest.mark.parametrize("given", SETTINGS)
 @pytest.mark.parametrize("mode", MODES if HAS_MODES else MODES[:1])
 def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
     """With resets by hand, the lanes' episodes end at different steps. Nothing returned is changed later."""

@@ -92,7 +92,7 @@ def exported(folder, changes, **options):
     return dataset, minari.load_dataset("ibdata/one-v0")
 
 
-@pytest.mark.parametrize("start", ["default", {"burn_in": [15, 64]}], ids=str)
+@pytest.mark.parametrize("start", ["default", {"burn_in": [15, 64]}])
 def test_a_normalized_score_is_that_of_ibdata(root, tmp_path, start):
     changes = {"policies": ["random", "safe", "optimized"], "episodes": 5, "start": start}
     dataset, found = exported(tmp_path, changes, view={"reward_scale": 0.01})
@@ -122,7 +122,6 @@ def test_its_ends_are_means_over_the_setpoints_of_the_export(root, tmp_path):
         ({}, {"reward": "delta"}),
         ({}, {"observe": "markov"}),  # whose episodes lack the last row, which has no next hidden state
     ],
-    ids=str,
 )
 def test_other_returns_have_no_normalized_score(root, tmp_path, changes, view):
     _, found = exported(tmp_path, changes, view=view)
