@@ -68,7 +68,9 @@ __all__ = sorted([*_MODULES, "__version__"])
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module 'ibdata' has no attribute {name!r}")
+        raise AttributeError(
+            f"module 'ibdata' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
+        )
     return getattr(import_module(f"ibdata.{_MODULES[name]}"), "Dataset" if name == "open" else name)
 
 

@@ -77,7 +77,7 @@ def test_what_is_right_passes(policy):
 def test_an_object_that_predicts_passes_with_its_history():
     check_policy(Learned(), history=2)
     with pytest.raises(
-        PolicyError, match=r"found actions of shape \(32, 0\), .* given observations \(32, 1, 6\)"
+        PolicyError, match=r"found actions of shape \(32, 0\), .* given observations \(32, 6\)"
     ):
         check_policy(Learned())
 

@@ -135,6 +135,8 @@ def _part(part: PartMade, shards: str) -> Printed:
         f"{part.folder}: part {shards} is complete: {counted(part.shards, 'shard')} with "
         f"{counted(part.rows, 'row')}\n{left}, run ibdata finalize {part.folder}"
     )
+    if not part.shards:
+        text += "\nthere are fewer shards than parts; a smaller output.shard_rows makes more"
     return Printed(plain, text)
 
 

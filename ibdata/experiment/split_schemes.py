@@ -34,8 +34,12 @@ def transfer(
         _refuse_unknown(p, known)
     both = set(source) & set(target)
     if both or not source or not target:
-        found = ", ".join(exact(p) for p in sorted(both)) or "none"
-        raise UsageError(f"split: found {found} as source and target, expected different setpoints for both")
+        if not both:
+            raise UsageError(
+                f"split: found no {'target' if source else 'source'}, expected setpoints for both"
+            )
+        found = ", ".join(exact(p) for p in sorted(both))
+        raise UsageError(f"split: found {found} as source and target, expected different setpoints")
     here, there = sorted(set(source)), sorted(set(target))
     counts = {e.episodes for e in spec.experiments if any(cell.setpoint in there for cell in e.cells)}
     fewest, last = min(counts), max(counts) - 1

@@ -47,7 +47,7 @@ class Range(NamedTuple):
     @classmethod
     def parse(cls, text: str) -> Range:
         """Parse `i/n`. Raises UsageError for anything else."""
-        part, slash, parts = text.partition("/")
+        part, slash, parts = str(text).partition("/")
         whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
         if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
             raise UsageError(
@@ -119,7 +119,9 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     place, target = Path(folder), resolved(folder)
     if origin.read(Part(target).folder) is None:
         if is_free(target, place):
-            raise UsageError(f"{place}: holds no run to finish; begin one with ibdata generate --shards i/n")
+            raise UsageError(
+                f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
+            )
         return Dataset(place)
     with locked_part(target, place) as part:
         settle(part)

@@ -26,7 +26,7 @@ MEANING = {
     **RETURN_MEANING,
     "state_action_coverage": "different pairs of state and action: 1 = as many as random actions",
     "action_stochasticity": "standard deviation of the actions in a cell of the state grid",
-    "action_entropy": "from the recorded densities: 0 = deterministic, 2.08 = random",
+    "action_entropy": "from the recorded densities: 0 = deterministic, 2.08 = random; no bounds",
 }
 
 

@@ -97,8 +97,13 @@ class UserObject(Policy):
             raise
         except BaseException as error:  # code of users must not end the run
             line = str(error) if isinstance(error, AnswerError) else error_line(error)
-            shapes = f"observations {given.observations.shape} and random numbers {given.uniforms.shape}"
-            raise AnswerError(f"{line}; it was given {shapes}") from error
+            raise AnswerError(f"{line}; it was given {self._shapes(given)}") from error
+
+    def _shapes(self, given: Observed) -> str:
+        n, history, columns = given.observations.shape
+        if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act"):
+            return f"observations {(n, history, columns)} and random numbers {given.uniforms.shape}"
+        return f"observations {(n, history * columns)}"
 
     def _call(self, given: Observed, state: Any) -> Answer:
         own, n, memory, after = self.adapted, len(given.step), given.memory, None

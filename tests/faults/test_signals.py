@@ -45,6 +45,8 @@ def send(tools, out, number, moment, *more, group=False):
 def wrong_with(tools, ended, out, number):
     """What should not be so. A traceback of Python's own start, before ibdata's, is not ours to prevent."""
     bad = []
+    if ended.stderr.startswith("Fatal Python error: init_import_site"):
+        return bad
     if ended.code not in (0, 128 + number):
         bad.append(f"exit code {ended.code}: {ended.stderr}")
     if ended.seconds > GONE:

@@ -136,7 +136,7 @@ def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
 TRANSFER = {"source": [50], "target": [75]}
 REFUSED = [
     ({"source": [50], "target": [50]}, "found 50 as source and target, expected different"),
-    ({"source": [50]}, "found none as source and target"),
+    ({"source": [50]}, "found no target, expected setpoints for both"),
     ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
     ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
     ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),

@@ -17,7 +17,7 @@ from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
 NOTHING = np.empty((5, 0))
-GIVEN = "it was given observations (5, 2, 6) and random numbers (5, 0)"
+GIVEN = "it was given observations (5, 12)"
 
 
 def asked(target, history=2):
