@@ -64,9 +64,9 @@ class Expert(Deterministic):
     The optimal effective shift is hᵉ = sin(πφ/12), by figure 3a of Hein et al. 2017. The policy cannot see
     the direction φ, but computes it from the shifts that it sees, by Eqs. (9) to (16); after a burn-in it
     waits in the safe zone until φ must be 0. A table gives the velocity and the gain of a setpoint. In
-    `siemens`, the velocity rises and the gain falls as μᵛ grows. After two observations with α > 0.75 there
-    is a runaway: the gain goes up until its own μ is reset; if α stays high, the velocity goes to where gain
-    0 resets μᵛ. `scripts/expert` finds the numbers.
+    `siemens`, the velocity rises and the gain falls as its estimate of μᵛ grows. After two observations with
+    α > 0.75 there is a runaway: the gain goes up until its own μ is reset; if α stays high, the velocity
+    goes to where gain 0 resets μᵛ. `scripts/expert` finds the numbers.
     """
 
     # It remembers domain, response, direction, the steps until these are known, μᵛ, and the state of alarm.
