@@ -12,6 +12,7 @@ from ibdata.experiment.cells import form_digest
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Policy
+from ibdata.policies.custom import without_runs
 from ibdata.simulation.driver import LANES, Lanes, Run, Situation
 from ibdata.simulation.world import Float32s, Ints, World
 
@@ -34,13 +35,13 @@ def keys(seed: int, experiment: Experiment, policy: Policy, numbers: Ints, steps
     They are made from the address of the row, its episode in the experiment and its step, and with the label
     "branch", which no cell and no evaluation has. The policy is in the second only.
     """
-    environment, own = [], []
+    environment, own, own_form = [], [], without_runs(policy.form())
     for number, step in zip(numbers.tolist(), steps.tolist(), strict=True):
         cell, index = divmod(number, experiment.episodes)
         digest = experiment.cells[cell].digest.hex()
         form = {"label": "branch", "seed": experiment.seed, "cell": digest, "index": index, "step": step}
         environment.append(stream_key(seed, form_digest(form)))
-        own.append(stream_key(seed, form_digest({**form, "policy": policy.form()})))
+        own.append(stream_key(seed, form_digest({**form, "policy": own_form})))
     return np.array(environment), np.array(own)
 
 

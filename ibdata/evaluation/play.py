@@ -18,7 +18,7 @@ from ibdata.experiment.plain import plain
 from ibdata.experiment.rollout import blocks, cells_of
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed
-from ibdata.policies.custom import LIVE
+from ibdata.policies.custom import without_runs
 from ibdata.simulation.driver import CHUNK, Lanes, Run, read_only
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.simulation.world import Float32s, Ints
@@ -115,19 +115,9 @@ def _lanes(experiment: Experiment, numbers: Ints) -> Lanes:
 
 def _digests(cell: Cell) -> tuple[bytes, bytes]:
     """The digests in the addresses of the environment's and of the policy's random numbers."""
-    form: dict[str, Any] = _without_runs({**cell.form(), "label": "evaluate"})
+    form: dict[str, Any] = {**cell.form(), "label": "evaluate"}
     common = {key: value for key, value in form.items() if key != "policy"}
-    return form_digest(common), form_digest(form)
-
-
-def _without_runs(form: Any) -> Any:
-    """A form in which live objects have no name of a run, so that each call draws the same numbers."""
-    if isinstance(form, list):
-        return [_without_runs(each) for each in form]
-    if not isinstance(form, dict):
-        return form
-    is_live = str(form.get("target", "")).startswith(LIVE)
-    return {key: _without_runs(value) for key, value in form.items() if not (is_live and key == "params")}
+    return form_digest(common), form_digest(without_runs(form))
 
 
 def _through(view: ViewOptions, run: Run) -> Callable[[Observed], Observed] | None:

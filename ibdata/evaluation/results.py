@@ -109,7 +109,8 @@ class Evaluation(Tabular):
 def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Sequence[str] = ()) -> Table:
     """A table for the width of a terminal."""
     names = [name for name in names if name not in WIDE]
-    return Table(names, [[getattr(_with_all(row), name) for name in names] for row in rows], notes)
+    cells = [_with_all(row)._asdict() for row in rows]
+    return Table(names, [[row[name] for name in names] for row in cells], notes)
 
 
 def _with_all(row: Result | Difference) -> Result | Difference:

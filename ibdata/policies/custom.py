@@ -238,7 +238,8 @@ class Custom(UserObject):
             first = next((each.name for each in parameters), "")
             if first == "observations":
                 return partial(found, **self.params) if self.params else found
-            needed = [each.name for each in parameters if each.default is each.empty and each.kind < 2]
+            positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+            needed = [x.name for x in parameters if x.kind in positional and x.default is x.empty]
             if not self.params and needed:
                 raise PolicyError(
                     f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
@@ -276,3 +277,13 @@ class Custom(UserObject):
         if self.deterministic:
             return Deterministic.atoms(self, given, action)  # type: ignore[arg-type]  # needs a Policy only
         return super().atoms(given, action)
+
+
+def without_runs(form: Any) -> Any:
+    """A form in which live objects have no name of a run, so that each call draws the same numbers."""
+    if isinstance(form, list):
+        return [without_runs(each) for each in form]
+    if not isinstance(form, dict):
+        return form
+    is_live = str(form.get("target", "")).startswith(LIVE)
+    return {key: without_runs(value) for key, value in form.items() if not (is_live and key == "params")}

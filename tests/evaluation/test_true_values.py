@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import by_hand
 from helpers.asking import proposed
+from helpers.remembering import Deciding
 
 from ibdata import state_at, true_values
 from ibdata.errors import ConfigError, UsageError
@@ -65,6 +66,12 @@ def test_a_branch_goes_on_with_noise_of_its_own(either, discount):
     for i, (episode, step) in enumerate([(4, 17), (9, 0)]):
         expected = [replayed(either, episode, step, j, [NUDGE["action"]] * 12, discount, 3) for j in range(5)]
         assert found[i] == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_live_object_has_the_same_random_numbers_at_each_call(dataset):
+    block = {"kind": "custom", "target": Deciding(), "uniforms": 3}
+    first, again = (branches(dataset, {"episode": [4], "step": [17]}, block) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
 
 
 def test_a_policys_own_draws_come_from_the_address_with_its_form(dataset):
