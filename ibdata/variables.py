@@ -23,7 +23,7 @@ class Variable(NamedTuple):
     high: float | None
     role: str
     meaning: str
-    whole: bool = False  # stored as int64, else as float64
+    whole: bool = False  # shown as int64, else as float64
 
 
 _TABLE = (
@@ -64,17 +64,17 @@ _TABLE = (
 )  # fmt: skip
 
 VARIABLES = {variable.name: variable for variable in _TABLE}
-FLOATS = tuple(variable.name for variable in _TABLE if not variable.whole)
-INTEGERS = tuple(variable.name for variable in _TABLE if variable.whole)
+# The variables in the order of the rows of a `State`: whole numbers come last.
+ROWS = tuple(variable.name for variable in sorted(_TABLE, key=lambda variable: variable.whole))
 
 
 def rows(*names: str) -> tuple[int, ...]:
-    """The rows of variables in `State.floats`, or in `State.integers` for whole numbers.
+    """The rows of variables in a `State`.
 
     >>> rows("setpoint", "velocity", "domain")
-    (0, 1, 0)
+    (0, 1, 27)
     """
-    return tuple((INTEGERS if VARIABLES[name].whole else FLOATS).index(name) for name in names)
+    return tuple(map(ROWS.index, names))
 
 
 def of_role(*roles: str) -> tuple[str, ...]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import logistic
+from ibdata.numerics.exact import clip, logistic
 
 TOLERANCE = 0.05  # an effective value of at most this resets its μ
 AMPLIFICATION = 1.1

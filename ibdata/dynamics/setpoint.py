@@ -1,15 +1,17 @@
-"""The moving setpoint, which is piecewise linear with segments of random length and rate."""
+"""What moves: the setpoint along segments of random length and rate, and the steerings by actions."""
 
 from __future__ import annotations
 
 import math
 
-from ibdata.dynamics.steering import clip
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import clip
 
-NO_DRIFT = -1  # the `left` of a constant setpoint
 ZERO_RATE = 0.1  # probability of the rate b = 0
+D_V = 1.0
+D_G = 10.0
+D_H = float.fromhex("0x1.7019237851756p+2")  # 20 sin(15°) / 0.9 ≈ 5.7515, rounded as in IDS.py
 
 
 @compiled
@@ -107,3 +109,18 @@ def drift(
         b = segment_rate(u_rate, u_zero, k.drift_rate_low, k.drift_rate_high)
     b = turned_at_bound(b, p, u_flip, k.flip_before)
     return moved(p, b), turned_past_bound(b, p, u_flip, k.flip_after), left - 1
+
+
+@compiled
+def steer(x: float, d: float, delta: float) -> float:
+    """Velocity v, gain g or shift h after a proposed change Δx.
+
+        x_{t+1} = max(0, min(100, x_t + d Δx_t))
+
+    Hein et al. 2017, Eqs. (2), (3), (4), where (4) prints Δs for Δh; both variants. The step size d is
+    `D_V`, `D_G` or `D_H`; Δx is clipped to [-1, 1] as the authors' code does; x in [0, 100].
+
+    >>> steer(99.5, D_V, 1.0), steer(50.0, D_G, -7.0)
+    (100.0, 40.0)
+    """
+    return clip(x + d * clip(delta, -1.0, 1.0), 0.0, 100.0)

@@ -1,4 +1,7 @@
-"""One step of the benchmark for any number of lanes."""
+"""One step of the benchmark for any number of lanes.
+
+The symbols are the paper's, and name the rows of a state: `x[VE, i]` is vᵉ of lane i.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.consumption import consumption, expected_consumption, reward
+from ibdata.dynamics.consumption import (
+    consumption,
+    convolved_cost,
+    expected_consumption,
+    operational_cost,
+    remember,
+    reward,
+)
 from ibdata.dynamics.fatigue import (
     amplification,
     basic_fatigue,
@@ -18,23 +28,20 @@ from ibdata.dynamics.fatigue import (
     update_mu,
 )
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
-from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
-from ibdata.dynamics.setpoint import NO_DRIFT, drift
-from ibdata.dynamics.state import COSTS, Noise, State, checked_noise, checked_state
-from ibdata.dynamics.steering import D_G, D_H, D_V, steer
+from ibdata.dynamics.noise import Noise, checked_noise
+from ibdata.dynamics.setpoint import D_G, D_H, D_V, drift, steer
+from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats, State, checked_state
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 from ibdata.numerics.compiled import inlined
 from ibdata.variables import rows
 
-SETPOINT, VELOCITY, GAIN, SHIFT = rows("setpoint", "velocity", "gain", "shift")
-CONSUMPTION, FATIGUE, REWARD = rows("consumption", "fatigue", "reward")
-DOMAIN, RESPONSE, DIRECTION = rows("domain", "response", "direction")
-MU_V, MU_G, DRIFT_RATE, DRIFT_LEFT = rows("mu_v", "mu_g", "drift_rate", "drift_left")
-EFFECTIVE_VELOCITY, EFFECTIVE_GAIN, EFFECTIVE_SHIFT = rows(
-    "effective_velocity", "effective_gain", "effective_shift"
-)
-CONVOLVED_COST, PENALTY, EXPECTED_CONSUMPTION = rows("convolved_cost", "penalty", "expected_consumption")
-ALPHA, BASIC_FATIGUE = rows("alpha", "basic_fatigue")
+P, V, G, H = rows("setpoint", "velocity", "gain", "shift")
+F, C, R = rows("fatigue", "consumption", "reward")
+B, L = rows("drift_rate", "drift_left")
+VE, GE, MU_V, MU_G = rows("effective_velocity", "effective_gain", "mu_v", "mu_g")
+ALPHA, FB = rows("alpha", "basic_fatigue")
+HE, DELTA, PSI, PHI = rows("effective_shift", "domain", "response", "direction")
+THETA_C, M, C_HAT = rows("convolved_cost", "penalty", "expected_consumption")
 
 
 def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:
@@ -56,112 +63,102 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
         ValueError: state, action or noise is not finite, out of range, or of the wrong length.
     """
     new = checked_state(state)
-    n = new.floats.shape[1]
-    a = np.array(action, dtype=np.float64)
-    if a.shape != (n, 3):
-        raise ValueError(f"step: action: found shape {a.shape}, expected ({n}, 3)")
-    if not np.isfinite(a).all():
-        lane = int(np.argmin(np.isfinite(a).all(axis=1)))
-        raise ValueError(f"step: action: found {a[lane]} in lane {lane}, expected finite numbers")
-    advance(new, a, checked_noise(noise, n), resolve(variant).parameters)
+    actions = np.array(action, dtype=np.float64)
+    if actions.shape != (new.lanes, 3):
+        raise ValueError(f"step: action: found shape {actions.shape}, expected ({new.lanes}, 3)")
+    finite = np.isfinite(actions).all(axis=1)
+    if not finite.all():
+        lane = int(np.argmin(finite))
+        raise ValueError(f"step: action: found {actions[lane]} in lane {lane}, expected finite numbers")
+    advance(new.values, actions, checked_noise(noise, new.lanes), resolve(variant).parameters)
     return new
 
 
 @inlined
-def advance(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
+def advance(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """Advance every lane by one step, in place: the compiled part of `step`, without its checks.
 
     Each equation has a loop of its own, so that the loops without branches are vectorized. They name the
     rows of the state by number: numba counts references to views of rows, which takes as long as the
     equations of one lane. The noise is overwritten.
     """
-    _steer(state, action, noise, k)
-    _update_fatigue(state, noise, k)
-    _update_consumption(state, noise, k)
+    _steer(x, action, noise, k)
+    _update_fatigue(x, noise, k)
+    _update_consumption(x, noise, k)
 
 
 @inlined
-def _steer(state: State, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
+def _steer(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
     """Setpoint, velocity, gain and shift."""
-    x, z = state.floats, state.integers
-    for i in range(x.shape[1]):
-        if z[DRIFT_LEFT, i] != NO_DRIFT:
-            x[SETPOINT, i], x[DRIFT_RATE, i], z[DRIFT_LEFT, i] = drift(
-                x[SETPOINT, i],
-                x[DRIFT_RATE, i],
-                z[DRIFT_LEFT, i],
+    n = x.shape[1]
+    for i in range(n):
+        if x[L, i] != NO_DRIFT:
+            x[P, i], x[B, i], x[L, i] = drift(
+                x[P, i],
+                x[B, i],
+                int(x[L, i]),
                 noise.uniform_drift_length[i],
                 noise.uniform_drift_rate[i],
                 noise.uniform_drift_zero[i],
                 noise.uniform_drift_flip[i],
                 k,
             )
-    for i in range(x.shape[1]):
-        x[VELOCITY, i] = steer(x[VELOCITY, i], D_V, np.float64(action[i, 0]))
-    for i in range(x.shape[1]):
-        x[GAIN, i] = steer(x[GAIN, i], D_G, np.float64(action[i, 1]))
-    for i in range(x.shape[1]):
-        x[SHIFT, i] = steer(x[SHIFT, i], D_H, np.float64(action[i, 2]))
+    for i in range(n):
+        x[V, i] = steer(x[V, i], D_V, np.float64(action[i, 0]))
+    for i in range(n):
+        x[G, i] = steer(x[G, i], D_G, np.float64(action[i, 1]))
+    for i in range(n):
+        x[H, i] = steer(x[H, i], D_H, np.float64(action[i, 2]))
 
 
 @inlined
-def _update_fatigue(state: State, noise: Noise, k: Parameters) -> None:
+def _update_fatigue(x: Floats, noise: Noise, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
-    x = state.floats
+    n = x.shape[1]
     eta_v, eta_g = noise.exp_v, noise.exp_g  # each η takes the place of a draw
-    for i in range(x.shape[1]):
-        x[EFFECTIVE_VELOCITY, i] = effective_velocity(
-            x[VELOCITY, i], x[GAIN, i], x[SETPOINT, i], k.v0, k.g0, k.v1, k.g1
-        )
-    for i in range(x.shape[1]):
-        x[EFFECTIVE_GAIN, i] = effective_gain(x[GAIN, i], x[SETPOINT, i])
-    for i in range(x.shape[1]):
-        eta_v[i] = noise_component(
-            noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], x[EFFECTIVE_VELOCITY, i], k
-        )
-    for i in range(x.shape[1]):
-        eta_g[i] = noise_component(
-            noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], x[EFFECTIVE_GAIN, i], k
-        )
-    for i in range(x.shape[1]):
-        x[MU_V, i] = update_mu(x[MU_V, i], x[EFFECTIVE_VELOCITY, i], eta_v[i])
-    for i in range(x.shape[1]):
-        x[MU_G, i] = update_mu(x[MU_G, i], x[EFFECTIVE_GAIN, i], eta_g[i])
-    for i in range(x.shape[1]):
+    for i in range(n):
+        x[VE, i] = effective_velocity(x[V, i], x[G, i], x[P, i], k.v0, k.g0, k.v1, k.g1)
+    for i in range(n):
+        x[GE, i] = effective_gain(x[G, i], x[P, i])
+    for i in range(n):
+        eta_v[i] = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], x[VE, i], k)
+    for i in range(n):
+        eta_g[i] = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], x[GE, i], k)
+    for i in range(n):
+        x[MU_V, i] = update_mu(x[MU_V, i], x[VE, i], eta_v[i])
+    for i in range(n):
+        x[MU_G, i] = update_mu(x[MU_G, i], x[GE, i], eta_g[i])
+    for i in range(n):
         x[ALPHA, i] = amplification(
             x[MU_V, i], x[MU_G, i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
         )
-    for i in range(x.shape[1]):
-        x[BASIC_FATIGUE, i] = basic_fatigue(x[VELOCITY, i], x[GAIN, i])
-    for i in range(x.shape[1]):
-        x[FATIGUE, i] = fatigue(x[BASIC_FATIGUE, i], x[ALPHA, i])
+    for i in range(n):
+        x[FB, i] = basic_fatigue(x[V, i], x[G, i])
+    for i in range(n):
+        x[F, i] = fatigue(x[FB, i], x[ALPHA, i])
 
 
 @inlined
-def _update_consumption(state: State, noise: Noise, k: Parameters) -> None:
+def _update_consumption(x: Floats, noise: Noise, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
-    x, z = state.floats, state.integers
-    costs, theta = x[COSTS], x[CONVOLVED_COST]  # θ is in the place of θᶜ until that is known
-    for i in range(x.shape[1]):
-        theta[i] = operational_cost(x[SETPOINT, i], x[VELOCITY, i], x[GAIN, i])
+    n = x.shape[1]
+    costs, theta = x[COSTS], x[THETA_C]  # θ is in the place of θᶜ until that is known
+    for i in range(n):
+        theta[i] = operational_cost(x[P, i], x[V, i], x[G, i])
     remember(theta, costs)
-    for i in range(x.shape[1]):
-        x[CONVOLVED_COST, i] = convolved_cost(costs, i, k.weights)
-    for i in range(x.shape[1]):
-        x[EFFECTIVE_SHIFT, i] = effective_shift(x[SHIFT, i], x[SETPOINT, i])
-    for i in range(x.shape[1]):
-        z[DOMAIN, i], z[RESPONSE, i], z[DIRECTION, i] = update_direction(
-            z[DOMAIN, i], z[RESPONSE, i], z[DIRECTION, i], x[EFFECTIVE_SHIFT, i]
+    for i in range(n):
+        x[THETA_C, i] = convolved_cost(costs, i, k.weights)
+    for i in range(n):
+        x[HE, i] = effective_shift(x[H, i], x[P, i])
+    for i in range(n):
+        x[DELTA, i], x[PSI, i], x[PHI, i] = update_direction(
+            int(x[DELTA, i]), int(x[PSI, i]), int(x[PHI, i]), x[HE, i]
         )
-    for i in range(x.shape[1]):
-        x[PENALTY, i] = penalty(z[DIRECTION, i], x[EFFECTIVE_SHIFT, i])
-    for i in range(x.shape[1]):
-        x[EXPECTED_CONSUMPTION, i] = expected_consumption(
-            x[CONVOLVED_COST, i], x[PENALTY, i], k.consumption_offset
-        )
-    for i in range(x.shape[1]):
-        x[CONSUMPTION, i] = consumption(
-            x[EXPECTED_CONSUMPTION, i], noise.normal_consumption[i], k.consumption_noise
-        )
-    for i in range(x.shape[1]):
-        x[REWARD, i] = reward(x[CONSUMPTION, i], x[FATIGUE, i])
+    for i in range(n):
+        x[M, i] = penalty(int(x[PHI, i]), x[HE, i])
+    for i in range(n):
+        x[C_HAT, i] = expected_consumption(x[THETA_C, i], x[M, i], k.consumption_offset)
+    for i in range(n):
+        x[C, i] = consumption(x[C_HAT, i], noise.normal_consumption[i], k.consumption_noise)
+    for i in range(n):
+        x[R, i] = reward(x[C, i], x[F, i])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from struct import unpack
-
 import numpy as np
 
+from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.environment.actions import Action
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation
@@ -13,7 +12,6 @@ from ibdata.numerics.philox import Raw
 from ibdata.policies import OBSERVATION
 from ibdata.policies.actions import applied
 from ibdata.simulation import kernel
-from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.simulation.variables import hidden, record_rows
 from ibdata.variables import VARIABLES
 
@@ -31,26 +29,28 @@ class Lane(Simulation):
         self._plain = view.is_classic and view.reward.kind == "classic" and view.reward_scale == 1
         wanted = (*hidden(drifting), "reward")
         self._rows, self._out = record_rows(wanted), np.zeros(len(wanted))
-        self._form = "".join("q" if VARIABLES[name].whole else "d" for name in wanted)
+        self._whole = [column for column, name in self._latent.items() if VARIABLES[name].whole]
 
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
         """Make a step; return observation, scaled reward, and hidden variables by column name."""
-        (floats, integers), (dv, dg, dh) = self._state, action
-        before = None if self._plain else self._costs(self.seen)
+        carry, (dv, dg, dh) = self.carry, action
+        before = None if self._plain else self._costs(carry)
         kernel.simulate_lane(
-            floats, integers, dv, dg, dh, raw, self._parameters, self.seen, self._rows, self._out
+            carry.state.values, dv, dg, dh, raw, self._parameters, carry.observations, self._rows, self._out
         )
-        numbers = unpack(self._form, self._out)  # type: ignore[arg-type]  # an array is a buffer
-        info = dict(zip(self._latent, numbers))  # noqa: B905  # the reward is left over
+        *hidden, classic = self._out.tolist()
+        info = dict(zip(self._latent, hidden, strict=True))
+        for column in self._whole:
+            info[column] = int(info[column])
         if self._plain:
-            return self.seen.ravel().copy(), numbers[-1], info
+            return carry.observations.ravel().copy(), classic, info
         if self._window is not None:
             true = self._true_values()
             self._window.push(self.everyone, true, applied([action]))
             info |= {name: true[0, i].item() for name, i in self._clean.items()}
-        [reward] = self._rewards(self._state, before, self._costs(self.seen)).tolist()
+        [reward] = self._rewards(carry.state.reward, before, self._costs(carry)).tolist()
         return self.observations()[0], reward, info
 
     def drawn(self) -> dict[str, float]:
         """The variables that a picture of an episode shows."""
-        return {name: getattr(self._state, name)[0].item() for name in DRAWN}
+        return {name: getattr(self.carry.state, name)[0].item() for name in DRAWN}

@@ -8,12 +8,13 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Indices, Simulation
 from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose, integers
-from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
+from ibdata.simulation.carry import begin_lanes
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -81,14 +82,14 @@ class Replay(NamedTuple):
 
     def begin(self, simulation: Simulation, which: Indices) -> list[Noise]:
         """Begin the episodes of these lanes (k,). Returns the noise of each."""
-        from ibdata.experiment.rollout import lanes_of
+        from ibdata.experiment.rollout import episodes_of
 
         out = {}
         for experiment, own, numbers in self.addresses.by_experiment(self.episodes[which]):
-            lanes, history = lanes_of(experiment, numbers), simulation.settings.history
-            begun = experiment.world.begin(lanes.draw, np.arange(len(own)), lanes.setpoints, history)
-            simulation.place(which[own], *begun, self.episodes[which[own]])
-            for lane, index, key in zip(own.tolist(), lanes.indices.tolist(), lanes.keys, strict=True):
+            episodes, needs = episodes_of(experiment, numbers), simulation.needs
+            carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs)
+            simulation.place(which[own], carry, self.episodes[which[own]])
+            for lane, index, key in zip(own.tolist(), episodes.index.tolist(), episodes.keys, strict=True):
                 out[lane] = Noise(index, key, experiment.drifting)
         return [out[lane] for lane in range(len(which))]
 

@@ -15,7 +15,7 @@ from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.errors import ConfigError, UsageError, excerpt
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.setpoints import setpoint_values
-from ibdata.simulation.world import World
+from ibdata.simulation.episodes import World
 from ibdata.variables import VARIABLES, variable_of
 from ibdata.views.options import View, ViewOptions, bounds_of, view_of
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.numerics.naming import counted
 from ibdata.numerics.random import Purpose
-from ibdata.policies import OBSERVATION
+from ibdata.policies import OBSERVATION, Needs
+from ibdata.simulation.carry import Carry, begin_lanes
+from ibdata.simulation.episodes import Draw
 from ibdata.simulation.variables import hidden, observed_rows, values_of
-from ibdata.simulation.world import NO_PAST, Draw, Past, put, take
-from ibdata.variables import VARIABLES, rows
 from ibdata.views.rewards import scaled
 from ibdata.views.window import Window
 
@@ -37,53 +38,47 @@ class Simulation:
     def __init__(self, settings: Settings, n: int) -> None:
         drifting, view = settings.world.drifting, settings.view
         self.settings, self.n, self.everyone = settings, n, np.arange(n)
-        self.seen = np.zeros((n, settings.history, 6), dtype=np.float32)
-        self._state = initial_state(np.full(n, settings.setpoint), drifting=drifting)
+        self.needs = Needs(history=settings.history)
+        state = initial_state(np.full(n, settings.setpoint), drifting=drifting)
+        self.carry = _without_actions(Carry.at(state, self.needs))
         self._window = None if view.is_classic else Window(view, drifting, n, settings.history)
         self._observed = observed_rows(view, drifting)
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
-        # Where the hidden variables lie in the state; views of it would not be its own in a copy of this.
-        self._latent = {
-            f"latent_{name}": (int(VARIABLES[name].whole), rows(name)[0]) for name in hidden(drifting)
-        }
+        self._latent = {f"latent_{name}": name for name in hidden(drifting)}
 
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes (k,): the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.setpoint)
-        state, past = self.settings.world.begin(draw, which, setpoints, self.settings.history)
-        self.place(which, state, past, self._numbers(which, draw))
+        carry = begin_lanes(self.settings.world, draw, which, setpoints, self.needs)
+        self.place(which, carry, self._numbers(which, draw))
 
     def set_state(self, given: State, which: Indices, draw: Draw) -> None:
         """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
         state = _fitting(given, len(which), self.settings.world.drifting)
-        self.place(which, state, Past.of(state, self.settings.history), self._numbers(which, draw))
+        self.place(which, Carry.at(state, self.needs), self._numbers(which, draw))
 
-    def place(self, which: Indices, state: State, past: Past, numbers: Indices) -> None:
-        """Put these lanes (k,) into states with this past, as episodes with these numbers (k,)."""
-        put(self._state, which, state)
-        self.seen[which] = past.observations
+    def place(self, which: Indices, carry: Carry, numbers: Indices) -> None:
+        """Put these lanes (k,) where other episodes are, as episodes with these numbers (k,)."""
+        self.carry.put(which, _without_actions(carry))
         if self._window is not None:
             self._window.begin(which, self._true_values()[which], numbers)
 
     def step(self, which: Indices, actions: Float32s, draw: Draw) -> Floats:
         """Move these lanes (k,) by actions (k, 3). Returns the scaled rewards (k,), a new array."""
-        everyone = len(which) == self.n
-        state = self._state if everyone else take(self._state, which)
-        seen = self.seen if everyone else self.seen[which]
-        before, world = self._costs(seen), self.settings.world
-        raw, drift = world.integers(draw, which, 0, 1)
-        world.advance(state, actions[None], raw, drift, Past(seen, NO_PAST.actions))
+        everyone, world = len(which) == self.n, self.settings.world
+        carry = self.carry if everyone else self.carry.take(which)
+        before = self._costs(carry)
+        carry.advance(world, actions[None], *world.integers(draw, which, 0, 1))
         if not everyone:
-            put(self._state, which, state)
-            self.seen[which] = seen
+            self.carry.put(which, carry)
         if self._window is not None:
             self._window.push(which, self._true_values()[which], actions)
-        return self._rewards(state, before, self._costs(seen))
+        return self._rewards(carry.state.reward, before, self._costs(carry))
 
     def observations(self) -> Float32s:
         """The observations (n, k · history), newest first; a new array each time."""
-        frames = self.seen if self._window is None else self._window.frames
+        frames = self.carry.observations if self._window is None else self._window.frames
         return frames.reshape(self.n, -1).copy()
 
     def info(self) -> dict[str, npt.NDArray[Any]]:
@@ -91,7 +86,8 @@ class Simulation:
 
         These are the hidden part of the Markov state and the true values of imperfect measurements.
         """
-        hidden = {name: self._state[part][row].copy() for name, (part, row) in self._latent.items()}
+        state = self.carry.state
+        hidden = {column: getattr(state, name).copy() for column, name in self._latent.items()}
         if not self._clean:
             return hidden
         observed = self._true_values()
@@ -106,17 +102,23 @@ class Simulation:
 
     def _true_values(self) -> Float32s:
         """The true values of the observed columns, (n, columns)."""
-        return values_of(self._state, self._observed)
+        return values_of(self.carry.state, self._observed)
 
-    def _costs(self, seen: Float32s) -> Float32s | None:
+    def _costs(self, carry: Carry) -> Float32s | None:
         """A copy of consumption and fatigue (2, k), of which other rewards than the classic one are made."""
-        return None if self.settings.view.reward.kind == "classic" else seen[:, 0, COSTS].T
+        return None if self.settings.view.reward.kind == "classic" else carry.observations[:, 0, COSTS].T
 
-    def _rewards(self, state: State, before: Float32s | None, after: Float32s | None) -> Floats:
+    def _rewards(self, classic: Floats, before: Float32s | None, after: Float32s | None) -> Floats:
+        """The scaled rewards (k,), from the classic ones, or from the costs before and after the step."""
         view = self.settings.view
         if before is None or after is None:
-            return scaled(state.reward, view.reward_scale).astype(np.float64)
+            return scaled(classic, view.reward_scale).astype(np.float64)
         return view.reward.of(tuple(before), tuple(after), view.reward_scale).astype(np.float64)
+
+
+def _without_actions(carry: Carry) -> Carry:
+    """The same without the latest actions, which no environment shows."""
+    return dataclasses.replace(carry, actions=carry.actions[:, :0])
 
 
 def _fitting(given: Any, lanes: int, drifting: bool) -> State:

@@ -22,7 +22,7 @@ from ibdata.experiment.code import consented_spec, customs_in, refuse_changed
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
-from ibdata.simulation.world import Ints
+from ibdata.simulation.episodes import Ints
 
 Floats = npt.NDArray[np.float64]
 LEAST_EFFECTIVE = 100.0  # episodes, below which the result has a warning

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ibdata.evaluation.overlap import Ratios
-from ibdata.simulation.world import Floats
+from ibdata.simulation.episodes import Floats
 
 ERRORS = 8.0  # from 1; chance alone goes so far in less than one of 1,000 calls
 TOLERANCE = 1e-3  # more than float32 changes in the recorded log densities of 1,000 steps

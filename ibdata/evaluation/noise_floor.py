@@ -15,7 +15,7 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
 from ibdata.dynamics.noise_law import amplification_cdf, quadrature
-from ibdata.dynamics.setpoint import NO_DRIFT
+from ibdata.dynamics.state import NO_DRIFT
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
 from ibdata.policies.constant import Constant
@@ -99,7 +99,7 @@ def noise_floor(
         actions, found = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
         states = source.visited(episodes, steps, Constant()).state  # any policy that sees nothing
         for experiment, own, _ in source.by_experiment(episodes):
-            state = State._make(part[:, own] for part in states)
+            state = states.take(own)
             if experiment.drifting:
                 state = state.replace(setpoint=p[own], drift_left=np.full(len(own), NO_DRIFT))
             found[own] = _law(state, actions[own], experiment.variant)

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
+from ibdata.evaluation.recorded import Recorded
 from ibdata.experiment import Experiment
-from ibdata.experiment.replay import Recorded, Rows, replayed
-from ibdata.experiment.rollout import lanes_of
+from ibdata.experiment.rollout import episodes_of
 from ibdata.policies import Observed, Policy
 from ibdata.policies.checked import Checked
-from ibdata.simulation.world import Float32s, Floats, Ints
+from ibdata.simulation.episodes import Float32s, Floats, Ints
+from ibdata.simulation.replay import Rows, replay
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
@@ -108,7 +109,7 @@ def _of_target(
     experiment: Experiment, numbers: Ints, recorded: Recorded, target: Policy
 ) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
-    lanes = lanes_of(experiment, numbers)._replace(policy=target, label=target.label)
+    episodes = episodes_of(experiment, numbers).played_by(target)
     checked, random = Checked(target, target.label, numbers), np.random.default_rng(0)
 
     def question(given: Observed, rows: Rows) -> Floats:
@@ -116,19 +117,19 @@ def _of_target(
         checked.decide(given._replace(uniforms=random.random(given.uniforms.shape)), drawn)
         return np.column_stack([_asked(given, target, checked, action, drawn), drawn])
 
-    found = replayed(experiment.world, lanes, recorded, question)
+    found = replay(episodes, *recorded, question)
     return _densities(found), found[..., 8:].astype(np.float32)
 
 
 def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
     """What the behaviour says of recorded actions, and of those that the target draws."""
-    lanes = lanes_of(experiment, numbers)
-    checked = Checked(lanes.policy, lanes.label, lanes.numbers)
+    episodes = episodes_of(experiment, numbers)
+    checked = Checked(episodes.policy, episodes.label, episodes.number)
 
     def question(given: Observed, rows: Rows) -> Floats:
-        return _asked(given, lanes.policy, checked, rows(recorded.actions), rows(drawn))
+        return _asked(given, episodes.policy, checked, rows(recorded.actions), rows(drawn))
 
-    return _densities(replayed(experiment.world, lanes, recorded, question))
+    return _densities(replay(episodes, *recorded, question))
 
 
 def _asked(given: Observed, policy: Policy, checked: Checked, recorded: Float32s, drawn: Float32s) -> Floats:

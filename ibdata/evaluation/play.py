@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -19,9 +19,10 @@ from ibdata.experiment.rollout import blocks, cells_of
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed
 from ibdata.policies.custom import without_runs
-from ibdata.simulation.driver import CHUNK, Lanes, Run, read_only
+from ibdata.simulation.carry import Carry, begin
+from ibdata.simulation.episodes import Episodes, Ints
+from ibdata.simulation.unroll import Block, read_only, unroll
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
-from ibdata.simulation.world import Float32s, Ints
 from ibdata.system.progress import Advance, unseen
 from ibdata.views.options import PLAIN, ViewOptions
 from ibdata.views.rewards import COSTS
@@ -65,44 +66,46 @@ def episodes_of(
         with loaded([policy], columns):  # one at a time, so that their modules never meet
             for cell in range(number * cells // policies, (number + 1) * cells // policies):
                 for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
-                    run = Run(experiment.world, _lanes(experiment, np.arange(first, stop)))
-                    seen = _through(view, run)
-                    *both, count = returns_of(run, discount, advance, view, seen)
+                    block_episodes = _paired(experiment, np.arange(first, stop))
+                    carry = begin(block_episodes)
+                    blocks_played = unroll(
+                        block_episodes,
+                        carry,
+                        record_rows(rewarded(view)),
+                        experiment.steps,
+                        observe=_through(view, block_episodes, carry),
+                    )
+                    *both, count = returns_of(blocks_played, discount, advance, view)
                     out[:, first:stop] = both
                     clipped[cell] += count / (episodes * experiment.steps)
     discounted, undiscounted = out.reshape(2, policies, -1, episodes)
     return Played(discounted, undiscounted, clipped.reshape(policies, -1))
 
 
+def rewarded(view: ViewOptions) -> list[str]:
+    """The variables of which rewards are made."""
+    return ["reward"] if view.reward.kind == "classic" else list(COSTS)
+
+
 def returns_of(
-    run: Run,
-    discount: float,
-    advance: Advance = unseen,
-    view: ViewOptions = PLAIN,
-    observe: Callable[[Observed], Observed] | None = None,
-    first_actions: Float32s | None = None,
+    blocks: Iterable[Block], discount: float, advance: Advance = unseen, view: ViewOptions = PLAIN
 ) -> tuple[Floats, Floats, int]:
     """The discounted and the undiscounted return of each episode (n,); how many actions were clipped.
 
-    The view says what is rewarded; see `Run.play` for the last two arguments.
+    The blocks record what is `rewarded` by the view.
     """
-    chunk = min(CHUNK, run.world.steps)
-    wanted = ["reward"] if view.reward.kind == "classic" else list(COSTS)
-    record = np.empty((len(wanted), chunk + 1, run.n))
-    actions = np.empty((chunk, run.n, 3), dtype=np.float32)
-    discounted, undiscounted, weight, total = np.zeros(run.n), np.zeros(run.n), 1.0, 0
-    played = run.play(record, record_rows(wanted), actions, None, observe, first_actions)
-    for _, count, clipped in played:
-        total += clipped
-        for reward in _rewards(record[:, : count + 1], view):
-            discounted += weight * reward
-            undiscounted += reward
+    discounted, undiscounted, weight, clipped = np.zeros(()), np.zeros(()), 1.0, 0
+    for block in blocks:
+        clipped += block.clipped
+        for reward in _rewards(block.record, view):
+            discounted = discounted + weight * reward
+            undiscounted = undiscounted + reward
             weight *= discount
-        advance(count * run.n)
-    return discounted, undiscounted, total
+        advance(block.actions.shape[0] * block.actions.shape[1])
+    return discounted, undiscounted, clipped
 
 
-def _lanes(experiment: Experiment, numbers: Ints) -> Lanes:
+def _paired(experiment: Experiment, numbers: Ints) -> Episodes:
     """Episodes in which the environment's random numbers do not depend on the policy."""
     cells, own, indices = cells_of(experiment, numbers)
     keys, policy_keys = (
@@ -110,7 +113,8 @@ def _lanes(experiment: Experiment, numbers: Ints) -> Lanes:
         for digests in zip(*map(_digests, cells), strict=True)
     )
     setpoints = np.array([cell.setpoint for cell in cells])[own]
-    return Lanes(cells[0].policy, keys, policy_keys, indices, setpoints, cells[0].label, numbers)
+    policy, label = cells[0].policy, cells[0].label
+    return Episodes(experiment.world, policy, label, keys, policy_keys, indices, setpoints, numbers)
 
 
 def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -120,18 +124,18 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
     return form_digest(common), form_digest(without_runs(form))
 
 
-def _through(view: ViewOptions, run: Run) -> Callable[[Observed], Observed] | None:
+def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
-    if view.is_classic or not isinstance(run.lanes.policy, Acting) or run.needs.history == 0:
+    history, drifting = episodes.policy.needs.history, episodes.world.drifting
+    if view.is_classic or not isinstance(episodes.policy, Acting) or history == 0:
         return None
-    drifting = run.world.drifting
     rows = observed_rows(view, drifting)
-    window = Window(view, drifting, run.n, run.needs.history)
-    window.begin(run.everyone, values_of(run.state, rows), run.lanes.indices)
+    window = Window(view, drifting, len(episodes), history)
+    window.begin(episodes.lanes, values_of(carry.state, rows), episodes.index)
 
     def observe(given: Observed) -> Observed:
         if given.step.any():
-            window.push(run.everyone, values_of(run.state, rows), given.actions[:, 0])
+            window.push(episodes.lanes, values_of(carry.state, rows), given.actions[:, 0])
         return given._replace(observations=read_only(window.frames))
 
     return observe

@@ -9,10 +9,16 @@ import numpy as np
 
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
-from ibdata.experiment.replay import Recorded
 from ibdata.experiment.rollout import PART_ROWS
 from ibdata.policies import Policy
-from ibdata.simulation.world import Floats, Ints
+from ibdata.simulation.episodes import Float32s, Floats, Ints
+
+
+class Recorded(NamedTuple):
+    """Recorded episodes."""
+
+    observations: Float32s  # (n, steps, 6)
+    actions: Float32s  # (n, steps, 3)
 
 
 class Part(NamedTuple):

@@ -11,16 +11,16 @@ from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.evaluation.addresses import Addresses, whole, within
-from ibdata.evaluation.revisit import revisited
+from ibdata.evaluation.revisit import revisit
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import PART_ROWS
 from ibdata.policies import Policy
 from ibdata.policies.constant import Constant
-from ibdata.simulation.driver import Situation
+from ibdata.simulation.carry import Carry
+from ibdata.simulation.episodes import Ints
 from ibdata.simulation.variables import Table
-from ibdata.simulation.world import Ints
 
 BATCH_ROWS = 65_536
 
@@ -91,9 +91,9 @@ class Source(Addresses):
             )
         return episodes, steps
 
-    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Situation:
+    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Carry:
         """Simulate rows (n,) again, which a policy watches; DatasetError if they differ from the stored."""
-        out = Situation.room(len(episodes), policy.needs)
+        out = Carry.at(State.zeros(len(episodes)), policy.needs)
         different = np.unique(episodes)
         for experiment, own, numbers in self.by_experiment(different):
             most = max(1, PART_ROWS // (int(steps.max()) + 1))
@@ -107,7 +107,7 @@ class Source(Addresses):
 
     def _simulated(
         self, experiment: Experiment, numbers: Ints, policy: Policy, episodes: Ints, lanes: Ints, steps: Ints
-    ) -> Situation:
+    ) -> Carry:
         """Simulate some rows of these episodes, by the places of their episodes, and compare them."""
         counts = np.zeros(len(episodes), dtype=np.int64)
         np.maximum.at(counts, lanes, steps + 1)
@@ -121,7 +121,7 @@ class Source(Addresses):
                 f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
         actions = np.ascontiguousarray(actions, dtype=np.float32)
-        found, table = revisited(experiment, numbers, policy, episodes, actions, lanes, steps)
+        found, table = revisit(experiment, numbers, policy, episodes, actions, lanes, steps)
         made = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
         differing = (stored != made) & (np.arange(len(actions)) < counts[:, None])
         for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():

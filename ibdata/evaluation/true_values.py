@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ibdata.dataset.reader import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
-from ibdata.evaluation.branching import Points, keys, returns
+from ibdata.evaluation.branching import branch_returns, branches_at
 from ibdata.evaluation.play import Floats, checked_discount
 from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
@@ -19,7 +19,7 @@ from ibdata.experiment import validated
 from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
-from ibdata.simulation.world import Float32s
+from ibdata.simulation.episodes import Float32s
 from ibdata.system.memory import refuse_too_much
 
 RETURN_BYTES = 16  # least memory per branch, for two sums
@@ -127,16 +127,16 @@ def true_values(
     with loaded([acting]):
         begun = source.visited(numbers, times, acting)
         for experiment, own, inner in source.by_experiment(numbers):
-            points = Points(
-                dataclasses.replace(experiment.world, steps=settings.steps),
-                acting,
-                numbers[own],
-                times[own],
-                begun.take(own),
-                keys(settings.seed, experiment, acting, inner, times[own]),
+            carry, step = begun.take(own), times[own]
+            found[own] = branch_returns(
+                branches_at(settings.seed, experiment, acting, inner, step, numbers[own], carry),
+                carry,
+                step,
                 None if first is None else first[own],
+                steps=settings.steps,
+                branches=settings.episodes,
+                discount=discount,
             )
-            found[own] = returns(points, settings.episodes, discount)
     results = [
         Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))

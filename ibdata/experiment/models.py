@@ -32,7 +32,7 @@ from ibdata.experiment.setpoints import Setpoints, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
-from ibdata.simulation.world import World
+from ibdata.simulation.episodes import World
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -119,7 +119,7 @@ class Experiment(FrozenModel):
     def world(self) -> World:
         """What its episodes have in common, for the simulation."""
         start = self.start if isinstance(self.start, str) else self.start.steps
-        return World(self.variant, start, self.drifting, self.steps)
+        return World(self.variant, start, self.drifting)
 
     @cached_property
     def drifting(self) -> bool:

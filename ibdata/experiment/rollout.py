@@ -12,9 +12,10 @@ from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
 from ibdata.numerics.random import stream_key
 from ibdata.simulation import kernel
-from ibdata.simulation.driver import CHUNK, LANES, Lanes, Run
+from ibdata.simulation.carry import begin
+from ibdata.simulation.episodes import Episodes, Ints
+from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import Table
-from ibdata.simulation.world import Ints
 
 LEAST_LANES = 64
 # Rows of a table, which is encoded while the next is filled. The last bits of the statistics depend on it.
@@ -48,13 +49,14 @@ def rollout(experiment: Experiment, first: int, stop: int, memory: Memory | None
 
     Raises PolicyError, which names policy, episode and step, for an action that is not valid.
     """
-    places = layout(experiment)
-    shape = len(places.names), (stop - first) * experiment.steps
-    table = (memory or Memory()).table(shape, experiment.output.dtype)
+    places, steps = layout(experiment), experiment.steps
+    table = (memory or Memory()).table((len(places.names), (stop - first) * steps), experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
-        run = Run(experiment.world, lanes_of(experiment, np.arange(start, end)))
-        clipped += _fill(table, (start - first) * experiment.steps, run, places)
+        episodes = episodes_of(experiment, np.arange(start, end))
+        for block in unroll(episodes, begin(episodes), places.rows, steps, densities=True):
+            write_columns(block, places, table, (start - first) * steps, steps)
+            clipped += block.clipped
     return Columns(places.names, table, clipped)
 
 
@@ -79,12 +81,13 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
         first = end
 
 
-def lanes_of(experiment: Experiment, numbers: Ints) -> Lanes:
+def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     """Episodes of these numbers (n,), with the policy of the first of them and at their own addresses."""
     cells, own, indices = cells_of(experiment, numbers)
     keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[own]
     setpoints = np.array([cell.setpoint for cell in cells])[own]
-    return Lanes(cells[0].policy, keys, keys, indices, setpoints, cells[0].label, numbers)
+    policy, label = cells[0].policy, cells[0].label
+    return Episodes(experiment.world, policy, label, keys, keys, indices, setpoints, numbers)
 
 
 def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:
@@ -94,17 +97,9 @@ def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, I
     return [experiment.cells[i] for i in found.tolist()], own, indices
 
 
-def _fill(table: Table, row: int, run: Run, places: Layout) -> int:
-    """Simulate episodes into the columns from `row` on. Returns the number of clipped actions."""
-    chunk = min(CHUNK, run.world.steps)
-    record = np.empty((len(places.rows), chunk + 1, run.n))
-    actions = np.empty((chunk, run.n, 3), dtype=np.float32)
-    log_prob = np.empty((chunk, run.n))
-    total = 0
-    for t, count, clipped in run.play(record, places.rows, actions, log_prob):
-        total += clipped
-        kernel.scatter_columns(
-            record, actions, log_prob, places.sources, places.first_action, places.log_prob,
-            table, row + t, count, run.world.steps,
-        )  # fmt: skip
-    return total
+def write_columns(block: Block, places: Layout, table: Table, row: int, steps: int) -> None:
+    """Write a block of episodes of so many steps into a table, in which the first of them begins at `row`."""
+    kernel.scatter_columns(
+        block.record, block.actions, block.log_density, places.sources, places.first_action, places.log_prob,
+        table, row + block.first, len(block.actions), steps,
+    )  # fmt: skip

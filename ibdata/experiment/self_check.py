@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.rollout import lanes_of
-from ibdata.simulation.driver import Run
-from ibdata.variables import FLOATS, INTEGERS
+from ibdata.experiment.rollout import episodes_of
+from ibdata.simulation.carry import begin
+from ibdata.simulation.unroll import unroll
+from ibdata.variables import ROWS
 
 KNOWN: dict[str, Any] = {"name": "known", "policies": [{"kind": "random"}], "episodes": 16, "steps": 32}
 MOVING = {**KNOWN, "dynamics": "siemens", "setpoints": {"drifting": [1, 35, 70, 99]}, "start": "uniform"}
@@ -26,13 +27,12 @@ ANSWER = "ce080c3df2a134ce619f7adcddff13a769bfddabe30a0a6c86388358b13ad5d6"
 def digest(plain: dict[str, Any]) -> bytes:
     """The SHA-256 of all states of a known run and of its actions, as computed on this machine."""
     known = Experiment.model_validate(plain)
-    run = Run(known.world, lanes_of(known, np.arange(len(known.cells) * known.episodes)))
-    rows = np.arange(len(FLOATS) + len(INTEGERS))
-    record = np.empty((len(rows), known.steps + 1, run.n))
-    actions = np.empty((known.steps, run.n, 3), dtype=np.float32)
-    for _ in run.play(record, rows, actions):
-        pass
-    return hashlib.sha256(record[:, 1:].astype("<f8").tobytes() + actions.astype("<f4").tobytes()).digest()
+    episodes = episodes_of(known, np.arange(len(known.cells) * known.episodes))
+    blocks = unroll(episodes, begin(episodes), np.arange(len(ROWS)), known.steps)
+    parts = [(block.record[:, 1:].astype("<f8"), block.actions.astype("<f4")) for block in blocks]
+    states = np.concatenate([states for states, _ in parts], axis=1)
+    actions = np.concatenate([actions for _, actions in parts])
+    return hashlib.sha256(states.tobytes() + actions.tobytes()).digest()
 
 
 def keeps_denormals(least: float = sys.float_info.min) -> bool:

@@ -18,7 +18,7 @@ from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose
 from ibdata.policies import POLICIES
-from ibdata.simulation.world import Ints
+from ibdata.simulation.episodes import Ints
 from ibdata.system.cache_folders import cache_folders
 
 # Options that change which functions an experiment needs.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.dynamics.setpoint import D_G, D_H, D_V
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

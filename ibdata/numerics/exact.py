@@ -27,6 +27,16 @@ MIDDLE = 0.425  # largest |u - ½| for which AS 241 needs no logarithm
 
 
 @compiled
+def clip(x: float, low: float, high: float) -> float:
+    """max(low, min(high, x)).
+
+    >>> clip(7.0, -1.0, 1.0)
+    1.0
+    """
+    return max(low, min(high, x))
+
+
+@compiled
 def exp(x: float) -> float:
     """Exponential of x, which is clipped to [-708, 709], because beyond them 2ᵏ is not a normal double.
 

@@ -19,9 +19,10 @@ from ibdata.dynamics.fatigue import (
     velocity_transform,
 )
 from ibdata.dynamics.miscalibration import PHI_MAX, RHO_S, SAFE_ZONE, effective_shift, sgn, update_direction
-from ibdata.dynamics.steering import D_G, D_H, D_V, clip
+from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.dynamics.variants import VARIANTS, Parameters
 from ibdata.numerics.compiled import compiled
+from ibdata.numerics.exact import clip
 from ibdata.policies.base import (
     FATIGUE,
     GAIN,

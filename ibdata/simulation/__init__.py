@@ -1,1 +1,1 @@
-"""Episodes side by side: a `World`, `Lanes` with a policy, and the `Run` that plays them."""
+"""Episodes side by side: a `Carry` says where they are, `unroll` plays them, `replay` asks about recorded."""

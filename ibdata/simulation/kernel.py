@@ -8,19 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import variants
-from ibdata.dynamics.state import Floats, State
+from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
+from ibdata.dynamics.state import Floats
 from ibdata.dynamics.step import advance
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.philox import Raw
 from ibdata.policies.actions import clipped_and_rounded
-from ibdata.simulation.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
-from ibdata.variables import FLOATS
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
 Ints = npt.NDArray[np.int64]
-
-FLOAT_ROWS = len(FLOATS)
 
 
 named = compiled(variants.named)  # an array (22,) of numbers is faster to pass than a tuple, by 2 µs a call
@@ -28,14 +25,13 @@ named = compiled(variants.named)  # an array (22,) of numbers is faster to pass 
 
 @compiled
 def simulate(
-    floats: Floats,
-    integers: Ints,
+    x: Floats,
     actions: Float32s,
     raw: Raw,
     drift: Raw,
     parameters: Floats,
-    history: Float32s,
-    done: Float32s,
+    observations: Float32s,
+    actions_before: Float32s,
     record: Floats,
     rows: Ints,
     first: int,
@@ -43,35 +39,34 @@ def simulate(
     """Advance every lane by several steps, in place.
 
     Args:
-        floats: the floats of a `State` of n lanes.
-        integers: the integers of that state.
+        x: the values of a `State` of n lanes.
         actions: (steps, n, 3).
         raw: random integers (steps, 8, n).
         drift: random integers (steps, 4, n) for moving setpoints; no steps for constant ones.
         parameters: the parameters of the dynamics, see `Variant.numbers`.
-        history: the latest observations (n, length, 6), newest first; each step adds one.
-        done: the actions that led to them (n, length, 3), newest first; or no actions (n, 0, 3).
+        observations: the latest ones (n, length, 6), newest first; each step adds one.
+        actions_before: the actions that led to them (n, length, 3), newest first; or none (n, 0, 3).
         record: (variables, times, n), into which the state after step t is written at `first + t`.
-        rows: the variables to record, as rows of a state's floats followed by its integers.
+        rows: the variables to record, as rows of the state.
         first: see `record`.
     """
     noise = np.zeros((NOISE_ROWS, actions.shape[1]))
-    state, k, z = State(floats, integers), named(parameters), fields(noise)
+    k, z = named(parameters), fields(noise)
     for t in range(actions.shape[0]):
         standard_noise(raw[t], noise)
         if drift.shape[0] > 0:
             drift_noise(drift[t], noise)
-        advance(state, actions[t], z, k)
-        _observe(floats, history)
-        _remember(actions[t], done)
+        advance(x, actions[t], z, k)
+        _observe(x, observations)
+        _remember(actions[t], actions_before)
         for j in range(rows.shape[0]):
-            _record(state, rows[j], record[j, first + t])
+            for i in range(x.shape[1]):
+                record[j, first + t, i] = x[rows[j], i] + 0.0  # -0.0 becomes 0.0
 
 
 @compiled
 def simulate_lane(
-    floats: Floats,
-    integers: Ints,
+    x: Floats,
     dv: float,
     dg: float,
     dh: float,
@@ -84,8 +79,7 @@ def simulate_lane(
     """Advance a single lane by one step, in place, with few arguments: a call takes as long as the equations.
 
     Args:
-        floats: the floats of a `State` of one lane.
-        integers: the integers of that state.
+        x: the values of a `State` of one lane.
         dv: the action on velocity, a finite number.
         dg: the action on gain.
         dh: the action on shift.
@@ -93,7 +87,7 @@ def simulate_lane(
         parameters: the parameters of the dynamics, see `Variant.numbers`.
         history: the latest observations (1, length, 6), newest first; the step adds one.
         rows: the variables to read after the step, see `simulate`.
-        out: their values; a whole number is written as the bits of an int64.
+        out: their values.
     """
     action, noise = np.empty((1, 3), dtype=np.float32), np.zeros((NOISE_ROWS, 1))
     action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
@@ -102,14 +96,10 @@ def simulate_lane(
     standard_noise(column[:DYNAMICS_SLOTS], noise)
     if raw.shape[0] > DYNAMICS_SLOTS:
         drift_noise(column[DYNAMICS_SLOTS:], noise)
-    advance(State(floats, integers), action, fields(noise), named(parameters))
-    _observe(floats, history)
-    whole = out.view(np.int64)
+    advance(x, action, fields(noise), named(parameters))
+    _observe(x, history)
     for j in range(rows.shape[0]):
-        if rows[j] < FLOAT_ROWS:
-            out[j] = floats[rows[j], 0]
-        else:
-            whole[j] = integers[rows[j] - FLOAT_ROWS, 0]
+        out[j] = x[rows[j], 0]
 
 
 @compiled
@@ -138,17 +128,6 @@ def _remember(actions: Float32s, done: Float32s) -> None:
                 done[i, j, c] = done[i, j - 1, c]
         for c in range(3):
             done[i, 0, c] = actions[i, c]
-
-
-@compiled
-def _record(state: State, row: int, out: Floats) -> None:
-    """Write a variable of every lane into out (n,); -0.0 becomes 0.0."""
-    if row < FLOAT_ROWS:
-        for i in range(out.shape[0]):
-            out[i] = state.floats[row, i] + 0.0
-    else:
-        for i in range(out.shape[0]):
-            out[i] = state.integers[row - FLOAT_ROWS, i]
 
 
 @compiled

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import State
-from ibdata.variables import FLOATS, INTEGERS, of_role, variable_of
+from ibdata.variables import of_role, rows, variable_of
 from ibdata.views.options import ViewOptions
 
 Table = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
@@ -21,17 +21,16 @@ def hidden(drifting: bool) -> tuple[str, ...]:
 
 
 def observed_rows(view: ViewOptions, drifting: bool) -> npt.NDArray[np.int64]:
-    """The rows, see `record_rows`, of the variables that a view observes."""
+    """The rows of the variables that a view observes."""
     return record_rows([variable_of(name) for name in view.columns(drifting)])
 
 
-def values_of(state: State, rows: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+def values_of(state: State, which: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
     """The values of variables in a state of n lanes, (n, rows), as a dataset holds them."""
-    values: npt.NDArray[np.float32] = (np.concatenate(state)[rows].T + 0.0).astype(np.float32)
+    values: npt.NDArray[np.float32] = (state.values[which].T + 0.0).astype(np.float32)
     return values
 
 
 def record_rows(names: Sequence[str]) -> npt.NDArray[np.int64]:
-    """The rows of variables in a state's floats followed by its integers."""
-    below = (*FLOATS, *INTEGERS)
-    return np.array([below.index(name) for name in names])
+    """The rows (k,) of variables in a state."""
+    return np.array(rows(*names), dtype=np.int64)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column

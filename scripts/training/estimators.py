@@ -13,7 +13,7 @@ from d3rlpy.ope import FQE, FQEConfig
 from d3rlpy.preprocessing import StandardObservationScaler
 
 import ibdata
-from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
 from ibdata.policies.tensors import read

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ibdata.dynamics.steering import D_G, D_H, D_V
+from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows, spent, versions
 
 MEMBERS, FRAMES, MODEL_STEPS, MODEL_RATE = 4, 10, 15_000, 1e-3

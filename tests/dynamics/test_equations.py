@@ -17,12 +17,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS
-from ibdata.dynamics.consumption import consumption, expected_consumption
+from ibdata.dynamics.consumption import (
+    consumption,
+    convolved_cost,
+    expected_consumption,
+    operational_cost,
+    remember,
+)
 from ibdata.dynamics.fatigue import amplification, basic_fatigue, bernoulli, noise_component, update_mu
 from ibdata.dynamics.miscalibration import effective_shift
-from ibdata.dynamics.operational_cost import convolved_cost, operational_cost, remember
-from ibdata.dynamics.setpoint import drift, segment_length, segment_rate
-from ibdata.dynamics.steering import D_G, D_H, D_V, clip, steer
+from ibdata.dynamics.setpoint import D_G, D_H, D_V, clip, drift, segment_length, segment_rate, steer
 
 TANH = math.tanh(0.1)  # 2 (σ(0.1 e) - ½) at e = 2
 SQUASHED = 1.0 / (1.0 + math.exp(-0.1))  # σ(0.05 e) at e = 2

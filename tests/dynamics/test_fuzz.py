@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.numerics.exact import exponential, normal
-from ibdata.variables import FLOATS, INTEGERS, VARIABLES
+from ibdata.variables import ROWS, VARIABLES
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 LANES = 24
@@ -24,7 +24,7 @@ variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", 
 
 def assert_valid(state, variant):
     """Each number is finite and within the range of the table, and related ones agree."""
-    for name, rows in (*zip(FLOATS, state.floats, strict=True), *zip(INTEGERS, state.integers, strict=True)):
+    for name, rows in zip(ROWS, state.values, strict=True):
         low, high = VARIABLES[name].low, VARIABLES[name].high
         assert np.isfinite(rows).all(), name
         assert low is None or rows.min() >= low, name

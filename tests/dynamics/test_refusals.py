@@ -8,6 +8,7 @@ from helpers import tape
 
 from ibdata.dynamics import Noise, State, initial_state, step
 from ibdata.dynamics.state import FIELDS
+from ibdata.variables import rows
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
 NAN, INF = np.nan, np.inf
@@ -68,17 +69,26 @@ def test_noise_of_another_shape_or_law_is_refused(state, noise, name):
 
 @pytest.mark.parametrize(("name", "wrong"), BAD_STATES)
 def test_a_state_out_of_its_range_is_refused(state, noise, name, wrong):
-    getattr(state, name)[1] = wrong
+    row = rows("theta_0" if name == "operational_cost" else name)[0]
+    state.values[row, 1] = wrong
     with pytest.raises(ValueError, match=rf"(?s)^step: state.{name}: found .*, expected numbers in \["):
         step(state, ZERO, noise)
 
 
-@pytest.mark.parametrize("part", ["floats", "integers"])
-def test_a_state_of_other_arrays_is_refused(state, noise, part):
-    parts = state._asdict()
-    for wrong in (parts[part][:-1], parts[part][:, :1]):
-        with pytest.raises(ValueError, match=r"^step: state: found shapes .*, expected "):
-            step(State(**(parts | {part: wrong})), ZERO, noise)
+def test_a_state_of_another_shape_is_refused(state, noise):
+    with pytest.raises(ValueError, match=r"^step: state: found shape \(31, 2\), expected \(32, lanes\)"):
+        step(State(state.values[:-1]), ZERO, noise)
+    with pytest.raises(ValueError, match=r"^step: action: found shape \(2, 3\), expected \(1, 3\)"):
+        step(State(state.values[:, :1]), ZERO, noise)
+
+
+@pytest.mark.parametrize("name", sorted(INTEGERS))
+def test_a_whole_variable_is_no_fraction(state, noise, name):
+    state.values[rows(name)[0], 1] = 0.5
+    with pytest.raises(ValueError, match=rf"^step: state.{name}: found .*, expected whole numbers"):
+        step(state, ZERO, noise)
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(state, name)[1] = 0  # a copy, so that this would change nothing
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from helpers import ROOT, tape
 
 import ibdata
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.dynamics.operational_cost import operational_cost
+from ibdata.dynamics.consumption import operational_cost
 from ibdata.dynamics.state import FIELDS
 from ibdata.variables import of_role
 
@@ -90,9 +90,9 @@ def test_a_step_changes_nothing_that_it_was_given(variant):
     drawn = tape.draw(5, 3, 6)
     state = tape.play(tape.start(6, "half"), drawn, variant)[-1]
     action, noise = rng.uniform(-3.0, 3.0, (6, 3)), tape.noise(rng, 6)
-    before = [x.tobytes() for x in (*state, action, *noise)]
+    before = [x.tobytes() for x in (state.values, action, *noise)]
     step(state, action, noise, variant)
-    assert [x.tobytes() for x in (*state, action, *noise)] == before
+    assert [x.tobytes() for x in (state.values, action, *noise)] == before
 
 
 @variants

@@ -92,11 +92,11 @@ def test_the_first_observations_are_those_of_the_burn_in(played):
     expected = Source(played).visited(np.arange(12), np.zeros(12, dtype=int), Watching(frames=FRAMES))
     lane, many = Lane(settings_of(played)), Simulation(settings_of(played), 12)
     begun(many, played, range(12))
-    np.testing.assert_array_equal(many.seen, expected.past.observations)
+    np.testing.assert_array_equal(many.carry.observations, expected.observations)
     for episode in range(12):
         begun(lane, played, episode)
-        np.testing.assert_array_equal(lane.seen[0], expected.past.observations[episode])
-    differing = (many.seen[:, 0] != many.seen[:, -1]).any(axis=1)
+        np.testing.assert_array_equal(lane.carry.observations[0], expected.observations[episode])
+    differing = (many.carry.observations[:, 0] != many.carry.observations[:, -1]).any(axis=1)
     assert differing.sum() >= 8 or played.manifest["experiments"][0]["start"] in ("default", "uniform")
 
 

@@ -157,7 +157,8 @@ def test_the_first_delta_reward_is_within_the_episode():
     actions = np.random.default_rng(0).uniform(-1, 1, (20, 3, 3)).astype(np.float32)
 
     def cost():
-        return delta.seen[:, 0, 5].astype(np.float64) + 3.0 * delta.seen[:, 0, 4].astype(np.float64)
+        fatigue, consumption = delta.carry.observations[:, 0, 4:6].astype(np.float64).T
+        return consumption + 3.0 * fatigue
 
     begun = {0: [0, 1, 2], 6: [1], 7: [1], 11: [0, 2]}
     for t, action in enumerate(actions):
@@ -241,7 +242,7 @@ def test_clean_values_stay_in_the_info():
     for _ in range(4):
         simulation.step(simulation.everyone, np.ones((2, 3), dtype=np.float32), tape)
     info = simulation.info()
-    assert (info["clean_obs_consumption"] == simulation.seen[:, 0, 5]).all()
-    assert not (simulation.observations()[:, 5] == simulation.seen[:, 0, 5]).any()
+    assert (info["clean_obs_consumption"] == simulation.carry.observations[:, 0, 5]).all()
+    assert not (simulation.observations()[:, 5] == simulation.carry.observations[:, 0, 5]).any()
     clean = {"clean_obs_fatigue", "clean_obs_consumption", "clean_obs_velocity"}
     assert {name for name in info if name.startswith("clean_")} == clean

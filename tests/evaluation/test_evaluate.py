@@ -86,7 +86,7 @@ def test_nothing_but_the_address_matters(monkeypatch):
     """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
     few = returns("random", [10.0, 70.0])
     with monkeypatch.context() as patch:
-        patch.setattr("ibdata.evaluation.play.CHUNK", 7)
+        patch.setattr("ibdata.simulation.unroll.BLOCK", 7)
         np.testing.assert_array_equal(returns("random", [10.0, 70.0]), few)
     np.testing.assert_array_equal(returns("random", [70.0])[0], few[1])
     np.testing.assert_array_equal(returns("random", [70.0], episodes=300)[0, :4], few[1])

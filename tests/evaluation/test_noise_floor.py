@@ -8,7 +8,7 @@ from helpers.levels import FULL
 
 import ibdata
 from ibdata import noise_floor, state_at
-from ibdata.dynamics import Noise, State, step
+from ibdata.dynamics import Noise, step
 from ibdata.errors import UsageError
 
 DRAWS = 40_000 if FULL else 20_000
@@ -18,7 +18,7 @@ def next_steps(ds, row, dynamics, seed=0):
     """Fatigue and consumption (2, draws) after many steps from the state of a row with its action."""
     rng = np.random.default_rng(seed)
     one = state_at(ds, (int(row["episode"]), int(row["step"])))
-    state = State._make(np.repeat(part, DRAWS, axis=-1) for part in one)
+    state = one.take(np.zeros(DRAWS, dtype=int))
     laws = {"exp": rng.exponential, "normal": rng.standard_normal}
     noise = Noise(*(laws.get(name.split("_")[0], rng.random)(size=DRAWS) for name in Noise._fields))
     action = row[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float64)

@@ -38,9 +38,9 @@ def moved(state, action, noise, variant):
 
 def lane(state, i):
     """One lane of a state."""
-    return State(*(np.ascontiguousarray(part[:, i : i + 1]) for part in state))
+    return state.take(np.array([i]))
 
 
 def side_by_side(*states):
     """One state of all lanes of several."""
-    return State(*(np.concatenate(parts, axis=1) for parts in zip(*states, strict=True)))
+    return State(np.concatenate([state.values for state in states], axis=1))

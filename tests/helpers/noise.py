@@ -9,9 +9,7 @@ from helpers.levels import FULL
 from ibdata import Experiment
 from ibdata.dynamics import SIEMENS, Noise
 from ibdata.dynamics.fatigue import AMPLIFICATION_START, TOLERANCE, bernoulli, squashed_exponential
-from ibdata.experiment.rollout import rollout
-from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.simulation.noise import (
+from ibdata.dynamics.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     NOISE_ROWS,
@@ -19,6 +17,8 @@ from ibdata.simulation.noise import (
     fields,
     standard_noise,
 )
+from ibdata.experiment.rollout import rollout
+from ibdata.numerics.random import Purpose, integers, stream_key
 
 MILLION = 1_000_000
 SETPOINTS, STEPS = tuple(range(10, 101, 10)), 1000

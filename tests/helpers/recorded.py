@@ -10,7 +10,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.fields import BurnIn
 from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key, uniforms
-from ibdata.simulation.world import burn_in_steps
+from ibdata.simulation.carry import burn_in_steps
 
 
 class Recorded(NamedTuple):

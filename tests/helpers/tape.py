@@ -54,7 +54,9 @@ def start(n: int, drifting: str = "none") -> State:
     velocity, gain = np.resize([50.0, 0.0, 100.0], n), np.resize([50.0, 100.0, 0.0], n)
     state = initial_state(np.linspace(0.0, 100.0, n), velocity, gain, drifting=drifting != "none")
     if drifting == "half":
-        state.drift_left[1::2] = -1
+        left = state.drift_left.copy()
+        left[1::2] = -1
+        state = state.replace(drift_left=left)
     return state
 
 
@@ -74,13 +76,13 @@ def play(state: State, tape: Tape, variant: Variant | str) -> list[State]:
 
 def stack(states: list[State]) -> State:
     """Many states as one, with the time as the first axis of each field."""
-    return State(*(np.stack(x, axis=1) for x in zip(*states, strict=True)))
+    return State(np.stack([state.values for state in states], axis=1))
 
 
 def take(state: State, lanes: object) -> State:
     """Some lanes of a state, or some times and lanes of a stack, by an index as for an array."""
     index = lanes if isinstance(lanes, tuple) else (lanes,)
-    return State(*(x[(slice(None), *index)] for x in state))
+    return State(state.values[(slice(None), *index)])
 
 
 def changed(a: State, b: State) -> set[str]:

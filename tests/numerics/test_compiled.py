@@ -15,7 +15,7 @@ import ibdata
 pytestmark = pytest.mark.slow
 
 PACKAGE = Path(ibdata.__file__).parent
-TURN = "from ibdata.dynamics.steering import steer; print(steer(50.0, 10.0, 1.0))"
+TURN = "from ibdata.dynamics.setpoint import steer; print(steer(50.0, 10.0, 1.0))"
 FILE = "dynamics/steering.py"
 
 

@@ -20,10 +20,7 @@ from helpers.examples import tries
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ibdata.numerics import exact
-from ibdata.numerics.philox import Word, mulhi, philox
-from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniform
-from ibdata.simulation.noise import (
+from ibdata.dynamics.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     NOISE_ROWS,
@@ -31,6 +28,9 @@ from ibdata.simulation.noise import (
     fields,
     standard_noise,
 )
+from ibdata.numerics import exact
+from ibdata.numerics.philox import Word, mulhi, philox
+from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniform
 
 examples = tries(200)
 

@@ -18,8 +18,8 @@ from helpers import ROOT
 from helpers import script as load
 
 from ibdata.dynamics import PAPER, SIEMENS, Variant
+from ibdata.dynamics.consumption import operational_cost
 from ibdata.dynamics.miscalibration import SAFE_ZONE
-from ibdata.dynamics.operational_cost import operational_cost
 
 TEXT = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 FIELDS = [field.name for field in fields(Variant)]

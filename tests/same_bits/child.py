@@ -29,6 +29,7 @@ from ruamel.yaml import YAML
 import ibdata
 from ibdata.experiment import Experiment, rollout, self_check
 from ibdata.generation import receipt, worker, workers
+from ibdata.simulation import unroll
 from ibdata.system.part import Part
 
 HERE = Path(__file__).resolve().parent
@@ -95,7 +96,7 @@ def facts() -> dict[str, object]:
         "CPU_FEATURES": config.CPU_FEATURES,
         "DISABLE_JIT": config.DISABLE_JIT,
         "lanes": rollout.LANES,
-        "chunk": rollout.CHUNK,
+        "chunk": unroll.BLOCK,
     }
 
 
@@ -149,7 +150,7 @@ def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
             assert len(kept) >= after
         else:
             raise AssertionError("not interrupted")
-        rollout.LANES = rollout.CHUNK = 11  # goes on in other blocks, where this process does the work
+        rollout.LANES = unroll.BLOCK = 11  # goes on in other blocks, where this process does the work
     ibdata.generate(experiment, out, workers=processes, resume=bool(after))
     if after:
         assert all((out / "data" / name).stat().st_ino == inode for name, inode in kept.items())
@@ -201,7 +202,7 @@ def main(spec: dict[str, object]) -> None:
 def prepare(spec: dict[str, object]) -> None:
     """Set the sizes of blocks."""
     rollout.LANES = spec.get("lanes", rollout.LANES)
-    rollout.CHUNK = spec.get("chunk", rollout.CHUNK)
+    unroll.BLOCK = spec.get("chunk", unroll.BLOCK)
 
 
 def start() -> None:

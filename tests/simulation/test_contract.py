@@ -79,7 +79,7 @@ def played(experiment, first=0, stop=8):
 def questions(monkeypatch):
     """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 3)
-    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
     monkeypatch.setattr(Recalling, "given", [])
     experiment = described(Recalling())
     made = played(experiment)
@@ -137,7 +137,7 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
 
 @pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}])
 def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
-    monkeypatch.setattr("ibdata.experiment.replay.CHUNK", 4)
+    monkeypatch.setattr("ibdata.simulation.replay.BLOCK", 4)
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 4)
     experiment = described(Recalling(), start=start)
     made = played(experiment, 1, 7)

@@ -184,7 +184,7 @@ def usual():
 @pytest.mark.parametrize(("lanes", "chunk"), [(1, 7), (5, 29)])
 def test_blocks_and_chunks_change_nothing(monkeypatch, usual, lanes, chunk):
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", lanes)
-    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", chunk)
+    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", chunk)
     assert_same(played(WIDE), usual)
 
 

@@ -11,10 +11,11 @@ import pytest
 import ibdata
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import lanes_of, rollout
+from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.policies import Decision, Policy
 from ibdata.policies.optimized import MEAN, STD
-from ibdata.simulation.driver import Run
+from ibdata.simulation.carry import begin
+from ibdata.simulation.unroll import unroll
 from ibdata.simulation.variables import record_rows
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
@@ -62,7 +63,7 @@ class Returning(Policy):
 
 def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
     """What optimized does of the stored observations, k steps ago or the first; by the printed formula."""
-    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
     greedy = {"kind": "epsilon_greedy", "base": {"kind": "optimized"}, "epsilon": 0.5}
     made = played(described(policies=[greedy, {"kind": "optimized"}], output={"dtype": "float32"}))
     z = {
@@ -140,7 +141,7 @@ def test_an_error_of_several_steps_names_its_own(monkeypatch):
         wrong = (np.arange(8)[:, None] == 1 * 2 + 1) & (next(calls) == 1)
         return Decision(np.where(wrong, np.nan, given.uniforms), given.memory)
 
-    monkeypatch.setattr("ibdata.experiment.rollout.CHUNK", 4)
+    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
     monkeypatch.setattr("ibdata.policies.random.Random.decide", decide)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
         rollout(ibdata.load("random", ["steps=8"]), 0, 2)
@@ -169,13 +170,10 @@ CASES = {
 
 def recorded(experiment, numbers):
     """What is recorded of these episodes: (variables, steps + 1, n), actions and densities (steps, n, …)."""
-    run = Run(experiment.world, lanes_of(experiment, np.array(numbers)))
+    episodes = episodes_of(experiment, np.array(numbers))
     rows = record_rows(["setpoint", "fatigue", "consumption", "reward", "theta_3"])
-    record = np.empty((len(rows), STEPS + 1, run.n))
-    actions, log_prob = np.empty((STEPS, run.n, 3), dtype=np.float32), np.empty((STEPS, run.n))
-    for _ in run.play(record, rows, actions, log_prob):
-        pass
-    return record.transpose(2, 0, 1), actions.swapaxes(0, 1), log_prob.T
+    [block] = unroll(episodes, begin(episodes), rows, STEPS, densities=True)
+    return block.record.transpose(2, 0, 1), block.actions.swapaxes(0, 1), block.log_density.T
 
 
 @pytest.mark.parametrize("changes", CASES.values(), ids=CASES)

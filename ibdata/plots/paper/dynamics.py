@@ -11,9 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ibdata.dynamics import VARIANTS
-from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT
+from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT, operational_cost
 from ibdata.dynamics.fatigue import AMPLIFICATION_START
-from ibdata.dynamics.operational_cost import operational_cost
 from ibdata.plots.data import Columns, episodes
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from ibdata.dynamics import Noise, initial_state, step
-from ibdata.dynamics.steering import D_H
+from ibdata.dynamics.setpoint import D_H
 from ibdata.plots.paper.landscape import BOX, background, scale
 from ibdata.plots.style import RED
 

@@ -1,0 +1,82 @@
+"""The noise of one step, in standard form, and how random integers become noise."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.numerics.compiled import compiled, inlined
+from ibdata.numerics.exact import exponential, normals
+from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import uniform
+
+Floats = npt.NDArray[np.float64]
+
+DYNAMICS_SLOTS = 8  # random integers of a step
+DRIFT_SLOTS = 4  # further ones, of a moving setpoint
+NOISE_ROWS = DYNAMICS_SLOTS + DRIFT_SLOTS
+
+
+class Noise(NamedTuple):
+    """The random numbers of one step of n lanes in standard form; arrays (n,)."""
+
+    exp_v: Floats  # Exp(1)
+    exp_g: Floats
+    bernoulli_v: Floats  # U(0, 1); the event is u < p
+    bernoulli_g: Floats
+    uniform_v: Floats  # U(0, 1)
+    uniform_g: Floats
+    normal_alpha: Floats  # N(0, 1)
+    normal_consumption: Floats
+    uniform_drift_length: Floats  # U(0, 1); used by moving setpoints only
+    uniform_drift_rate: Floats
+    uniform_drift_zero: Floats
+    uniform_drift_flip: Floats
+
+
+# A uniform draw is below 1, and -log of the least double is below 745.2; no normal draw exceeds 40.
+RANGES = {
+    "exp": (0.0, 745.2, "Exp(1)"),
+    "bernoulli": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
+    "uniform": (0.0, 1.0 - 2.0**-53, "U(0, 1)"),
+    "normal": (-40.0, 40.0, "N(0, 1)"),
+}
+
+
+def checked_noise(noise: Noise, n: int) -> Noise:
+    """The noise as contiguous float64. Raises ValueError if a field is not n numbers of its law."""
+    draws = Noise(*(np.array(x, dtype=np.float64, order="C") for x in noise))
+    for name, x in zip(Noise._fields, draws, strict=True):
+        low, high, law = RANGES[name.split("_")[0]]
+        if x.shape != (n,) or not np.all((x >= low) & (x <= high)):
+            raise ValueError(f"step: noise.{name}: found {x}, expected {n} numbers of {law}")
+    return draws
+
+
+@compiled
+def standard_noise(raw: Raw, rows: Floats) -> None:
+    """Fill the first eight rows, which every step uses, from integers (8, n); see `fields`."""
+    for j in range(2):
+        for i in range(raw.shape[1]):
+            rows[j, i] = exponential(uniform(raw[j, i]))
+    for j in range(2, DYNAMICS_SLOTS):
+        for i in range(raw.shape[1]):
+            rows[j, i] = uniform(raw[j, i])
+    normals(rows[6])
+    normals(rows[7])
+
+
+@compiled
+def drift_noise(raw: Raw, rows: Floats) -> None:
+    """Fill the last four rows, which a moving setpoint uses, from integers (4, n); see `fields`."""
+    for j in range(DRIFT_SLOTS):
+        for i in range(raw.shape[1]):
+            rows[DYNAMICS_SLOTS + j, i] = uniform(raw[j, i])
+
+
+@inlined
+def fields(z: Floats) -> Noise:
+    """Rows (12, n) as the fields of a noise."""
+    return Noise(z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8], z[9], z[10], z[11])

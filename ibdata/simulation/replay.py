@@ -1,0 +1,80 @@
+"""Ask a policy again about recorded episodes, under the actions that were taken there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ibdata.policies import Observed
+from ibdata.simulation.carry import begin
+from ibdata.simulation.episodes import Episodes, Float32s
+from ibdata.simulation.unroll import BLOCK, observed
+
+# Arrays (n, steps, …) of the episodes -> the rows (m, …) that a question is about.
+Rows = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+Question = Callable[[Observed, Rows], npt.NDArray[Any]]
+
+
+def replay(
+    episodes: Episodes, observations: Float32s, actions: Float32s, question: Question
+) -> npt.NDArray[Any]:
+    """The answers (n, steps, …) to a question about each row of recorded episodes.
+
+    What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
+    actions and the random numbers at its addresses. Nothing is simulated but the burn-in. A policy that
+    remembers nothing is asked about all steps at once, with random numbers that are 0.
+
+    Args:
+        episodes: the episodes, and the policy that is asked.
+        observations: the recorded observations (n, steps, 6).
+        actions: the recorded actions (n, steps, 3).
+        question: what is asked, see `Question`.
+    """
+    carry, needs = begin(episodes), episodes.policy.needs
+    seen = actions_before = np.empty((*actions.shape[:2], 0, 6), dtype=np.float32)
+    if needs.history:
+        seen = _windows(carry.observations[:, 1:], observations, needs.history)
+        actions_before = _windows(carry.actions, actions[:, :-1], needs.history)
+    n, steps = actions.shape[:2]
+    if needs.memory == 0:
+
+        def rows(x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return x.reshape(n * steps, *x.shape[2:])
+
+        whole = Observed(
+            rows(seen),
+            rows(actions_before),
+            np.tile(np.arange(steps), n),
+            np.zeros((n * steps, needs.step_draws)),
+            np.repeat(carry.draws, steps, axis=0),
+            np.zeros((n * steps, 0)),
+        )
+        answer = question(whole, rows)
+        return answer.reshape(n, steps, *answer.shape[1:])
+    answers = []
+    for first in range(0, steps, BLOCK):
+        for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
+            at_step = partial(_at_step, step=t)
+            then = given._replace(observations=at_step(seen), actions=at_step(actions_before))
+            answers.append(question(then, at_step))
+            carry.memory = np.asarray(episodes.policy.decide(then).memory, dtype=np.float64)
+    return np.stack(answers, axis=1)
+
+
+def _at_step(x: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
+    return np.ascontiguousarray(x[:, step])
+
+
+def _windows(before: Float32s, recorded: Float32s, length: int) -> Float32s:
+    """The last `length` rows before each step, newest first: (n, steps, length, c).
+
+    Those that are recorded are (n, rows, c), and those before them, newest first, (n, k, c).
+    """
+    joined = np.concatenate([before[:, ::-1], recorded], axis=1)
+    windows = sliding_window_view(joined, length, axis=1)  # (n, steps, c, length), oldest first
+    return np.ascontiguousarray(np.moveaxis(windows, 2, 3)[:, :, ::-1])

@@ -1,0 +1,138 @@
+"""Unroll episodes: at each step the policy is asked, and the state advances and is recorded.
+
+Episodes are simulated side by side, which is faster than one by one; the values of one do not depend on the
+others. They advance in blocks of steps: the integers are drawn, then each step is asked of the policy,
+simulated and recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.numerics.random import Purpose
+from ibdata.policies import Observed
+from ibdata.policies.checked import Checked
+from ibdata.simulation.carry import Carry
+from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+
+LANES = 256  # episodes that are simulated together, whose state and record stay in the processor's cache
+BLOCK = 32  # steps that are drawn and recorded at a time, for the same reason
+
+
+class Block(NamedTuple):
+    """Some steps of n episodes. The next block overwrites its arrays."""
+
+    first: int  # step
+    record: Floats  # (variables, count + 1, n), from the state before the block to the state after it
+    actions: Float32s  # (count, n, 3)
+    log_density: Floats  # (count, n), of the policy's actions; 0 where it is not wanted
+    clipped: int  # the number of the policy's actions that were clipped
+
+    @property
+    def stop(self) -> int:
+        """The step after the last one."""
+        return self.first + len(self.actions)
+
+
+def unroll(
+    episodes: Episodes,
+    carry: Carry,
+    rows: Ints,
+    steps: int,
+    *,
+    recorded: Float32s | None = None,
+    first_step: Ints | int = 0,
+    stops: Iterable[int] = (),
+    observe: Callable[[Observed], Observed] | None = None,
+    densities: bool = False,
+) -> Iterator[Block]:
+    """Advance episodes by some steps.
+
+    Args:
+        episodes: the episodes.
+        carry: where they are. It is advanced in place, so it says where they are after each block.
+        rows: the variables to record, as rows of a state.
+        steps: the number of steps.
+        recorded: actions (k, n, 3) that are taken at the first k steps. There a policy is only asked if it
+            remembers something, for its memory.
+        first_step: the steps (n,) that the policy is told first, where episodes do not begin at their start.
+        stops: steps at which a block ends.
+        observe: changes what the policy is given, or None.
+        densities: whether the log densities of the policy's actions are wanted.
+
+    Yields:
+        Blocks of steps in order.
+
+    Raises:
+        PolicyError: the policy returned no valid action.
+    """
+    n, world, needs = len(episodes), episodes.world, episodes.policy.needs
+    policy = Checked(episodes.policy, episodes.label, episodes.number)
+    taken = 0 if recorded is None else len(recorded)
+    record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
+    actions, chosen = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
+    log_density = np.zeros(actions.shape[:2])
+    record[:, 0] = carry.state.values[rows] + 0.0
+    for first, stop in pairwise(sorted({*range(0, steps, BLOCK), steps, *stops, min(taken, steps)})):
+        count, clipped = stop - first, 0
+        is_recorded = first < taken
+        is_asked = not is_recorded or needs.memory > 0
+        span = count if not is_asked else asked_together(episodes, count)
+        if recorded is not None and is_recorded:
+            actions[:count] = recorded[first:stop]
+        raw, drift = world.integers(episodes.draw, episodes.lanes, first + 1, count)
+        questions = observed(episodes, carry, first, count, first_step)
+        for t in range(0, count, span):
+            part = slice(t, t + span)
+            if is_asked:
+                seen = next(questions) if observe is None else observe(next(questions))
+                answers = (chosen if is_recorded else actions)[part].reshape(-1, 3)
+                density = log_density[part].reshape(-1) if densities else None
+                beyond, carry.memory = policy.decide(seen, answers, density)
+                clipped += beyond
+            carry.advance(world, actions[part], raw[part], drift[part], record, rows, 1 + t)
+        yield Block(first, record[:, : count + 1], actions[:count], log_density[:count], clipped)
+        record[:, 0] = record[:, count]
+
+
+def observed(
+    episodes: Episodes, carry: Carry, first: int, count: int, first_step: Ints | int = 0
+) -> Iterator[Observed]:
+    """Yield what the policy is given at some steps.
+
+    A policy that sees and remembers nothing is asked about all steps at once, any other one step after
+    another: what it sees and remembers is then that of the carry when it is asked.
+    """
+    n, needs, span = len(episodes), episodes.policy.needs, asked_together(episodes, count)
+    u = draw_uniforms(episodes.draw, episodes.lanes, Purpose.POLICY, first, count, needs.step_draws)
+    steps = np.empty((count, n), dtype=np.int64)
+    steps[:] = np.arange(first, first + count)[:, None]
+    steps += first_step
+    draws = read_only(carry.draws if span == 1 else np.tile(carry.draws, (span, 1)))
+    observations, actions = (
+        read_only(x) if needs.history else np.empty((span * n, *x.shape[1:]), dtype=np.float32)
+        for x in (carry.observations, carry.actions)
+    )
+    nothing = np.empty((span * n, 0))
+    for t in range(0, count, span):
+        memory = read_only(carry.memory) if needs.memory else nothing
+        uniforms = u[t : t + span].reshape(span * n, -1)
+        yield Observed(observations, actions, steps[t : t + span].reshape(-1), uniforms, draws, memory)
+
+
+def asked_together(episodes: Episodes, count: int) -> int:
+    """How many of some steps the policy is asked about at once."""
+    needs = episodes.policy.needs
+    return count if needs.history == needs.memory == 0 else 1
+
+
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same array, which cannot be changed through it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
