@@ -14,11 +14,13 @@ from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import Checked
 from ibdata.policies.custom import Custom
+from ibdata.policies.distributions import Distribution
 from ibdata.policies.user_object import UserObject
 
 ROWS = 256
 LATER = 5  # a step at which the policy is checked again
-REPEATS = 2000  # draws in one situation, to compare the share of each action with its probability
+DRAWS = 20_000  # in one situation, to compare the shares of actions with their probabilities
+FEW = 100  # draws, below which a share says little
 CERTAIN = 6.0  # standard errors
 
 
@@ -32,8 +34,9 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
       The last bits of an object's actions may differ where the episodes are others.
     - Neither the inputs nor the arrays that earlier calls returned are changed.
     - Log densities are float64 (n,): finite at the policy's own actions, or NaN everywhere; never +inf. In a
-      policy that is made of others, they may be NaN in some episodes.
-    - If an action is drawn repeatedly, its share of the draws agrees with its probability.
+      policy that is made of others, they may be NaN in some episodes. They do not depend on the step's draws.
+    - Where a density is known, its draws are counted: the share of each action that is drawn again and again,
+      and that of a box in the middle of all others, are the probabilities that the density gives them.
 
     A policy is checked at the first step of 256 episodes and, unless it must be asked in order, at the sixth.
     `generate` and `evaluate` make the second check before they run code of a user.
@@ -52,58 +55,56 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         if not isinstance(policy, Acting | Custom):  # of which `loaded` makes sure
             purity.refuse_impure(policy)
         seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories
-        in_order = any(isinstance(each, UserObject) and each.remembers for each in policy.everywhere())
-        for given, actions in list(purity.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
-            _check_decision(policy, given)
-            _check_density(policy, given, actions)
+        in_order = any(isinstance(part, UserObject) and part.remembers for part in policy.everywhere())
+        for observed, actions in list(purity.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
+            _check_decision(policy, observed)
+            _check_density(policy, observed, actions)
             for row in range(0, len(seen), max(1, len(seen) // 8)):
-                _check_atoms(policy, given.apply(itemgetter(slice(row, row + 1))))
+                _check_frequencies(policy, observed.apply(itemgetter(slice(row, row + 1))))
 
 
-def _check_decision(policy: Policy, given: Observed) -> None:
-    if any(isinstance(each, Acting | Custom) for each in policy.everywhere()):
+def _distribution(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
+    return Checked(policy, policy.label, np.arange(len(observed.step))).distribution(observed)
+
+
+def _check_decision(policy: Policy, observed: Observed) -> None:
+    if any(isinstance(part, Acting | Custom) for part in policy.everywhere()):
         return  # an object gets copies, and returns them
-    seen = given.apply(np.copy)
-    answer = [np.asarray(x) for x in policy.decide(seen)]
-    kept = [x.copy() for x in answer]
-    _refuse_changes("decide", given, seen)
-    policy.decide(seen._replace(uniforms=1.0 - seen.uniforms))
-    assert all(map(_same, answer, kept)), (
-        "a later call of decide changed an array that an earlier one returned"
-    )
-
-
-def _refuse_changes(name: str, given: Observed, seen: Observed) -> None:
-    """Raise AssertionError if a copy of what a policy is given is no longer equal to it."""
+    seen = observed.apply(np.copy)
+    distribution, memory = _distribution(policy, seen)
     for field in Observed._fields:
-        same = _same(getattr(given, field), getattr(seen, field))
-        assert same, f"{name} changed the {field} that it was given"
+        same = _same(getattr(observed, field), getattr(seen, field))
+        assert same, f"decide changed the {field} that it was given"
+    sample, kept = np.array(distribution.sample(observed.uniforms)), memory.copy()
+    _distribution(policy, seen._replace(uniforms=1.0 - seen.uniforms))
+    later = "a later call of decide changed an array that an earlier one returned"
+    assert _same(distribution.sample(observed.uniforms), sample), later
+    assert _same(memory, kept), later
 
 
-def _check_density(policy: Policy, given: Observed, action: Float32s) -> None:
-    seen, same_action = given.apply(np.copy), action.copy()
-    density = np.asarray(policy.log_density(seen, same_action))
-    assert density.dtype == np.float64, f"log_density must return float64, found {density.dtype}"
-    _refuse_changes("log_density", given, seen)
+def _check_density(policy: Policy, observed: Observed, action: Float32s) -> None:
+    distribution, _ = _distribution(policy, observed.apply(np.copy))
+    same_action = action.copy()
+    density = distribution.log_density(same_action)
+    assert np.asarray(density).dtype == np.float64, "log_density must return float64"
+    assert density.shape == action.shape[:1], f"log_density must return (n,), found {density.shape}"
     assert _same(same_action, action), "log_density changed the actions that it was given"
-    _check_values(policy, given, action, density)
-    half = _log_density(policy, given.apply(lambda x: x[::2]), action[::2])
-    assert np.allclose(half, density[::2], 1e-6, 1e-6, True), "log_density depends on the other episodes"
-    other_draws = given._replace(uniforms=1.0 - given.uniforms)
-    same = _same(_log_density(policy, other_draws, action), density)
-    assert same, "log_density depends on the random numbers of its own step"
+    _check_values(policy, distribution, action, density)
+    half, _ = _distribution(policy, observed.apply(lambda x: x[::2].copy()))
+    same = np.allclose(half.log_density(action[::2]), density[::2], 1e-6, 1e-6, True)
+    assert same, "log_density depends on the other episodes"
+    other, _ = _distribution(policy, observed._replace(uniforms=1.0 - observed.uniforms))
+    same = _same(other.log_density(action), density)
+    assert same, "the distribution depends on the random numbers of its own step"
 
 
-def _check_values(policy: Policy, given: Observed, action: Float32s, density: Floats) -> None:
+def _check_values(policy: Policy, distribution: Distribution, action: Float32s, density: Floats) -> None:
     """Check the values at a policy's own actions and elsewhere."""
-    at_once = policy.decide_with_density(given.apply(np.copy))[1]
-    same = at_once is None or _same(at_once, density)
-    assert same, "decide_with_density gave other densities than log_density"
     unknown, known = np.isnan(density), np.isfinite(density)
     valid = unknown.all() or known.all() or (bool(policy.inner) and (known | unknown).all())
     assert valid, "log_density must be finite at the policy's own actions"
     others = applied(np.random.default_rng(1).uniform(-1.25, 1.25, action.shape))
-    elsewhere = _log_density(policy, given, others)
+    elsewhere = distribution.log_density(others)
     wrong = np.where(unknown, ~np.isnan(elsewhere), ~(elsewhere < np.inf))
     expected = "a number below inf, or nan as at the policy's own action"
     assert not wrong.any(), (
@@ -111,26 +112,54 @@ def _check_values(policy: Policy, given: Observed, action: Float32s, density: Fl
     )
 
 
-def _check_atoms(policy: Policy, one: Observed) -> None:
-    """Compare the share of each repeated action with the probability that its log density gives it."""
-    u = np.random.default_rng(2).random((REPEATS, one.uniforms.shape[1]))
-    many = one.apply(lambda x: np.repeat(x, REPEATS, axis=0))._replace(uniforms=u)
-    actions, counts = np.unique(purity.decided(policy, many)[0], axis=0, return_counts=True)
-    actions, shares = actions[counts > REPEATS // 100], counts[counts > REPEATS // 100] / REPEATS
-    if not len(actions):
-        return
-    stated = np.exp(_log_density(policy, many.apply(lambda x: x[: len(actions)]), actions))
-    error = CERTAIN * np.sqrt((shares * (1.0 - shares) + 1.0 / REPEATS) / REPEATS)
+def _check_frequencies(policy: Policy, one: Observed) -> None:
+    """Compare shares of many draws in one situation with the probabilities that the density gives them."""
+    u = np.random.default_rng(2).random((DRAWS, one.uniforms.shape[1]))
+    many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(uniforms=u)
+    actions, _ = purity.decided(policy, many)
+
+    def probability_density(points: Float32s) -> Floats:
+        there, _ = _distribution(policy, many.apply(lambda x: x[: len(points)].copy()))
+        return np.exp(there.log_density(points))
+
+    whole, place, counts = np.unique(actions, axis=0, return_inverse=True, return_counts=True)
+    often = counts > FEW
+    if often.any():
+        _check_atoms(whole[often], counts[often] / DRAWS, probability_density)
+    _check_box(actions, ~often[place.ravel()], probability_density)
+
+
+def _check_atoms(whole: Float32s, shares: Floats, probability: Any) -> None:
+    """Compare the shares of actions that are drawn again and again with their probabilities."""
+    stated = probability(whole)
+    error = CERTAIN * np.sqrt((shares * (1.0 - shares) + 1.0 / DRAWS) / DRAWS)
     wrong = np.abs(stated - shares) > error  # False where the density is NaN
     assert not wrong.any(), (
-        f"log_density gives {actions[wrong][0]} the probability {stated[wrong][0]:.4f}, but its share of "
-        f"{REPEATS} draws was {shares[wrong][0]:.4f}"
+        f"log_density gives {whole[wrong][0]} the probability {stated[wrong][0]:.4f}, but its share of "
+        f"{DRAWS} draws was {shares[wrong][0]:.4f}"
     )
 
 
-def _log_density(policy: Policy, given: Observed, action: Float32s) -> Floats:
-    checked = Checked(policy, policy.label, np.arange(len(action)))
-    return checked.log_density(given.apply(np.copy), action.copy())
+def _check_box(actions: Float32s, is_rare: npt.NDArray[np.bool_], density: Any) -> None:
+    """Compare the share of a box inside (-1, 1)³ with the integral of the density over it.
+
+    The box has the middle half of each number, of the first half of the draws; the others are counted.
+    """
+    inside = is_rare & (np.abs(actions) < 1.0).all(axis=1)
+    first, second = actions[: DRAWS // 2], actions[DRAWS // 2 :]
+    middle = first[inside[: DRAWS // 2]]
+    if len(middle) < FEW:
+        return
+    low, high = np.quantile(middle.astype(np.float64), [0.25, 0.75], axis=0)
+    within = inside[DRAWS // 2 :] & ((second > low) & (second < high)).all(axis=1)
+    share = within.mean()
+    points = np.random.default_rng(3).uniform(low, high, (len(second), 3)).astype(np.float32)
+    stated = np.prod(high - low) * density(points)
+    error = np.sqrt((share * (1.0 - share) + 1.0 / DRAWS + stated.var()) / len(second))
+    assert not abs(stated.mean() - share) > CERTAIN * error, (  # True where the density is NaN
+        f"log_density gives the box from {low} to {high} the probability {stated.mean():.4f}, but its share "
+        f"of {len(second)} draws was {share:.4f}"
+    )
 
 
 def _same(a: npt.ArrayLike, b: npt.ArrayLike) -> bool:

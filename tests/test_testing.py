@@ -9,8 +9,20 @@ import numpy as np
 import pytest
 
 from ibdata.errors import PolicyError
-from ibdata.policies import POLICIES, Decision, Deterministic, Needs, Policy
+from ibdata.policies import POLICIES, ClippedNormal, Decision, Deterministic, Distribution, Needs, Policy
 from ibdata.testing import check_policy
+
+
+class TwoSides(Distribution):
+    """0.5 or -0.5 in all three numbers, one as often as the other."""
+
+    draws = 1
+
+    def sample(self, u):
+        return np.where(u[:, :1] < 0.5, 0.5, -0.5) * np.ones(3)
+
+    def log_density(self, action):
+        return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), -np.inf)
 
 
 class Coin(Policy):
@@ -18,13 +30,24 @@ class Coin(Policy):
 
     needs: ClassVar[Needs] = Needs(step_draws=1)
     kind: str = "coin"
+    sides: ClassVar[type] = TwoSides
 
     def decide(self, given):
-        u = given.uniforms
-        return Decision(np.where(u < 0.5, 0.5, -0.5) * np.ones(3), given.memory)
+        return Decision(self.sides(), given.memory)
 
-    def log_density(self, given, action):
-        return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), -np.inf)
+
+class Kept(TwoSides):
+    """The side of the first coin of an episode."""
+
+    def __init__(self, step, side):
+        self.step, self.side = step, side
+
+    def sample(self, u):
+        return np.where(self.step[:, None] == 0, super().sample(u), self.side)
+
+    def log_density(self, action):
+        kept = (action == self.side).all(axis=1)
+        return np.where(self.step == 0, super().log_density(action), np.where(kept, 0.0, -np.inf))
 
 
 class Stubborn(Policy):
@@ -32,16 +55,11 @@ class Stubborn(Policy):
 
     needs: ClassVar[Needs] = Needs(step_draws=1, memory=1)
     kind: str = "stubborn"
+    sides: ClassVar[type] = Kept
 
     def decide(self, given):
-        drawn = np.where(given.uniforms < 0.5, 0.5, -0.5)
-        side = np.where(given.step[:, None] == 0, drawn, given.memory)
-        return Decision(side * np.ones(3), side)
-
-    def log_density(self, given, action):
-        first, kept = given.step == 0, (action == given.memory).all(axis=1)
-        valid = np.isin(action, (0.5, -0.5)).all(axis=1) & (action[:, :1] == action).all(axis=1)
-        return np.where(first, np.where(valid, np.log(0.5), -np.inf), np.where(kept, 0.0, -np.inf))
+        kept = self.sides(given.step, given.memory)
+        return Decision(kept, kept.sample(given.uniforms)[:, :1])
 
 
 class Still(Policy):
@@ -99,7 +117,7 @@ def overwriting(policy, given):
 def reusing(policy, given):
     n = len(given.step)
     out = ARRAYS.setdefault(n, np.empty((n, 3)))
-    out[:] = Coin.decide(policy, given).actions
+    out[:] = TwoSides().sample(given.uniforms)
     return Decision(out, given.memory)
 
 
@@ -109,7 +127,7 @@ def counting(policy, given):
 
 def depending_on_others(policy, given):
     others = given.observations[:, 0].mean() / 1000.0
-    return Decision(Coin.decide(policy, given).actions - others, given.memory)
+    return Decision(TwoSides().sample(given.uniforms) - others, given.memory)
 
 
 def remembering(policy, given):
@@ -121,60 +139,94 @@ def remembering(policy, given):
 
 
 def shared(policy, given):
-    actions, side = Stubborn.decide(policy, given)
-    return Decision(actions, side + given.uniforms.mean())
+    distribution, side = Stubborn.decide(policy, given)
+    return Decision(distribution.sample(given.uniforms), side + given.uniforms.mean())
 
 
 def constant(value, size=3):
     return lambda policy, given: Decision(np.full((len(given.step), size), value), given.memory)
 
 
-def surprised(policy, given, action):
-    """Says that every action is as likely as at the first step."""
-    return Stubborn.log_density(policy, given._replace(step=0 * given.step), action)
+def peeking(policy, given):
+    return Decision(ClippedNormal(given.uniforms * np.ones(3), 0.1), given.memory)
 
 
-def peeking(policy, given, action):
-    return Stubborn.log_density(policy, given, action) - given.uniforms[:, 0]
+def greedy_for_draws(policy, given):
+    return Decision(ClippedNormal(np.zeros((len(given.step), 3)), 0.1), given.memory)
 
 
-def unlikely(policy, given, action):
-    return Coin.log_density(policy, given, action) - 0.2
-
-
-def single(policy, given, action):
-    return Coin.log_density(policy, given, action).astype(np.float32)
-
-
-def peak(policy, given, action):
-    return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), np.inf)
-
-
-def infinite(policy, given, action):
-    return np.full(len(action), -np.inf)
-
-
-FAULTS = [
-    (Coin, "decide", changing, "decide changed the observations"),
-    (Coin, "decide", reusing, "changed an array that an earlier one returned"),
-    (Coin, "decide", counting, "when the same was asked again"),
-    (Coin, "decide", depending_on_others, "for the same episodes in another order"),
-    (Coin, "decide", constant(0.0, size=4), r"found actions of shape .*, 4\)"),
-    (Coin, "decide", constant(np.nan), "expected finite numbers"),
-    (Stubborn, "decide", overwriting, "decide changed the memory that it was given"),
-    (Stubborn, "decide", remembering, "for the same episodes in another order"),
-    (Stubborn, "decide", shared, "for the same episodes without half of them"),
-    (Coin, "log_density", infinite, "finite at the policy's own actions"),
-    (Coin, "log_density", peak, r"log_density is \[inf\] at"),
-    (Coin, "log_density", single, "must return float64"),
-    (Coin, "log_density", unlikely, "the probability 0.4094, but its share of 2000 draws was 0.[45]"),
-    (Stubborn, "log_density", peeking, "depends on the random numbers of its own step"),
-    (Stubborn, "log_density", surprised, "the probability 0.5000, but its share of 2000 draws was 1.0000"),
+DECISIONS = [
+    (Coin, changing, "decide changed the observations"),
+    (Coin, reusing, "changed an array that an earlier one returned"),
+    (Coin, counting, "when the same was asked again"),
+    (Coin, depending_on_others, "for the same episodes in another order"),
+    (Coin, constant(0.0, size=4), r"found actions of shape .*, 4\)"),
+    (Coin, constant(np.nan), "expected finite numbers"),
+    (Coin, greedy_for_draws, "a ClippedNormal and needs.step_draws 1, expected at least 3"),
+    (Stubborn, overwriting, "decide changed the memory that it was given"),
+    (Stubborn, remembering, "for the same episodes in another order"),
+    (Stubborn, shared, "for the same episodes without half of them"),
 ]
 
 
-@pytest.mark.parametrize(("base", "method", "fault", "message"), FAULTS)
-def test_what_is_wrong_is_said(base, method, fault, message):
-    policy = type("Faulty", (base,), {method: fault})()
+@pytest.mark.parametrize(("base", "fault", "message"), DECISIONS)
+def test_a_wrong_decision_is_said(base, fault, message):
     with pytest.raises((AssertionError, PolicyError), match=message):
+        check_policy(type("Faulty", (base,), {"decide": fault})())
+
+
+def faulty(base, **attributes):
+    """A policy like another but for these class attributes."""
+    annotations = dict.fromkeys(attributes, ClassVar)
+    return type("Faulty", (base,), {**attributes, "__annotations__": annotations, "__module__": __name__})()
+
+
+def test_a_distribution_of_its_own_draws_is_said():
+    policy = faulty(Coin, needs=Needs(step_draws=3))
+    type(policy).decide = peeking
+    with pytest.raises(AssertionError, match="depends on the random numbers of its own step"):
         check_policy(policy)
+
+
+def surprised(self, action):
+    """Says that every action is as likely as at the first step."""
+    return TwoSides.log_density(self, action)
+
+
+DENSITIES = [
+    (Coin, lambda self, action: np.full(len(action), -np.inf), "finite at the policy's own actions"),
+    (Coin, lambda self, action: np.where(action[:, 0] == 0.5, -0.7, np.inf), "must be finite at the"),
+    (Coin, lambda self, action: TwoSides.log_density(self, action).astype(np.float32), "return float64"),
+    (Coin, lambda self, action: TwoSides.log_density(self, action) - 0.2, "the probability 0.4094, but its"),
+    (Stubborn, surprised, "the probability 0.5000, but its share of 20000 draws was 1.0000"),
+]
+
+
+@pytest.mark.parametrize(("base", "density", "message"), DENSITIES)
+def test_a_wrong_density_is_said(base, density, message):
+    sides = type("Wrong", (base.sides,), {"log_density": density})
+    with pytest.raises(AssertionError, match=message):
+        check_policy(
+            type("Faulty", (base,), {"sides": sides, "__annotations__": {"sides": ClassVar[type]}})()
+        )
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])
+def test_draws_of_a_density_without_atoms_are_counted(factor):
+    """The share of a box is that of a normal distribution, whose deviation is stated right or wrong."""
+
+    class Wrong(ClippedNormal):
+        def sample(self, u):
+            return ClippedNormal(self.mean, factor * self.sd).sample(u)
+
+    class Noisy:
+        needs = Needs(step_draws=3)
+
+        def decide(self, observed):
+            return Decision(Wrong(observed.observations[:, 0, 1:4] / 200.0, 0.05), observed.memory)
+
+    if factor == 1.0:
+        check_policy(Noisy())
+    else:
+        with pytest.raises(AssertionError, match="log_density gives the box from"):
+            check_policy(Noisy())

@@ -50,7 +50,7 @@ def evaluate(
 
     Args:
         policy: one of the following, a mapping of labels to them, or a list of both: a kind such as
-            "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `decide(given)`,
+            "optimized", a block (mapping, YAML text or file), a `Policy`, an object with `decide(observed)`,
             `act(history, u)` or `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules
             and callables are called as `predict` is: on float32 observations (n, 6 · history), newest first,
             for actions (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may

@@ -12,7 +12,8 @@ from ibdata.evaluation.recorded import Recorded
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of
 from ibdata.policies import Observed, Policy
-from ibdata.policies.checked import Checked
+from ibdata.policies.actions import applied
+from ibdata.policies.distributions import Distribution
 from ibdata.simulation.episodes import Float32s, Floats, Ints
 from ibdata.simulation.replay import Rows, replay
 
@@ -109,13 +110,11 @@ def _of_target(
     experiment: Experiment, numbers: Ints, recorded: Recorded, target: Policy
 ) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
-    episodes = episodes_of(experiment, numbers).played_by(target)
-    checked, random = Checked(target, target.label, numbers), np.random.default_rng(0)
+    episodes, random = episodes_of(experiment, numbers).played_by(target), np.random.default_rng(0)
 
-    def question(given: Observed, rows: Rows) -> Floats:
-        action, drawn = rows(recorded.actions), np.empty((len(given.step), 3), dtype=np.float32)
-        checked.decide(given._replace(uniforms=random.random(given.uniforms.shape)), drawn)
-        return np.column_stack([_asked(given, target, checked, action, drawn), drawn])
+    def question(distribution: Distribution, observed: Observed, rows: Rows) -> Floats:
+        drawn = applied(distribution.sample(random.random(observed.uniforms.shape)))
+        return np.column_stack([_asked(distribution, rows(recorded.actions), drawn), drawn])
 
     found = replay(episodes, *recorded, question)
     return _densities(found), found[..., 8:].astype(np.float32)
@@ -123,18 +122,16 @@ def _of_target(
 
 def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
     """What the behaviour says of recorded actions, and of those that the target draws."""
-    episodes = episodes_of(experiment, numbers)
-    checked = Checked(episodes.policy, episodes.label, episodes.number)
 
-    def question(given: Observed, rows: Rows) -> Floats:
-        return _asked(given, episodes.policy, checked, rows(recorded.actions), rows(drawn))
+    def question(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
+        return _asked(distribution, rows(recorded.actions), rows(drawn))
 
-    return _densities(replay(episodes, *recorded, question))
+    return _densities(replay(episodes_of(experiment, numbers), *recorded, question))
 
 
-def _asked(given: Observed, policy: Policy, checked: Checked, recorded: Float32s, drawn: Float32s) -> Floats:
+def _asked(distribution: Distribution, recorded: Float32s, drawn: Float32s) -> Floats:
     """Densities and point masses as numbers (n, 8), which `_densities` takes apart."""
-    answers = [(checked.log_density(given, x), policy.atoms(given, x)) for x in (recorded, drawn)]
+    answers = [(distribution.log_density(x), distribution.atoms(x)) for x in (recorded, drawn)]
     return np.column_stack([part for answer in answers for part in answer])
 
 

@@ -18,7 +18,7 @@ from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
-from ibdata.policies.base import refuse_log_prob
+from ibdata.policies.base import refuse_density
 from ibdata.policies.code import two_places
 from ibdata.policies.custom import TARGET
 from ibdata.policies.purity import refuse_impure
@@ -119,7 +119,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
         raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
     if can_act(given):
         try:
-            refuse_log_prob(given, hasattr(given, "log_density"))
+            refuse_density(given)
         except TypeError as error:
             raise UsageError(f"policy: {error}") from None
         name = getattr(given, "__name__", type(given).__name__).lower()

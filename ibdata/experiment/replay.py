@@ -7,6 +7,7 @@ import numpy as np
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.rollout import blocks, episodes_of
 from ibdata.policies import Observed
+from ibdata.policies.distributions import Distribution
 from ibdata.simulation.episodes import Float32s, Floats, Ints
 from ibdata.simulation.replay import Rows, replay
 
@@ -32,7 +33,7 @@ def log_densities(
 def _of_block(experiment: Experiment, numbers: Ints, observations: Float32s, actions: Float32s) -> Floats:
     episodes = episodes_of(experiment, numbers)
 
-    def density(given: Observed, rows: Rows) -> Floats:
-        return episodes.policy.log_density(given, rows(actions))
+    def density(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
+        return distribution.log_density(rows(actions))
 
     return replay(episodes, observations, actions, density)

@@ -28,6 +28,7 @@ from ibdata.policies.base import (
     at_start,
 )
 from ibdata.policies.choice import Choice
+from ibdata.policies.distributions import Certain, ClippedNormal, Distribution, Uniform
 from ibdata.policies.user_object import can_act
 from ibdata.policies.wrapper import Wrapper
 
@@ -138,12 +139,16 @@ __all__ = [
     "POLICIES",
     "AnyBase",
     "AnyPolicy",
+    "Certain",
+    "ClippedNormal",
     "Decision",
     "Deterministic",
     "DeterministicBase",
+    "Distribution",
     "Needs",
     "Observed",
     "Policy",
+    "Uniform",
     "Wrapper",
     "at_start",
     "described",

@@ -41,13 +41,3 @@ def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     out = np.empty(given.shape, dtype=np.float32)
     clip_and_round(given, out)
     return out
-
-
-@compiled
-def log_certain(own: npt.NDArray[np.float32], action: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    """The log probabilities (n,) of actions (n, 3) where the policy is certain to take its own ones."""
-    out = np.empty(action.shape[0])
-    for i in range(action.shape[0]):
-        same = action[i, 0] == own[i, 0] and action[i, 1] == own[i, 1] and action[i, 2] == own[i, 2]
-        out[i] = 0.0 if same else -np.inf
-    return out

@@ -21,5 +21,5 @@ class Bad(Deterministic):
 
     kind: Literal["bad"] = "bad"
 
-    def decide(self, given: Observed) -> Decision:
-        return Decision(steered(given, TARGET), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        return Decision(steered(observed, TARGET), observed.memory)

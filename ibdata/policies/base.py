@@ -1,4 +1,4 @@
-"""What a policy is: `decide`, `log_density` and `needs`, of an immutable block of options."""
+"""What a policy is: `decide` and `needs`, of an immutable block of options."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from ibdata.policies.actions import applied, log_certain
+from ibdata.policies.distributions import Distribution
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -83,15 +83,16 @@ class Observed(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """The actions of n episodes at one step.
+    """What a policy answers about n episodes at one step.
 
     Attributes:
-        actions: (Δvelocity, Δgain, Δshift) of each episode, (n, 3); the caller clips them to [-1, 1] and
-            rounds them to float32.
+        action: the `Distribution` of the action (Δvelocity, Δgain, Δshift) of each episode, or the actions
+            themselves, (n, 3), whose density is then unknown unless the policy is deterministic. The caller
+            draws from the distribution, clips to [-1, 1], and rounds to float32.
         memory: the numbers that the policy will be given at the next step, float64 (n, memory).
     """
 
-    actions: npt.ArrayLike
+    action: Distribution | npt.ArrayLike
     memory: npt.ArrayLike
 
 
@@ -112,22 +113,23 @@ class FrozenModel(BaseModel):
         return {name: getattr(self, name) for name in type(self).model_fields}
 
 
-def refuse_log_prob(own: Any, has_density: bool) -> None:
-    """Raise TypeError for a policy or an object whose density has the name of another library."""
-    if callable(getattr(own, "log_prob", None)) and not has_density:
-        name = own.__name__ if isinstance(own, type) else type(own).__name__
-        raise TypeError(
-            f"{name}: found log_prob without log_density, expected log_density(given, action), which gets "
-            "all that decide(given) gets; see docs/custom-policies.md"
-        )
+def refuse_density(own: Any) -> None:
+    """Raise TypeError for a policy or an object that states a density beside its actions."""
+    for method in ("log_density", "log_prob"):
+        if callable(getattr(own, method, None)):
+            name = own.__name__ if isinstance(own, type) else type(own).__name__
+            raise TypeError(
+                f"{name}: found {method}, expected decide to return Decision(distribution, memory), such as "
+                "Decision(ClippedNormal(mean, sd), memory), which has its density; see "
+                "docs/custom-policies.md"
+            )
 
 
 class Policy(FrozenModel):
     """Base class of behaviour policies: write `decide`, state what it `needs`, run `check_policy`.
 
     A subclass defines a default for `kind: Literal["…"]`, its options as further fields, `decide` and
-    `needs`. If the density of its actions is known, it also defines `log_density`, and `atoms` where the
-    default is wrong. All are pure functions, and none sees the hidden state.
+    `needs`. All are pure functions, and none sees the hidden state.
     """
 
     kind: str
@@ -135,46 +137,18 @@ class Policy(FrozenModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        refuse_log_prob(cls, cls.log_density is not Policy.log_density)
+        refuse_density(cls)
 
     @property
     def needs(self) -> Needs:
         """What it is given; by default the last observation and action, and no random numbers."""
         return Needs()
 
-    def decide(self, given: Observed) -> Decision:
-        """Return the actions (n, 3) of n episodes at one step, and what to remember (n, memory)."""
+    def decide(self, observed: Observed) -> Decision:
+        """Return how n episodes act at one step, and what to remember (n, memory)."""
         raise TypeError(
-            f"{type(self).__name__}: found no decide(given), expected one that returns a Decision"
+            f"{type(self).__name__}: found no decide(observed), expected one that returns a Decision"
         )
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """Return the log density (n,) of actions; by default NaN, which means that none is known.
-
-        The density is with respect to Lebesgue measure on (-1, 1) plus unit masses at ±1 and at the float32
-        action of a base policy. It may depend on all that is given but the `uniforms`.
-
-        Args:
-            given: as in `decide`.
-            action: the actions after clipping and rounding, float32 (n, 3).
-        """
-        return np.full(len(action), np.nan)
-
-    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
-        """Return what `decide` returns, and the log density (n,) of these actions once clipped and rounded.
-
-        None in place of the density means that `log_density` computes it, which is the default. A policy
-        that would do most of its work twice computes both here.
-        """
-        return self.decide(given), None
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        """Whether the policy has a point mass, not a density, at each number of an action: bool (n, 3).
-
-        By default it has one at ±1, to which actions are clipped.
-        """
-        edges: Bools = np.abs(action) == 1.0
-        return edges
 
     @property
     def label(self) -> str:
@@ -216,16 +190,6 @@ def _form(value: Any, plain: Any) -> Any:
 
 class Deterministic(Policy):
     """A policy whose action is certain, given what is known before it; so it has the probability 1."""
-
-    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
-        return self.decide(given), np.zeros(len(given.step))
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        return log_certain(applied(self.decide(given).actions), action)
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        """At all three numbers of its own action."""
-        return np.repeat(self.log_density(given, action)[:, None] == 0.0, 3, axis=1)
 
 
 def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +12,9 @@ import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
 from ibdata.policies.actions import clip_and_round
-from ibdata.policies.base import Float32s, Floats, Observed, Policy
+from ibdata.policies.base import Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
+from ibdata.policies.distributions import Certain, Distribution, Unknown
 
 Ints = npt.NDArray[np.int64]
 
@@ -39,11 +42,29 @@ def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
     return found
 
 
-def actions_and_memory(answer: Any) -> tuple[Any, Any]:
-    """The two parts of a `Decision`."""
+def decision(answer: Any) -> tuple[Any, Any]:
+    """The two parts of a `Decision`. Raises AnswerError if the answer is none."""
     if not (isinstance(answer, tuple) and len(answer) == 2):
         raise AnswerError(f"found {type(answer).__name__}, expected a Decision of actions and memory")
     return answer
+
+
+def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, Any]:
+    """The distribution of a policy's action, and its memory (n, memory).
+
+    Plain actions are certain if the policy is deterministic, else their density is unknown. Raises
+    AnswerError for what is no `Decision`, and for a distribution that takes more random numbers than the
+    policy needs.
+    """
+    action, memory = decision(policy.decide(observed))
+    if not isinstance(action, Distribution):
+        return (Certain if is_deterministic(policy) else Unknown)(action), memory
+    if action.draws > policy.needs.step_draws:
+        raise AnswerError(
+            f"found a {type(action).__name__} and needs.step_draws {policy.needs.step_draws}, expected at "
+            f"least {action.draws}, the random numbers that it takes"
+        )
+    return action, memory
 
 
 class Checked(NamedTuple):
@@ -57,7 +78,7 @@ class Checked(NamedTuple):
     label: str
     episodes: Ints  # their numbers (n,), for messages
 
-    def decide(self, given: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
+    def act(self, observed: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
         """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
 
         Returns:
@@ -66,47 +87,45 @@ class Checked(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        density = None
-        try:
-            if log_density is None:
-                decision = self.policy.decide(given)
-            else:
-                decision, density = self.policy.decide_with_density(given)
-            proposed, memory = actions_and_memory(decision)
-            proposed = numbers(proposed, out.shape, "actions")
-            memory = numbers(memory, given.memory.shape, "memory") if given.memory.size else given.memory
-            if log_density is not None and density is not None:
-                log_density[:] = numbers(density, log_density.shape, "log densities")
-        except (IbdataError, KeyboardInterrupt):
-            raise
-        except BaseException as error:  # a policy must not end the run
-            raise self._located(error, given) from error
+        with self._named(observed):
+            distribution, memory = self._distribution(observed)
+            proposed = numbers(distribution.sample(observed.uniforms), out.shape, "actions")
         clipped = int(clip_and_round(proposed, out))
         if clipped < 0:
             row = -1 - clipped
             raise PolicyError(
-                f"{self._place(given, row)}: found action {proposed[row]}, expected finite numbers"
+                f"{self._place(observed, row)}: found action {proposed[row]}, expected finite numbers"
             )
-        if log_density is not None and density is None:
-            log_density[:] = self.log_density(given, out)
+        if isinstance(distribution, Certain) and log_density is not None:
+            log_density[:] = 0.0  # of an action that it is certain of
+        elif log_density is not None:
+            with self._named(observed):
+                log_density[:] = numbers(distribution.log_density(out), log_density.shape, "log densities")
         return clipped, memory
 
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log density (n,) of the actions. Raises PolicyError if it has the wrong shape."""
-        fixed = action.view()
-        fixed.flags.writeable = False
+    def distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
+        """The distribution of the policy's action, and the memory (n, memory). Raises PolicyError."""
+        with self._named(observed):
+            return self._distribution(observed)
+
+    def _distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
+        distribution, memory = distribution_of(self.policy, observed)
+        if not observed.memory.size:
+            return distribution, observed.memory
+        return distribution, numbers(memory, observed.memory.shape, "memory")
+
+    @contextmanager
+    def _named(self, observed: Observed) -> Iterator[None]:
+        """A context in which an error of the policy becomes one line with its place."""
         try:
-            return numbers(self.policy.log_density(given, fixed), (len(action),), "log densities")
+            yield
         except (IbdataError, KeyboardInterrupt):
             raise
-        except BaseException as error:
-            raise self._located(error, given) from error
+        except BaseException as error:  # a policy must not end the run
+            line = str(error) if isinstance(error, AnswerError) else error_line(error)
+            raise PolicyError(f"{self._place(observed)}: {line}") from error
 
-    def _located(self, error: BaseException, given: Observed) -> PolicyError:
-        """An error of the policy as one line with its place."""
-        line = str(error) if isinstance(error, AnswerError) else error_line(error)
-        return PolicyError(f"{self._place(given)}: {line}")
-
-    def _place(self, given: Observed, row: int = 0) -> str:
+    def _place(self, observed: Observed, row: int = 0) -> str:
         episode = self.episodes[row % len(self.episodes)] if len(self.episodes) else 0
-        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"
+        step = observed.step[row] if len(observed.step) else 0
+        return f"policy {self.label}: episode {episode}: step {step}"

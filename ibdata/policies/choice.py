@@ -9,8 +9,9 @@ from operator import itemgetter
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.policies.actions import applied
-from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed, Policy, Steps
+from ibdata.policies.base import Decision, Needs, Observed, Policy, Steps
+from ibdata.policies.checked import distribution_of
+from ibdata.policies.distributions import ByRow, Rows
 
 Chosen = npt.NDArray[np.int64]
 
@@ -23,12 +24,12 @@ class Choice(Policy):
     """
 
     @abstractmethod
-    def chosen(self, given: Observed) -> Chosen:
+    def chosen(self, observed: Observed) -> Chosen:
         """The number of the policy that acts in each episode, (n,)."""
 
-    def began(self, given: Observed) -> Steps:
+    def began(self, observed: Observed) -> Steps:
         """The step of each episode at which the policy that acts began, without memory, (n,)."""
-        return np.zeros_like(given.step)
+        return np.zeros_like(observed.step)
 
     @property
     def own_needs(self) -> Needs:
@@ -38,44 +39,30 @@ class Choice(Policy):
     @property
     def needs(self) -> Needs:
         """As much as the policy needs that needs most, random numbers of an episode for each, and its own."""
-        own, history, draws, episode_draws, memory = (
-            self.own_needs,
-            *zip(*(p.needs for p in self.inner), strict=True),
-        )
+        own, needs = self.own_needs, [policy.needs for policy in self.inner]
         return Needs(
-            max(history), max(draws) + own.step_draws, sum(episode_draws) + own.episode_draws, max(memory)
+            history=max(n.history for n in needs),
+            step_draws=max(n.step_draws for n in needs) + own.step_draws,
+            episode_draws=sum(n.episode_draws for n in needs) + own.episode_draws,
+            memory=max(n.memory for n in needs),
         )
 
-    def decide(self, given: Observed) -> Decision:
-        actions = np.empty((len(given.step), 3), dtype=np.float32)
-        memory = np.zeros((len(given.step), self.needs.memory))
-        for policy, rows, part in self._parts(given):
-            decision = policy.decide(part)
-            actions[rows] = applied(decision.actions)
-            memory[rows, : part.memory.shape[1]] = decision.memory
-        return Decision(actions, memory)
+    def decide(self, observed: Observed) -> Decision:
+        memory, groups = np.zeros((len(observed.step), self.needs.memory)), []
+        for policy, episodes, part in self._parts(observed):
+            distribution, remembered = distribution_of(policy, part)
+            memory[episodes, : part.memory.shape[1]] = remembered
+            groups.append(Rows(episodes, distribution, policy.needs.step_draws))
+        return Decision(ByRow(groups, self.needs.step_draws), memory)
 
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log density (n,) under the policies that act."""
-        out = np.empty(len(action))
-        for policy, rows, part in self._parts(given):
-            out[rows] = policy.log_density(part, action[rows])
-        return out
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        out = np.empty(action.shape, dtype=np.bool_)
-        for policy, rows, part in self._parts(given):
-            out[rows] = policy.atoms(part, action[rows])
-        return out
-
-    def _parts(self, given: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
-        """Yield each policy that acts in some episodes, the numbers of these, and what it is given."""
-        which, step = self.chosen(given), given.step - self.began(given)
-        own = given._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, given.memory))
+    def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
+        """Yield each policy that acts in some episodes, the numbers of these, and what it is observed."""
+        which, step = self.chosen(observed), observed.step - self.began(observed)
+        own = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
         first = self.own_needs.episode_draws
         for number, policy in enumerate(self.inner):
             needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
-                part = own._replace(episode_uniforms=given.episode_uniforms[:, first:]).cut(needs)
+                part = own._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
                 yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
             first += needs.episode_draws

@@ -55,13 +55,13 @@ class ColouredNoise(Wrapper):
         """Draws for the sines of each number of the action; it remembers the noise of the whole episode."""
         return Needs(history=0, episode_draws=3 * self.period, memory=3 * self.period)
 
-    def decide(self, given: Observed) -> Decision:
-        (base, memory), own = self.base_action(given), self.own(given)
+    def decide(self, observed: Observed) -> Decision:
+        (base, memory), own = self.base_action(observed), self.own(observed)
         noise = own.memory
-        if (given.step == 0).any():
+        if (observed.step == 0).any():
             noise = noise.copy()
-            _draw(given.step, own.episode_uniforms, self.beta, noise)
-        return Decision(_with_noise(base, noise, given.step, self.scale), self.remembered(memory, noise))
+            _draw(observed.step, own.episode_uniforms, self.beta, noise)
+        return Decision(_with_noise(base, noise, observed.step, self.scale), self.remembered(memory, noise))
 
 
 @compiled

@@ -22,5 +22,5 @@ class Constant(Deterministic):
         default=(0.0, 0.0, 0.0), description="(Δv, Δg, Δh), each in [-1, 1]"
     )
 
-    def decide(self, given: Observed) -> Decision:
-        return Decision(np.tile(np.array(self.action), (len(given.step), 1)), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        return Decision(np.tile(np.array(self.action), (len(observed.step), 1)), observed.memory)

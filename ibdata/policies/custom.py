@@ -14,21 +14,11 @@ from types import ModuleType
 from typing import Annotated, Any, Literal
 from weakref import WeakValueDictionary
 
-import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError, UsageError, printable, suggestion
-from ibdata.policies.base import (
-    Bools,
-    Decision,
-    Deterministic,
-    Float32s,
-    Floats,
-    Needs,
-    Observed,
-    refuse_log_prob,
-)
+from ibdata.policies.base import Needs, refuse_density
 from ibdata.policies.code import (
     Places,
     apart_from_results,
@@ -72,7 +62,7 @@ def _as_json(params: dict[str, Any]) -> Any:
 class Custom(UserObject):
     """Acts through code of your own.
 
-    The target is an object with `decide(given)`, `act(history, u)` or `predict(observations)`, a torch
+    The target is an object with `decide(observed)`, `act(history, u)` or `predict(observations)`, a torch
     module, or a function whose first parameter is `observations`; any other function, and a class, makes such
     an object from `params`. It must act in each episode as if it were alone, and draw random numbers from `u`
     or `uniforms` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
@@ -249,9 +239,9 @@ class Custom(UserObject):
         return found(**self.params) if callable(found) and not acts else found
 
     def _refuse_other_form(self, own: Any) -> None:
-        """PolicyError for an object that needs more than the options say, or has `log_prob`."""
+        """PolicyError for an object that needs more than the options say, or states a density itself."""
         try:
-            refuse_log_prob(own, hasattr(own, "log_density"))
+            refuse_density(own)
         except TypeError as error:
             raise PolicyError(f"{self.target}: {error}") from None
         needs = needs_of(own, self.history, self.uniforms)
@@ -264,19 +254,6 @@ class Custom(UserObject):
                     f"{self.target}: found {option}: {found}, expected at least the needs of "
                     f"{type(own).__name__}; write {option}: {least}"
                 )
-
-    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
-        return self.decide(given), np.zeros(len(given.step)) if self.deterministic else None
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        if self.deterministic:
-            return Deterministic.log_density(self, given, action)  # type: ignore[arg-type]  # needs a Policy only
-        return super().log_density(given, action)
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        if self.deterministic:
-            return Deterministic.atoms(self, given, action)  # type: ignore[arg-type]  # needs a Policy only
-        return super().atoms(given, action)
 
 
 def without_runs(form: Any) -> Any:

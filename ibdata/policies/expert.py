@@ -78,12 +78,12 @@ class Expert(Deterministic):
         default="siemens", description="the dynamics for which the policy is made"
     )
 
-    def decide(self, given: Observed) -> Decision:
-        n = len(given.step)
+    def decide(self, observed: Observed) -> Decision:
+        n = len(observed.step)
         actions, memory = np.empty((n, 3)), np.empty((n, 6))
         table, rule = numbers(self.dynamics)
         k = VARIANTS[self.dynamics].parameters
-        _decide(given.observations, given.step, given.memory, table, rule, k, actions, memory)
+        _decide(observed.observations, observed.step, observed.memory, table, rule, k, actions, memory)
         return Decision(actions, memory)
 
 

@@ -21,10 +21,10 @@ class Mediocre(Deterministic):
 
     kind: Literal["mediocre"] = "mediocre"
 
-    def decide(self, given: Observed) -> Decision:
-        return Decision(steered(given, TARGET), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        return Decision(steered(observed, TARGET), observed.memory)
 
 
-def steered(given: Observed, target: float) -> Floats:
+def steered(observed: Observed, target: float) -> Floats:
     """The changes (n, 3) that would bring velocity, gain and shift to a target, not clipped."""
-    return target - given.observations[:, 0, VELOCITY : SHIFT + 1].astype(np.float64)
+    return target - observed.observations[:, 0, VELOCITY : SHIFT + 1].astype(np.float64)

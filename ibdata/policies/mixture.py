@@ -42,11 +42,11 @@ class Mixture(Choice):
         """The policies."""
         return tuple(self.bases)
 
-    def chosen(self, given: Observed) -> Chosen:
+    def chosen(self, observed: Observed) -> Chosen:
         weights = self.weights or [1.0] * len(self.bases)
         total = math.fsum(weights)
         bounds = [part / total for part in accumulate(weights)][:-1]
-        return np.searchsorted(bounds, given.episode_uniforms[:, 0], side="right").astype(np.int64)
+        return np.searchsorted(bounds, observed.episode_uniforms[:, 0], side="right").astype(np.int64)
 
     @model_validator(mode="after")
     def _check(self) -> Mixture:

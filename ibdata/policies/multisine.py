@@ -35,10 +35,10 @@ class Multisine(Deterministic):
     )
     amplitude: Amplitude = Field(default=1.0, description="the highest peak")
 
-    def decide(self, given: Observed) -> Decision:
-        place = np.floor(given.episode_uniforms[:, 0] * self.period).astype(np.int64)
+    def decide(self, observed: Observed) -> Decision:
+        place = np.floor(observed.episode_uniforms[:, 0] * self.period).astype(np.int64)
         signals = waves(self.sines, self.period)
-        return Decision(self.amplitude * signals[(place + given.step) % self.period], given.memory)
+        return Decision(self.amplitude * signals[(place + observed.step) % self.period], observed.memory)
 
     @model_validator(mode="after")
     def _check(self) -> Multisine:

@@ -65,9 +65,9 @@ class Network(Deterministic):
         """The kind and the SHA-256 of the weights, wherever they came from."""
         return {"kind": self.kind, "sha256": self.sha256}
 
-    def decide(self, given: Observed) -> Decision:
-        outputs = self.weights.outputs(given.observations.reshape(len(given.step), -1))
-        return Decision(_actions(outputs, self.weights.metadata.squash == "tanh"), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        outputs = self.weights.outputs(observed.observations.reshape(len(observed.step), -1))
+        return Decision(_actions(outputs, self.weights.metadata.squash == "tanh"), observed.memory)
 
 
 @compiled

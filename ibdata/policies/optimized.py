@@ -40,8 +40,8 @@ class Optimized(Deterministic):
 
     kind: Literal["optimized"] = "optimized"
 
-    def decide(self, given: Observed) -> Decision:
-        return Decision(_actions(given.observations), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        return Decision(_actions(observed.observations), observed.memory)
 
 
 @compiled

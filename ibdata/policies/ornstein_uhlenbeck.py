@@ -9,9 +9,9 @@ from pydantic import Field
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed
+from ibdata.policies.base import Decision, Floats, Needs, Observed
 from ibdata.policies.constant import Constant
-from ibdata.policies.gaussian import log_clipped_normal
+from ibdata.policies.distributions import ClippedNormal
 from ibdata.policies.wrapper import Certain, Unnamed, Wrapper
 
 if TYPE_CHECKING:
@@ -41,16 +41,11 @@ class OrnsteinUhlenbeck(Wrapper):
         default=0.2, description="standard deviation of the random number added to the process per step"
     )
 
-    def decide(self, given: Observed) -> Decision:
-        (base, memory), own = self.base_action(given), self.own(given)
+    def decide(self, observed: Observed) -> Decision:
+        (base, memory), own = self.base_action(observed), self.own(observed)
+        mean = base + (1.0 - self.theta) * own.memory
         x = _moved(own.memory, own.uniforms, self.theta, self.sigma)
-        return Decision(base + x, self.remembered(memory, x))
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log density (n,): normal inside (-1, 1), with the clipped mass at ±1."""
-        base, _ = self.base_action(given)
-        mean = base + (1.0 - self.theta) * self.own(given).memory
-        return log_clipped_normal(mean, action, self.sigma)
+        return Decision(ClippedNormal(mean, self.sigma), self.remembered(memory, x))
 
 
 @compiled

@@ -39,13 +39,13 @@ class Prbs(Deterministic):
     )
     amplitude: Amplitude = Field(default=1.0, description="the size of each number of the action")
 
-    def decide(self, given: Observed) -> Decision:
+    def decide(self, observed: Observed) -> Decision:
         signs = sequence(self.order)
         length = len(signs)
-        place = np.floor(given.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
-        bit = (place + given.step) // self.hold
+        place = np.floor(observed.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
+        bit = (place + observed.step) // self.hold
         apart = np.arange(3) * (length // 3)
-        return Decision(self.amplitude * signs[(bit[:, None] + apart) % length], given.memory)
+        return Decision(self.amplitude * signs[(bit[:, None] + apart) % length], observed.memory)
 
 
 @lru_cache

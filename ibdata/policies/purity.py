@@ -74,7 +74,7 @@ def decided(policy: Policy, given: Observed) -> tuple[Float32s, Floats]:
     """The actions of a policy, clipped and rounded, float32 (n, 3), and its memory (n, memory)."""
     out = np.empty((len(given.step), 3), dtype=np.float32)
     checked = Checked(policy, policy.label, np.arange(len(given.step)))
-    _, memory = checked.decide(given.apply(np.copy), out)
+    _, memory = checked.act(given.apply(np.copy), out)
     return out, memory.copy()
 
 

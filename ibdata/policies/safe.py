@@ -8,8 +8,8 @@ import numpy as np
 
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import standard_normal
-from ibdata.policies.base import GAIN, VELOCITY, Bools, Decision, Float32s, Floats, Needs, Observed, Policy
-from ibdata.policies.random import LOG_HALF, LOG_MASS_AT_EDGE
+from ibdata.policies.base import GAIN, VELOCITY, Decision, Needs, Observed, Policy
+from ibdata.policies.distributions import LOG_HALF, LOG_MASS_AT_EDGE, Bools, Distribution, Float32s, Floats
 
 LOW, HIGH = 40.0, 60.0
 MEAN = 0.5
@@ -33,16 +33,31 @@ class Safe(Policy):
 
     kind: Literal["safe"] = "safe"
 
-    def decide(self, given: Observed) -> Decision:
-        return Decision(_actions(given.observations, given.uniforms), given.memory)
+    def decide(self, observed: Observed) -> Decision:
+        return Decision(Steered(observed.observations), observed.memory)
 
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        return _log_density(given.observations, action)
 
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
+class Steered(Distribution):
+    """The distribution of `Safe`: z in velocity and gain where they are steered, else u.
+
+    A number of an action takes one of two draws of its own, so that it is no `Mixture`.
+    """
+
+    draws = 5
+
+    def __init__(self, observations: Float32s) -> None:
+        self.observations = observations  # (n, history, 6)
+
+    def sample(self, u: Floats) -> Floats:
+        return _actions(self.observations, u)
+
+    def log_density(self, action: Float32s) -> Floats:
+        return _log_density(self.observations, action)
+
+    def atoms(self, action: Float32s) -> Bools:
         """At ±1 in velocity and gain, where they are steered."""
         edges: Bools = np.abs(action) == 1.0
-        steered = given.observations[:, 0, VELOCITY : GAIN + 1]
+        steered = self.observations[:, 0, VELOCITY : GAIN + 1]
         edges[:, :2] &= (steered < LOW) | (steered > HIGH)
         edges[:, 2] = False
         return edges

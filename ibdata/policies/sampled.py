@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import exp, log, tanh
+from ibdata.numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
-from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed
-from ibdata.policies.gaussian import CLIP_EDGE, LOG_SQRT_2PI, log_cdf
+from ibdata.policies.base import Decision, Needs, Observed
+from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats
 from ibdata.policies.network import TANH_EDGE, Network, squashed
 from ibdata.policies.wrapper import Unnamed, Wrapper
 
@@ -43,39 +43,44 @@ class Sampled(Wrapper):
         description="probability of a draw at each step, above 0 and at most 1"
     )
 
-    def decide(self, given: Observed) -> Decision:
-        return self._decide(given, *self._distribution(given))
-
-    def decide_with_density(self, given: Observed) -> tuple[Decision, Floats | None]:
-        outputs, by_tanh = self._distribution(given)
-        decision = self._decide(given, outputs, by_tanh)
-        return decision, self._log_density(applied(decision.actions), outputs, by_tanh)
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log density (n,): a mass at the whole mean action, and the density of a draw elsewhere.
-
-        A draw has masses at ±1. Where float32 is coarse, its density is the mean over the numbers that are
-        rounded to the same action.
-        """
-        return self._log_density(action, *self._distribution(given))
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        edges = super().atoms(given, action)
-        return edges if self.share == 1.0 else edges | self.base.atoms(self.of_base(given), action)
-
-    def _decide(self, given: Observed, outputs: Floats, by_tanh: bool) -> Decision:
-        return Decision(_actions(outputs, given.uniforms, self.share, by_tanh), given.memory)
-
-    def _log_density(self, action: Float32s, outputs: Floats, by_tanh: bool) -> Floats:
-        means = applied(_actions(outputs, np.ones((len(outputs), 4)), 0.0, by_tanh))
-        return _log_densities(outputs, means, action, self.share, by_tanh)
-
-    def _distribution(self, given: Observed) -> tuple[Floats, bool]:
-        """Means and log standard deviations before the squash, (n, 6), and whether that is tanh."""
-        of, seen = self.base.weights.metadata, given.observations.reshape(len(given.step), -1)
-        outputs = self.base.weights.outputs(seen).astype(np.float64)
+    def decide(self, observed: Observed) -> Decision:
+        weights = self.base.weights
+        outputs = weights.outputs(observed.observations.reshape(len(observed.step), -1)).astype(np.float64)
+        of = weights.metadata
         _bound(outputs, of.log_std == "tanh", of.log_std_low, of.log_std_high)
-        return outputs, of.squash == "tanh"
+        return Decision(SquashedNormal(outputs, self.share, of.squash == "tanh"), observed.memory)
+
+
+class SquashedNormal(Distribution):
+    """The distribution of `Sampled`: a draw with a probability, else the whole mean action.
+
+    A draw has atoms at ±1. Where float32 is coarse, its density is the mean over the numbers that are rounded
+    to the same action.
+
+    Args:
+        outputs: means and log standard deviations before the squash, (n, 6).
+        share: the probability of a draw.
+        by_tanh: whether numbers are squashed by tanh, else clipped.
+    """
+
+    draws = 4
+
+    def __init__(self, outputs: Floats, share: float, by_tanh: bool) -> None:
+        self.outputs, self.share, self.by_tanh = outputs, share, by_tanh
+
+    def sample(self, u: Floats) -> Floats:
+        return _actions(self.outputs, u, self.share, self.by_tanh)
+
+    def log_density(self, action: Float32s) -> Floats:
+        return _log_densities(self.outputs, self._means(), action, self.share, self.by_tanh)
+
+    def atoms(self, action: Float32s) -> Bools:
+        edges = super().atoms(action)
+        return edges if self.share == 1.0 else edges | Certain(self._means()).atoms(action)
+
+    def _means(self) -> Float32s:
+        """The mean actions (n, 3)."""
+        return applied(_actions(self.outputs, np.ones((len(self.outputs), 4)), 0.0, self.by_tanh))
 
 
 @compiled

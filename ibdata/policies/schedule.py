@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from ibdata.policies.base import (
-    Bools,
-    Decision,
-    Float32s,
-    Floats,
-    FrozenModel,
-    Needs,
-    Observed,
-    Policy,
-    Steps,
-)
+from ibdata.policies.base import Decision, Floats, FrozenModel, Needs, Observed, Policy, Steps
 from ibdata.policies.choice import Choice, Chosen
-from ibdata.policies.epsilon_greedy import Probability, log_replaced, replaced
+from ibdata.policies.distributions import Mixture, Uniform
+from ibdata.policies.epsilon_greedy import Probability
 from ibdata.policies.wrapper import Unnamed
 
 if TYPE_CHECKING:
@@ -72,36 +63,26 @@ class Schedule(Choice):
         """If actions are replaced, four draws: one that decides, three for the action."""
         return Needs(history=0, step_draws=4 * self.explores)
 
-    def chosen(self, given: Observed) -> Chosen:
-        return np.searchsorted(self._starts[1:], given.step, side="right").astype(np.int64)
+    def chosen(self, observed: Observed) -> Chosen:
+        return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
 
-    def began(self, given: Observed) -> Steps:
-        return self._starts[self.chosen(given)]
+    def began(self, observed: Observed) -> Steps:
+        return self._starts[self.chosen(observed)]
 
-    def decide(self, given: Observed) -> Decision:
-        decision = super().decide(given)
+    def decide(self, observed: Observed) -> Decision:
+        decision = super().decide(observed)
         if not self.explores:
             return decision
-        own = np.ascontiguousarray(given.uniforms[:, -4:])
-        return decision._replace(actions=replaced(np.asarray(decision.actions), own, self.epsilon(given)))
+        stages: Any = decision.action
+        first = self.needs.step_draws - self.own_needs.step_draws
+        return decision._replace(action=Mixture(self.epsilon(observed), stages, Uniform(), first=first))
 
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log density (n,) of actions in the stage of each episode."""
-        density = super().log_density(given, action)
-        if not self.explores:
-            return density
-        certain: Bools = np.asarray(super().atoms(given, action).all(axis=1))
-        return log_replaced(density, certain, action, self.epsilon(given))
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        return super().atoms(given, action) & (self.epsilon(given) < 1.0)[:, None]
-
-    def epsilon(self, given: Observed) -> Floats:
+    def epsilon(self, observed: Observed) -> Floats:
         """The share ε of actions that are replaced at the step of each episode, (n,)."""
         first, last = np.array([stage.epsilon or (0.0, 0.0) for stage in self.stages]).T
         lengths = np.array([max(2, stage.steps or 2) for stage in self.stages])
-        stage = self.chosen(given)
-        passed = np.minimum((given.step - self._starts[stage]) / (lengths[stage] - 1), 1.0)
+        stage = self.chosen(observed)
+        passed = np.minimum((observed.step - self._starts[stage]) / (lengths[stage] - 1), 1.0)
         epsilon: Floats = first[stage] + passed * (last[stage] - first[stage])
         return epsilon
 

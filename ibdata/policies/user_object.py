@@ -11,24 +11,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ibdata.errors import IbdataError, PolicyError
-from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Observed, Policy
-from ibdata.policies.checked import AnswerError, actions_and_memory, numbers
+from ibdata.policies.base import Decision, Floats, Needs, Observed, Policy, Steps
+from ibdata.policies.checked import AnswerError, decision, distribution_of, numbers
 from ibdata.policies.code import apart_from_results, error_line
+from ibdata.policies.distributions import Distribution, Unknown
 from ibdata.policies.libraries import is_torch_module, module_call, normalized
 
 EXPECTED = (
-    "an object with decide(given), act(history, u) or predict(observations), a torch module, or a function"
+    "an object with decide(observed), act(history, u) or predict(observations), a torch module, or a function"
 )
 METHODS = ("decide", "act", "predict")
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
 
 class Answer(NamedTuple):
-    """What an object answered: actions (n, 3), memory (n, memory), and the state for the next step."""
+    """What an object answered: an action, see `Decision`, memory, and the state for the next step."""
 
-    actions: Floats
+    action: Distribution | Floats
     memory: Floats
-    state: Any = None
+    step: Steps  # (n,), at which it was asked
+    state: Any = None  # of predict, for the next step
 
 
 class UserObject(Policy):
@@ -47,85 +49,72 @@ class UserObject(Policy):
         """Whether the object keeps something for the next step beside its memory, so that order matters."""
         return self._reset is not None or "state" in self._keywords
 
-    def decide(self, given: Observed) -> Decision:
-        """What the object answers; if it remembers, and the question is the last one, the last answer again.
-
-        Raises PolicyError if it remembers and the steps are not in order.
-        """
-        if not self.remembers:
-            return Decision(*self._answer(given, None)[:2])
-        before, answer = self.__dict__.get("_last", (None, None))
-        if before is None or not _same(before, given):
-            begins = not given.step.any()
-            if not begins and (before is None or not np.array_equal(given.step, before.step + 1)):
-                raise PolicyError(
-                    f"policy {self.label}: found a question about step {given.step[0]}, expected the steps "
-                    "of the same episodes in order from step 0, because the object remembers them; only a "
-                    "policy with decide may begin at any step"
-                )
-            answer = self._answer(given, None if begins else answer.state)
-            self.__dict__["_last"] = given.apply(np.copy), answer
-        return Decision(answer.actions.copy(), answer.memory)
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        if not hasattr(self.adapted, "log_density"):
-            return super().log_density(given, action)
-        with apart_from_results():
-            density: Floats = self.adapted.log_density(self._part(given).apply(np.copy), action.copy())
-        return density
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        if not hasattr(self.adapted, "atoms"):
-            return super().atoms(given, action)
-        with apart_from_results():
-            atoms: Bools = self.adapted.atoms(self._part(given).apply(np.copy), action.copy())
-        return atoms
+    def decide(self, observed: Observed) -> Decision:
+        """What the object answers. Raises PolicyError if it remembers and the steps are not in order."""
+        begins = not observed.step.any()
+        before: Answer | None = self.__dict__.get("_last")
+        if self.remembers and not begins and not (before and np.array_equal(observed.step, before.step + 1)):
+            raise PolicyError(
+                f"policy {self.label}: found a question about step {observed.step[0]}, expected the steps "
+                "of the same episodes in order from step 0, because the object remembers them; only a "
+                "policy with decide may begin at any step"
+            )
+        answer = self._answer(observed, None if begins or before is None else before.state)
+        self.__dict__["_last"] = answer if self.remembers else None
+        return Decision(answer.action, answer.memory)
 
     def forget(self) -> None:
         """Forget the object and its last answer, so that it is made anew on its next use."""
         for name in ("adapted", "_last", "_predict", "_keywords", "_reset"):
             self.__dict__.pop(name, None)
 
-    def _answer(self, given: Observed, state: Any) -> Answer:
+    def _answer(self, observed: Observed, state: Any) -> Answer:
         """Ask the object. Raises AnswerError, which says what it was given."""
         try:
             with apart_from_results():
-                if self._reset is not None and not given.step.any():
-                    self._reset(len(given.step))
-                return self._call(given, state)
+                if self._reset is not None and not observed.step.any():
+                    self._reset(len(observed.step))
+                return self._call(observed, state)
         except (IbdataError, KeyboardInterrupt):
             raise
         except BaseException as error:  # code of users must not end the run
             line = str(error) if isinstance(error, AnswerError) else error_line(error)
-            raise AnswerError(f"{line}; it was given {self._shapes(given)}") from error
+            raise AnswerError(f"{line}; it was given {self._shapes(observed)}") from error
 
-    def _shapes(self, given: Observed) -> str:
-        n, history, columns = given.observations.shape
+    def _shapes(self, observed: Observed) -> str:
+        n, history, columns = observed.observations.shape
         if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act"):
-            return f"observations {(n, history, columns)} and random numbers {given.uniforms.shape}"
+            return f"observations {(n, history, columns)} and random numbers {observed.uniforms.shape}"
         return f"observations {(n, history * columns)}"
 
-    def _call(self, given: Observed, state: Any) -> Answer:
-        own, n, memory, after = self.adapted, len(given.step), given.memory, None
+    def _call(self, observed: Observed, state: Any) -> Answer:
+        own, n, memory, after = self.adapted, len(observed.step), observed.memory, None
         if hasattr(own, "decide"):
-            found, returned = actions_and_memory(own.decide(self._part(given).apply(np.copy)))
+            action, returned = self._decision(observed)
             if memory.size:
                 memory = numbers(returned, memory.shape, "memory").copy()
+            if isinstance(action, Distribution):
+                return Answer(action, memory, observed.step)
+            found = action
         elif hasattr(own, "act"):
-            found = own.act(given.observations.copy(), given.uniforms.copy())
+            found = own.act(observed.observations.copy(), observed.uniforms.copy())
         else:
-            known = {"state": state, "episode_start": given.step == 0, "deterministic": True}
+            known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
             options = {name: known[name] for name in self._keywords}
-            found = self._predict(given.observations.reshape(n, -1).copy(), **options)
+            found = self._predict(observed.observations.reshape(n, -1).copy(), **options)
             if "state" in options and isinstance(found, tuple) and len(found) > 1:
                 after = found[1]
         if isinstance(found, tuple) and found:
             found = found[0]
-        return Answer(numbers(found, (n, 3), "actions").copy(), memory, after)
+        return Answer(numbers(found, (n, 3), "actions").copy(), memory, observed.step, after)
 
-    def _part(self, given: Observed) -> Observed:
-        """What the object itself is given: a policy of ibdata, as many numbers as it needs."""
-        return given.cut(self.adapted.needs) if isinstance(self.adapted, Policy) else given
+    def _decision(self, observed: Observed) -> tuple[Any, Any]:
+        """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
+        if isinstance(self.adapted, Policy):
+            action, memory = distribution_of(self.adapted, observed.cut(self.adapted.needs).apply(np.copy))
+            return action.actions if isinstance(action, Unknown) else action, memory
+        answer = self.adapted.decide(observed.apply(np.copy))
+        return decision(answer)
 
     @cached_property
     def _reset(self) -> Callable[[int], Any] | None:
@@ -151,11 +140,6 @@ class UserObject(Policy):
         if is_torch_module(self.adapted) and not has_method(self.adapted):
             return module_call(self.adapted)
         return normalized(self.adapted, getattr(self.adapted, "predict", self.adapted))
-
-
-def _same(question: Observed, other: Observed) -> bool:
-    pairs: Any = zip(question, other, strict=True)
-    return all(np.array_equal(one, two) for one, two in pairs)
 
 
 def can_act(target: Any) -> bool:

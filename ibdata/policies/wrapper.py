@@ -8,6 +8,8 @@ from pydantic import AfterValidator
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats, Needs, Observed, Policy, is_deterministic
+from ibdata.policies.checked import distribution_of
+from ibdata.policies.distributions import Distribution
 
 
 def _without_name(base: Policy) -> Policy:
@@ -72,10 +74,14 @@ class Wrapper(Policy):
             memory=np.ascontiguousarray(given.memory[:, base.memory :]),
         )
 
-    def base_action(self, given: Observed) -> tuple[Float32s, npt.ArrayLike]:
-        """Return the base's actions (n, 3), clipped and rounded, and its memory."""
-        decision = self.base.decide(self.of_base(given))
-        return applied(decision.actions), decision.memory
+    def base_distribution(self, observed: Observed) -> tuple[Distribution, npt.ArrayLike]:
+        """The distribution of the base's action, and its memory."""
+        return distribution_of(self.base, self.of_base(observed))
+
+    def base_action(self, observed: Observed) -> tuple[Float32s, npt.ArrayLike]:
+        """The actions (n, 3) of a base that draws nothing, clipped and rounded, and its memory."""
+        distribution, memory = self.base_distribution(observed)
+        return applied(distribution.sample(observed.uniforms)), memory
 
     def remembered(self, base: npt.ArrayLike, own: Floats) -> npt.ArrayLike:
         """The memory of the base followed by the policy's own."""

@@ -11,19 +11,22 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.policies import Observed
+from ibdata.policies.checked import Checked
+from ibdata.policies.distributions import Distribution
 from ibdata.simulation.carry import begin
 from ibdata.simulation.episodes import Episodes, Float32s
 from ibdata.simulation.unroll import BLOCK, observed
 
 # Arrays (n, steps, …) of the episodes -> the rows (m, …) that a question is about.
 Rows = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
-Question = Callable[[Observed, Rows], npt.NDArray[Any]]
+# The distribution of the policy's actions in some rows, and what it was given there -> an answer (m, …).
+Question = Callable[[Distribution, Observed, Rows], npt.NDArray[Any]]
 
 
 def replay(
     episodes: Episodes, observations: Float32s, actions: Float32s, question: Question
 ) -> npt.NDArray[Any]:
-    """The answers (n, steps, …) to a question about each row of recorded episodes.
+    """The answers (n, steps, …) to a question about a policy's distribution in each row of recorded episodes.
 
     What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
     actions and the random numbers at its addresses. Nothing is simulated but the burn-in. A policy that
@@ -34,8 +37,12 @@ def replay(
         observations: the recorded observations (n, steps, 6).
         actions: the recorded actions (n, steps, 3).
         question: what is asked, see `Question`.
+
+    Raises:
+        PolicyError: the policy returned no valid decision.
     """
     carry, needs = begin(episodes), episodes.policy.needs
+    policy = Checked(episodes.policy, episodes.label, episodes.number)
     seen = actions_before = np.empty((*actions.shape[:2], 0, 6), dtype=np.float32)
     if needs.history:
         seen = _windows(carry.observations[:, 1:], observations, needs.history)
@@ -54,15 +61,15 @@ def replay(
             np.repeat(carry.draws, steps, axis=0),
             np.zeros((n * steps, 0)),
         )
-        answer = question(whole, rows)
+        answer = question(policy.distribution(whole)[0], whole, rows)
         return answer.reshape(n, steps, *answer.shape[1:])
     answers = []
     for first in range(0, steps, BLOCK):
         for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
             at_step = partial(_at_step, step=t)
             then = given._replace(observations=at_step(seen), actions=at_step(actions_before))
-            answers.append(question(then, at_step))
-            carry.memory = np.asarray(episodes.policy.decide(then).memory, dtype=np.float64)
+            distribution, carry.memory = policy.distribution(then)
+            answers.append(question(distribution, then, at_step))
     return np.stack(answers, axis=1)
 
 

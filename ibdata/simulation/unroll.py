@@ -93,7 +93,7 @@ def unroll(
                 seen = next(questions) if observe is None else observe(next(questions))
                 answers = (chosen if is_recorded else actions)[part].reshape(-1, 3)
                 density = log_density[part].reshape(-1) if densities else None
-                beyond, carry.memory = policy.decide(seen, answers, density)
+                beyond, carry.memory = policy.act(seen, answers, density)
                 clipped += beyond
             carry.advance(world, actions[part], raw[part], drift[part], record, rows, 1 + t)
         yield Block(first, record[:, : count + 1], actions[:count], log_density[:count], clipped)

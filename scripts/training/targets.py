@@ -15,6 +15,7 @@ import torch
 from torch.special import ndtr, ndtri
 
 import ibdata
+from ibdata.policies import Decision, Distribution
 from ibdata.policies.base import Bools, Float32s, Needs, Observed, at_start
 from ibdata.policies.network import Network
 from training.offline import HISTORY, STEPS, Rows, train
@@ -25,6 +26,30 @@ SCALE = 0.3  # of the noise
 EDGE = 1.0 - 2.0**-24  # the greatest number below 1 of float32
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 Floats = npt.NDArray[np.float64]
+
+
+class TruncatedNormal(Distribution):
+    """N(mean, SCALE²) for each number of an action, truncated to (-1, 1). So no action is at ±1.
+
+    Args:
+        mean: (n, 3), before the truncation, in [-1, 1], a tensor.
+    """
+
+    draws = 3
+
+    def __init__(self, mean: Any) -> None:
+        self.mean = mean
+
+    def sample(self, u: Floats) -> Floats:
+        actions: Floats = drawn(self.mean, torch.from_numpy(u)).numpy()
+        return actions
+
+    def log_density(self, action: Float32s) -> Floats:
+        density: Floats = log_density(self.mean, torch.from_numpy(action.astype(np.float64))).numpy()
+        return density
+
+    def atoms(self, action: Float32s) -> Bools:
+        return np.zeros(action.shape, dtype=np.bool_)
 
 
 def drawn(mean: Any, u: Any) -> Any:
@@ -60,22 +85,11 @@ class Target:
 
     def mean(self, history: Float32s) -> Any:
         """The network's actions (n, 3) for observations (n, HISTORY, 6)."""
-        return torch.from_numpy(self.network.decide(at_start(history, self.network.needs)).actions)
+        return torch.from_numpy(self.network.decide(at_start(history, self.network.needs)).action)
 
-    def act(self, history: Float32s, u: Floats) -> Floats:
-        """Actions (n, 3) from uniform random numbers (n, 3)."""
-        actions: Floats = drawn(self.mean(history), torch.from_numpy(u)).numpy()
-        return actions
-
-    def log_density(self, given: Observed, action: Float32s) -> Floats:
-        """The log densities (n,) of actions (n, 3)."""
-        mean = self.mean(given.observations)
-        density: Floats = log_density(mean, torch.from_numpy(action.astype(np.float64))).numpy()
-        return density
-
-    def atoms(self, given: Observed, action: Float32s) -> Bools:
-        """None: the noise is truncated, so no action is at ±1."""
-        return np.zeros(action.shape, dtype=np.bool_)
+    def decide(self, observed: Observed) -> Decision:
+        """The distribution of the actions."""
+        return Decision(TruncatedNormal(self.mean(observed.observations)), observed.memory)
 
 
 def write_checkpoints(wanted: list[Checkpoint], rows: Rows, folder: Path) -> None:

@@ -52,15 +52,24 @@ def test_an_edit_of_the_file_that_is_named_counts_at_once(version):
 EXPLORER = """
 import numpy as np
 from helper_of_explorer import PUSH
+from ibdata.policies import Decision, Distribution, Needs
 
-class Explorer:  # a component is exactly -1 or 1 with the probability PUSH
-    def act(self, history, u):
+class Pushed(Distribution):  # a component is exactly -1 or 1 with the probability PUSH
+    draws = 6
+
+    def sample(self, u):
         uniform = 2.0 * u[:, :3] - 1.0
         return np.where(u[:, 3:] < PUSH, np.sign(uniform), uniform)
 
-    def log_density(self, given, action):
+    def log_density(self, action):
         with np.errstate(divide="ignore"):
             return np.log(np.where(np.abs(action) == 1.0, PUSH / 2.0, (1.0 - PUSH) / 2.0)).sum(axis=1)
+
+class Explorer:
+    needs = Needs(step_draws=6)
+
+    def decide(self, observed):
+        return Decision(Pushed(), observed.memory)
 """
 
 

@@ -11,7 +11,7 @@ from ibdata.errors import UsageError
 from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Ratios
 from ibdata.experiment import Experiment
-from ibdata.policies import Needs
+from ibdata.policies import Decision, Distribution, Needs
 
 
 def test_where_only_the_behaviour_has_a_mass_the_ratio_is_0():
@@ -124,16 +124,23 @@ def test_memory_is_replayed_along_the_recorded_episode(dataset):
         ibdata.importance(dataset, "expert")
 
 
-class Corner:
+class InCorner(Distribution):
     """Uniform on the corner [0, 1]³ of all actions."""
 
-    needs = Needs(step_draws=3)
+    draws = 3
 
-    def act(self, history, u):
+    def sample(self, u):
         return u
 
-    def log_density(self, given, action):
+    def log_density(self, action):
         return np.where((action > 0.0).all(axis=1), 0.0, -np.inf)
+
+
+class Corner:
+    needs = Needs(step_draws=3)
+
+    def decide(self, observed):
+        return Decision(InCorner(), observed.memory)
 
 
 def test_an_object_is_tried_too(dataset):
@@ -142,17 +149,26 @@ def test_an_object_is_tried_too(dataset):
     assert found.notes[0].startswith("warning: 0.0 effective episodes")
 
 
-class Inside(Corner):
+class Anywhere(Distribution):
     """Uniform on (-1, 1)³, with a density that does not look where it is asked."""
 
-    def act(self, history, u):
+    draws = 3
+
+    def sample(self, u):
         return 2.0 * u - 1.0
 
-    def log_density(self, given, action):
+    def log_density(self, action):
         return np.full(len(action), -np.log(8.0))
 
-    def atoms(self, given, action):
+    def atoms(self, action):
         return np.zeros(action.shape, dtype=bool)
+
+
+class Inside:
+    needs = Needs(step_draws=3)
+
+    def decide(self, observed):
+        return Decision(Anywhere(), observed.memory)
 
 
 def test_a_density_is_0_at_point_masses_it_lacks(dataset):

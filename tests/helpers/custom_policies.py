@@ -18,9 +18,6 @@ CODE = textwrap.dedent("""
         def act(self, history, u):
             return self.gain * (2.0 * u - 1.0) + 0.001 * history[:, 0, 1:4]
 
-        def log_density(self, given, action):
-            return np.full(len(action), -0.5)
-
     class Learned:
         def predict(self, observations):
             return np.tanh(observations[:, 7:10] / 100.0), None

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.policies import Observed, Policy
+from ibdata.policies.checked import distribution_of
 
 Actions = npt.NDArray[np.float32]
 
@@ -21,8 +22,8 @@ def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple
     for t in range(steps):
         u = random.random((n, policy.needs.step_draws))
         given = Observed(seen, done, np.full(n, t), u, drawn, memory)
-        answer = policy.decide(given)
-        actions, memory = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32), answer.memory
+        distribution, memory = distribution_of(policy, given)
+        actions = np.clip(np.asarray(distribution.sample(u)), -1.0, 1.0).astype(np.float32)
         yield given, actions
         done = np.concatenate([actions[:, None], done], axis=1)[:, :frames]
         now = random.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32)

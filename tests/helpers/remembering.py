@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ibdata.policies import Decision, Needs, Policy
+from ibdata.policies import Decision, Distribution, Needs, Policy
 
 BACK = 0.15
 
@@ -27,6 +27,22 @@ class Deciding(Policy):
         return Decision(x, x)
 
 
+class Uniform3(Distribution):
+    """Uniform within 0.2 of a centre (n, 3)."""
+
+    draws = 3
+
+    def __init__(self, centre):
+        self.centre = centre
+
+    def sample(self, u):
+        return self.centre + 0.2 * (2.0 * u - 1.0)
+
+    def log_density(self, action):
+        near = (np.abs(action - self.centre) < 0.2).all(axis=1)
+        return np.where(near, -3.0 * np.log(0.4), -np.inf)
+
+
 class Centred(Deciding):
     """Drifts around what it draws for an episode, with a density."""
 
@@ -34,11 +50,9 @@ class Centred(Deciding):
     theta: float = 0.15
 
     def decide(self, given):
-        x = (1.0 - self.theta) * given.memory + 0.2 * (2.0 * given.uniforms - 1.0)
-        return Decision(given.episode_uniforms - 0.5 + x, x)
-
-    def log_density(self, given, action):
-        return given.memory[:, 0] + action[:, 0]
+        before = (1.0 - self.theta) * given.memory
+        x = before + 0.2 * (2.0 * given.uniforms - 1.0)
+        return Decision(Uniform3(given.episode_uniforms - 0.5 + before), x)
 
 
 class Resetting:

@@ -8,8 +8,8 @@ import pytest
 from helpers.asking import action_of, log_density_of, proposed
 
 from ibdata.policies import POLICIES
+from ibdata.policies.distributions import LOG_EIGHTH
 from ibdata.policies.optimized import MEAN, STD
-from ibdata.policies.random import LOG_EIGHTH
 
 Constant, Random = POLICIES["constant"], POLICIES["random"]
 Bad, Mediocre, Optimized = (POLICIES[kind] for kind in ("bad", "mediocre", "optimized"))

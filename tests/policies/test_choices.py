@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.asking import distribution
 from helpers.playing import played, playing
 
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES
+from ibdata.policies.actions import applied
+from ibdata.policies.checked import distribution_of
 
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
@@ -19,7 +22,8 @@ N = 2000
 
 def log_density(policy, given, action):
     """The log density of an action, which is the same in all episodes."""
-    (found,) = set(policy.log_density(given, np.tile(np.float32(action), (len(given.step), 1))).tolist())
+    same = np.tile(np.float32(action), (len(given.step), 1))
+    (found,) = set(distribution(policy, given).log_density(same).tolist())
     return found
 
 
@@ -48,10 +52,13 @@ def test_at_the_first_step_there_is_nothing_to_repeat():
     assert (played(Sticky(base=UP, kappa=1.0), 4, 3) == 0.5).all()
 
 
-def test_a_custom_base_leaves_no_density():
-    policy = Sticky(base={"kind": "custom", "target": "ibdata.policies.bad:Bad"}, kappa=0.5)
+@pytest.mark.parametrize(
+    ("target", "known"), [("ibdata.policies.bad:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
+)
+def test_a_custom_base_has_the_density_that_it_states(target, known):
+    policy = Sticky(base={"kind": "custom", "target": target}, kappa=0.5)
     (given, action), *_ = playing(policy, 4, 1)
-    assert np.isnan(policy.log_density(given, action)).all()
+    assert np.isfinite(distribution(policy, given).log_density(action)).all() == known
 
 
 @pytest.mark.parametrize(("weights", "share"), [(None, 0.5), ([1.0, 3.0], 0.25)])
@@ -75,11 +82,9 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
             own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
                 alone.needs
             )
-            answer = alone.decide(own)
-            memory = answer.memory
-            expected = np.clip(np.asarray(answer.actions), -1.0, 1.0).astype(np.float32)
-            np.testing.assert_array_equal(action[mine], expected[mine])
-            density, found = alone.log_density(own, action), mixture.log_density(given, action)
+            one, memory = distribution_of(alone, own)
+            np.testing.assert_array_equal(action[mine], applied(one.sample(own.uniforms))[mine])
+            density, found = one.log_density(action), distribution(mixture, given).log_density(action)
             np.testing.assert_array_equal(found[mine], density[mine])
 
 

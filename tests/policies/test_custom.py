@@ -43,10 +43,10 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
         ("mine:Lerned", "mine:Lerned: found no 'Lerned' in the module; did you mean 'Learned'?"),
         ("mine:by_name", "mine:by_name: found a function of obs, expected one whose first parameter is `obs"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
-        ("mine:failing", "mine:failing: cannot be loaded: mine.py:33: RuntimeError: no weights"),
+        ("mine:failing", "mine:failing: cannot be loaded: mine.py:30: RuntimeError: no weights"),
         (
             "mine:nothing",
-            "mine:nothing: found object, expected an object with decide(given), act(history, u)",
+            "mine:nothing: found object, expected an object with decide(observed), act(history, u)",
         ),
         ("mine:counting", "policy custom: found other actions when the same was asked again"),
     ],

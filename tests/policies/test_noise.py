@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.asking import drawn
 from helpers.playing import played, playing
 
 from ibdata.policies import POLICIES
@@ -19,10 +20,11 @@ def test_an_ornstein_uhlenbeck_process_is_its_equation():
     policy = OrnsteinUhlenbeck(base=BASE)
     given = next(given for given, _ in playing(policy, 1, 1))._replace(uniforms=np.full((1, 3), 0.975))
     first = policy.decide(given)
-    second = policy.decide(given._replace(uniforms=np.full((1, 3), 0.5), memory=first.memory))
+    [back] = drawn(policy, given._replace(uniforms=np.full((1, 3), 0.5), memory=first.memory))
     assert first.memory[0] == pytest.approx([0.3919928] * 3)
-    assert first.actions[0] == pytest.approx([0.8919928, 0.1419928, 0.3919928])
-    assert second.actions[0] == pytest.approx([0.8331939, 0.0831939, 0.3331939])
+    [moved] = drawn(policy, given)
+    assert moved == pytest.approx([0.8919928, 0.1419928, 0.3919928])
+    assert back == pytest.approx([0.8331939, 0.0831939, 0.3331939])
 
 
 def test_it_has_the_moments_of_its_equation():

@@ -13,6 +13,7 @@ from itertools import pairwise, product
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.asking import distribution, drawn
 from helpers.blocks import BASE, BLOCKS, SAFE, policy_of
 from helpers.levels import FULL
 from helpers.playing import playing
@@ -31,7 +32,8 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 def test_the_draws_are_as_frequent_as_the_density_says(block):
     policy = policy_of(block)
     if block["kind"] == "coloured_noise":
-        assert all(np.isnan(policy.log_density(many, actions)).all() for many, actions in draws(policy))
+        for many, actions in draws(policy):
+            assert np.isnan(distribution(policy, many).log_density(actions)).all()
     elif "coloured_noise" not in str(block):
         assert errors(policy, policy) < SIGMAS
 
@@ -55,7 +57,7 @@ def draws(policy):
     for i in range(STATES):
         many = given.apply(lambda x, i=i: np.repeat(x[i : i + 1], N, axis=0))
         many = many._replace(uniforms=random.random(many.uniforms.shape))
-        yield many, applied(policy.decide(many).actions)
+        yield many, applied(drawn(policy, many))
 
 
 def errors(policy, of):
@@ -65,7 +67,7 @@ def errors(policy, of):
 
         def density(action, many=many):
             some = np.resize(np.arange(N), len(action))
-            return np.exp(of.log_density(many.apply(lambda x: x[some]), action))
+            return np.exp(distribution(of, many.apply(lambda x: x[some])).log_density(action))
 
         expected, counted = recounted(density, actions)
         assert expected.sum() == pytest.approx(1.0, abs=1e-3)

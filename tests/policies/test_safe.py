@@ -7,7 +7,7 @@ from statistics import NormalDist
 import mpmath
 import numpy as np
 import pytest
-from helpers.asking import log_density_of, proposed
+from helpers.asking import distribution, log_density_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies import safe as module
@@ -98,6 +98,7 @@ def test_its_log_density_is_its_formula(v, g, action, expected):
 def test_point_masses_are_only_where_it_steers(v, g, expected):
     """Elsewhere float32 rounds a density to ±1, which `importance` must not take for a mass."""
     corner, given = np.array([[1.0, -1.0, 1.0]], dtype=np.float32), at_start(history(v, g), Safe().needs)
-    assert Safe().atoms(given, corner).tolist() == [[*expected, False]]
-    assert not Safe().atoms(given, 0.5 * corner).any()
-    assert not POLICIES["random"]().atoms(given, corner).any()
+    safe, random = (distribution(policy, given) for policy in (Safe(), POLICIES["random"]()))
+    assert safe.atoms(corner).tolist() == [[*expected, False]]
+    assert not safe.atoms(0.5 * corner).any()
+    assert not random.atoms(corner).any()

@@ -7,6 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from helpers.asking import distribution
 from helpers.blocks import actor
 
 from ibdata.policies.actions import applied
@@ -34,7 +35,7 @@ def drawn(policy, n):
     """What a policy is given in n states, and its actions."""
     rng = np.random.default_rng(0)
     given = at_start(rng.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32), policy.needs, rng.random((n, 4)))
-    return given, applied(policy.decide(given).actions)
+    return given, applied(distribution(policy, given).sample(given.uniforms))
 
 
 def density(action, mean, log_std, by_tanh=True):
@@ -51,7 +52,9 @@ def test_log_deviations_are_bounded_as_the_file_says(sampled, way, given, expect
     policy = sampled(mean=[0.0] * 3, log_std=given, share=1.0, bounded_by=way, **texts)
     seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.array([[0.5, 0.8, 0.8, 0.8]]))
     z = 0.8416212335729143  # Φ⁻¹(0.8)
-    np.testing.assert_allclose(policy.decide(seen).actions[0], z * np.exp(expected), rtol=1e-4)
+    np.testing.assert_allclose(
+        distribution(policy, seen).sample(seen.uniforms)[0], z * np.exp(expected), rtol=1e-4
+    )
 
 
 def test_the_edge_is_that_of_the_action():
@@ -90,4 +93,5 @@ def test_a_clipped_draw_has_the_density_of_gaussian_noise(sampled):
     noise = Gaussian(base=policy.base, scale=math.exp(-0.5))
     given, action = drawn(policy, 500)
     assert (np.abs(action) == 1.0).any()
-    np.testing.assert_allclose(policy.log_density(given, action), noise.log_density(given, action), rtol=1e-9)
+    densities = [distribution(each, given).log_density(action) for each in (policy, noise)]
+    np.testing.assert_allclose(*densities, rtol=1e-9)

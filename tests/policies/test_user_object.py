@@ -8,7 +8,7 @@ import types
 
 import numpy as np
 import pytest
-from helpers.asking import log_density_of, proposed
+from helpers.asking import proposed
 
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import policy_of
@@ -32,11 +32,6 @@ class Greedy:
         u += 1.0
         return history[:, 0, 1:4]
 
-    def log_density(self, given, action):
-        given.observations[:] *= 2.0
-        action *= 2.0
-        return np.zeros(len(action))
-
 
 class Deciding:
     def decide(self, given):
@@ -59,13 +54,11 @@ def doubled(observations):
     "target", [Greedy(), Deciding(), Predicting(), doubled], ids=lambda target: type(target).__name__
 )
 def test_what_is_given_may_be_changed_and_is_a_copy(target):
-    history, action = HISTORY.copy(), np.ones((5, 3), np.float32)
+    history = HISTORY.copy()
     history.flags.writeable = False
     policy = policy_of(target, 2)
     np.testing.assert_array_equal(proposed(policy, history, NOTHING), 2.0 * HISTORY[:, 0, 1:4])
-    log_density_of(policy, history, action)
     np.testing.assert_array_equal(history, HISTORY)
-    np.testing.assert_array_equal(action, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -84,12 +77,10 @@ def test_what_is_no_action_says_what_was_given(answer, line):
 
 
 def test_a_density_of_another_form_is_refused_with_a_hint():
-    class Other(Predicting):
-        def log_prob(self, observations, actions):
-            raise AssertionError
-
-    with pytest.raises(UsageError, match="Other: found log_prob without log_density, expected log_density"):
-        policy_of(Other())
+    for method in ("log_prob", "log_density"):
+        other = type("Other", (Predicting,), {method: lambda self, *_: None})()
+        with pytest.raises(UsageError, match=f"Other: found {method}, expected decide to return Decision\\("):
+            policy_of(other)
 
 
 class Tensor:

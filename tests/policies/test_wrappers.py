@@ -8,9 +8,10 @@ import pytest
 from helpers.asking import log_density_of, proposed
 from helpers.blocks import BASE
 
+from ibdata.numerics.exact import LOG_SQRT_2PI, log_cdf
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
-from ibdata.policies.gaussian import LOG_SQRT_2PI, log_cdf
+from ibdata.policies.safe import Steered
 
 EpsilonGreedy, Gaussian, Safe = (POLICIES[kind] for kind in ("epsilon_greedy", "gaussian", "safe"))
 OWN = np.array([0.5, -1.0, 0.1], dtype=np.float32)
@@ -69,5 +70,5 @@ def test_a_narrow_noise_has_finite_densities_too():
 
 
 def test_a_base_without_a_density_leaves_none(monkeypatch):
-    monkeypatch.setattr(Safe, "log_density", lambda self, given, action: np.full(len(action), np.nan))
+    monkeypatch.setattr(Steered, "log_density", lambda self, action: np.full(len(action), np.nan))
     assert np.isnan(log_prob(EpsilonGreedy(base={"kind": "safe"}, epsilon=0.5), [0.0, 0.0, 0.0]))

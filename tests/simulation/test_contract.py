@@ -12,10 +12,25 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.replay import log_densities
 from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.policies import Decision, Needs, Policy
+from ibdata.policies import Decision, Distribution, Needs, Policy
 
 STEPS = 13
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
+
+
+class Shifted(Distribution):
+    """Half of a uniform draw, shifted by a tenth of a total, with a density that says the total."""
+
+    draws = 3
+
+    def __init__(self, total):
+        self.total = total
+
+    def sample(self, u):
+        return 0.5 * (2.0 * u - 1.0) + 0.1 * self.total[:, None]
+
+    def log_density(self, action):
+        return self.total + action[:, 0]
 
 
 class Recalling(Policy):
@@ -28,12 +43,10 @@ class Recalling(Policy):
 
     def decide(self, given):
         self.given.append(given.apply(np.copy))
-        actions = 0.5 * (2.0 * given.uniforms - 1.0) + 0.1 * given.memory[:, 1:]
         step, total = given.memory.T
-        return Decision(actions, np.stack([step + 1.0, total + actions[:, 0]], axis=1))
-
-    def log_density(self, given, action):
-        return given.memory[:, 1] + action[:, 0]
+        shifted = Shifted(total)
+        actions = shifted.sample(given.uniforms)
+        return Decision(shifted, np.stack([step + 1.0, total + actions[:, 0]], axis=1))
 
 
 class Leaking(Recalling):
@@ -48,14 +61,14 @@ class Short(Recalling):
     """Forgets to return its memory."""
 
     def decide(self, given):
-        return super().decide(given).actions
+        return super().decide(given).action
 
 
 class Narrow(Recalling):
     """Returns too little memory."""
 
     def decide(self, given):
-        return Decision(super().decide(given).actions, given.memory[:, :1])
+        return Decision(super().decide(given).action, given.memory[:, :1])
 
 
 class Neither(Policy):
@@ -153,9 +166,9 @@ def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
     ("policy", "message"),
     [
         (Leaking, "ValueError: assignment destination is read-only"),
-        (Short, "found ndarray, expected a Decision of actions and memory"),
+        (Short, "found Shifted, expected a Decision of actions and memory"),
         (Narrow, r"found memory of shape \(8, 1\), expected memory of shape \(8, 2\)"),
-        (Neither, r"found no decide\(given\), expected one that returns"),
+        (Neither, r"found no decide\(observed\), expected one that returns"),
     ],
 )
 def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):

@@ -12,7 +12,7 @@ import ibdata
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of, rollout
-from ibdata.policies import Decision, Policy
+from ibdata.policies import Decision, Distribution, Policy
 from ibdata.policies.optimized import MEAN, STD
 from ibdata.simulation.carry import begin
 from ibdata.simulation.unroll import unroll
@@ -45,6 +45,19 @@ def played(experiment):
     return {name: x.reshape(-1, STEPS) for name, x in zip(made.names, made.table, strict=True)}
 
 
+class Stated(Distribution):
+    """Actions with the density that the test gives."""
+
+    def __init__(self, actions, density):
+        self.actions, self.density = actions, density
+
+    def sample(self, u):
+        return self.actions
+
+    def log_density(self, action):
+        return self.density(len(action))
+
+
 class Returning(Policy):
     """The answers that the test gives."""
 
@@ -54,11 +67,7 @@ class Returning(Policy):
     kind: Literal["returning"] = "returning"
 
     def decide(self, given):
-        history = given.observations
-        return Decision(self.answer(len(history)), given.memory)
-
-    def log_density(self, given, action):
-        return self.density(len(action))
+        return Decision(Stated(self.answer(len(given.step)), self.density), given.memory)
 
 
 def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):

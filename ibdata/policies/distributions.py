@@ -1,0 +1,306 @@
+"""Distributions of actions: how a policy draws, and the density of what is drawn, clipped and rounded.
+
+A policy's action is a float32 number in [-1, 1]³. So a density here is with respect to Lebesgue measure on
+(-1, 1) plus a unit mass, an *atom*, wherever numbers of positive probability lie: at ±1, where draws are
+clipped, and at the certain action of a base policy.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.numerics.compiled import compiled, inlined
+from ibdata.numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf
+from ibdata.numerics.random import standard_normal
+from ibdata.policies.actions import applied
+
+Float32s = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+LOG_HALF = float.fromhex("-0x1.62e42fefa39efp-1")  # log(1/2), the log density of U(-1, 1)
+LOG_EIGHTH = float.fromhex("-0x1.0a2b23f3bab73p+1")  # log(1/8), that of U(-1, 1)³
+# log 2⁻²⁶, the share of U(-1, 1) that float32 rounds to 1, and as much to -1
+LOG_MASS_AT_EDGE = float.fromhex("-0x1.205966f2b4f12p+4")
+LOG_EDGE_TO_INSIDE = LOG_MASS_AT_EDGE - LOG_HALF
+CLIP_EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
+
+
+class Distribution(ABC):
+    """The distribution of the actions of n episodes at one step. It never depends on the step's own draws.
+
+    Attributes:
+        draws: How many uniform random numbers a sample of one action takes.
+    """
+
+    draws: int = 0
+
+    @abstractmethod
+    def sample(self, u: Floats) -> npt.NDArray[Any]:
+        """Draw actions (n, 3), not yet clipped and rounded, from numbers u (n, draws) of U(0, 1)."""
+
+    @abstractmethod
+    def log_density(self, action: Float32s) -> Floats:
+        """The log density (n,) of actions (n, 3) after clipping and rounding; NaN where none is known."""
+
+    def atoms(self, action: Float32s) -> Bools:
+        """Whether there is an atom at each number of actions: (n, 3), by default at ±1."""
+        edges: Bools = np.abs(action) == 1.0
+        return edges
+
+
+class Certain(Distribution):
+    """Actions of which a policy is certain: each has the probability 1."""
+
+    def __init__(self, actions: npt.NDArray[Any]) -> None:
+        self.actions = actions
+
+    def sample(self, u: Floats) -> npt.NDArray[Any]:
+        return self.actions
+
+    def log_density(self, action: Float32s) -> Floats:
+        return log_certain(applied(self.actions), action)
+
+    def atoms(self, action: Float32s) -> Bools:
+        return np.repeat(self.log_density(action)[:, None] == 0.0, 3, axis=1)
+
+
+class Unknown(Distribution):
+    """Actions that were drawn from a distribution that nobody states."""
+
+    def __init__(self, actions: npt.NDArray[Any]) -> None:
+        self.actions = actions
+
+    def sample(self, u: Floats) -> npt.NDArray[Any]:
+        return self.actions
+
+    def log_density(self, action: Float32s) -> Floats:
+        return np.full(len(action), np.nan)
+
+
+class Uniform(Distribution):
+    """U(-1, 1) for each number of an action. The numbers that float32 rounds to ±1 are no atoms."""
+
+    draws = 3
+
+    def sample(self, u: Floats) -> Floats:
+        return 2.0 * u[:, :3] - 1.0
+
+    def log_density(self, action: Float32s) -> Floats:
+        return _log_uniform(action)
+
+    def atoms(self, action: Float32s) -> Bools:
+        return np.zeros(action.shape, dtype=np.bool_)
+
+
+class ClippedNormal(Distribution):
+    """N(mean, sd²) for each number of an action, clipped to [-1, 1].
+
+        log p(a) = log φ((a - mean)/sd) - log sd   inside (-1, 1);   log Φ((±mean - 1)/sd)   at ±1
+
+    Args:
+        mean: (n, 3).
+        sd: The standard deviation: a number, or an array that is broadcast to (n, 3).
+
+    >>> normal = ClippedNormal(np.zeros((1, 3)), 1.0)
+    >>> normal.sample(np.full((1, 3), 0.5)).tolist()
+    [[0.0, 0.0, 0.0]]
+    >>> normal.log_density(np.array([[0.0, 0.0, 1.0]], dtype=np.float32)).round(3).tolist()
+    [-3.679]
+    """
+
+    draws = 3
+
+    def __init__(self, mean: npt.ArrayLike, sd: npt.ArrayLike) -> None:
+        self.mean = np.ascontiguousarray(mean, dtype=np.float64)
+        self.sd = np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), self.mean.shape))
+
+    def sample(self, u: Floats) -> Floats:
+        return _normal(self.mean, self.sd, np.ascontiguousarray(u[:, :3]))
+
+    def log_density(self, action: Float32s) -> Floats:
+        return _log_clipped_normal(self.mean, self.sd, action)
+
+
+class Mixture(Distribution):
+    """The whole action is that of `other` with a probability, the share, else that of `base`.
+
+    Args:
+        share: The probability in each episode, (n,).
+        base: The distribution whose action is clipped and rounded before it may be replaced.
+        other: `Uniform`, or `Certain` actions.
+        first: How many of the random numbers come before the mixture's own: those of the base's policy.
+    """
+
+    def __init__(self, share: Floats, base: Distribution, other: Uniform | Certain, first: int) -> None:
+        self.share, self.base, self.other, self.first = share, base, other, first
+        self.draws = first + 1 + other.draws
+
+    def sample(self, u: Floats) -> npt.NDArray[Any]:
+        base = applied(self.base.sample(np.ascontiguousarray(u[:, : self.first])))
+        is_other = u[:, self.first] < self.share
+        return np.where(is_other[:, None], self.other.sample(u[:, self.first + 1 :]), base)
+
+    def log_density(self, action: Float32s) -> Floats:
+        density = self.base.log_density(action)
+        certain: Bools = np.asarray(self.base.atoms(action).all(axis=1))
+        if isinstance(self.other, Certain):
+            return _log_or_certain(density, certain, self._is_other(action), self.share)
+        return _log_or_uniform(density, certain, action, self.share)
+
+    def atoms(self, action: Float32s) -> Bools:
+        of_base = self.base.atoms(action)
+        if isinstance(self.other, Certain):
+            return self._is_other(action)[:, None] | of_base
+        return of_base & (self.share < 1.0)[:, None]
+
+    def _is_other(self, action: Float32s) -> Bools:
+        """Whether actions may be the certain ones, (n,)."""
+        same: Bools = (self.other.log_density(action) == 0.0) & (self.share > 0.0)
+        return same
+
+
+class Rows(NamedTuple):
+    """The distribution in some of n episodes."""
+
+    episodes: npt.NDArray[np.intp]
+    distribution: Distribution
+    draws: int  # random numbers of its policy
+
+
+class ByRow(Distribution):
+    """Another distribution in each of several groups of episodes. Their actions are clipped and rounded."""
+
+    def __init__(self, groups: Sequence[Rows], draws: int) -> None:
+        self.groups, self.draws = groups, draws
+
+    def sample(self, u: Floats) -> Float32s:
+        actions = np.empty((len(u), 3), dtype=np.float32)
+        for episodes, distribution, draws in self.groups:
+            actions[episodes] = applied(distribution.sample(u[episodes, :draws]))
+        return actions
+
+    def log_density(self, action: Float32s) -> Floats:
+        out = np.empty(len(action))
+        for episodes, distribution, _ in self.groups:
+            out[episodes] = distribution.log_density(action[episodes])
+        return out
+
+    def atoms(self, action: Float32s) -> Bools:
+        out = np.empty(action.shape, dtype=np.bool_)
+        for episodes, distribution, _ in self.groups:
+            out[episodes] = distribution.atoms(action[episodes])
+        return out
+
+
+@compiled
+def log_certain(certain: Float32s, action: Float32s) -> Floats:
+    """The log probabilities (n,) of actions (n, 3) where certain ones are taken."""
+    out = np.empty(action.shape[0])
+    for i in range(action.shape[0]):
+        same = True
+        for j in range(3):
+            same = same and action[i, j] == certain[i, j]
+        out[i] = 0.0 if same else -np.inf
+    return out
+
+
+@compiled
+def _log_uniform(action: Float32s) -> Floats:
+    out = np.empty(action.shape[0])
+    for i in range(action.shape[0]):
+        out[i] = log_uniform(action, i)
+    return out
+
+
+@inlined
+def log_uniform(action: Float32s, i: int) -> float:
+    """Log density of U(-1, 1)³ at row i, with masses at ±1 because float32 rounds to them."""
+    edges = 0
+    for j in range(3):
+        edges += abs(action[i, j]) == 1.0
+    return LOG_EIGHTH + LOG_EDGE_TO_INSIDE * edges
+
+
+@compiled
+def _normal(mean: Floats, sd: Floats, u: Floats) -> Floats:
+    out = np.empty((mean.shape[0], 3))
+    for i in range(out.shape[0]):
+        for j in range(3):
+            out[i, j] = mean[i, j] + sd[i, j] * standard_normal(u[i, j])
+    return out
+
+
+@compiled
+def _log_clipped_normal(mean: Floats, sd: Floats, action: Float32s) -> Floats:
+    out = np.empty(action.shape[0])
+    scale, log_height = 0.0, 0.0
+    for i in range(out.shape[0]):
+        total = 0.0
+        for j in range(3):
+            if sd[i, j] != scale:
+                scale = sd[i, j]
+                log_height = -log(scale) - LOG_SQRT_2PI
+            m, x = mean[i, j], np.float64(action[i, j])
+            if x >= 1.0:
+                total += log_cdf((m - CLIP_EDGE) / scale)
+            elif x <= -1.0:
+                total += log_cdf((-m - CLIP_EDGE) / scale)
+            else:
+                total += log_height - 0.5 * ((x - m) / scale) * ((x - m) / scale)
+        out[i] = total
+    return out
+
+
+@compiled
+def log_share(x: float) -> float:
+    """Logarithm of a share, -inf if it is 0."""
+    return log(x) if x > 0.0 else -np.inf
+
+
+@compiled
+def _log_or_uniform(base: Floats, certain: Bools, action: Float32s, epsilon: Floats) -> Floats:
+    """The log densities (n,) of a base's actions that U(-1, 1)³ replaces with probability ε; NaN stays.
+
+        log((1 - ε) b + ε u), with the densities b of the base and u of U(-1, 1)³
+
+    Where the base is certain of the whole action, u has no mass there, and the result is log((1 - ε) b).
+    """
+    out = np.empty(base.shape[0])
+    share, log_kept, log_random = -1.0, 0.0, 0.0
+    for i in range(out.shape[0]):
+        out[i] = base[i]
+        if np.isnan(base[i]) or epsilon[i] == 0.0:
+            continue
+        if epsilon[i] != share:
+            share, log_kept, log_random = epsilon[i], log_share(1.0 - epsilon[i]), log(epsilon[i])
+        a, b = log_kept + base[i], log_random + log_uniform(action, i)
+        inside = min(abs(action[i, 0]), abs(action[i, 1]), abs(action[i, 2])) < 1.0
+        if certain[i] and inside and share < 1.0:
+            out[i] = a
+        elif a == -np.inf:
+            out[i] = b
+        else:
+            out[i] = max(a, b) + log(1.0 + exp(min(a, b) - max(a, b)))
+    return out
+
+
+@compiled
+def _log_or_certain(base: Floats, certain: Bools, is_other: Bools, share: Floats) -> Floats:
+    """The log densities (n,) of a base's actions that are replaced by a certain one with a probability.
+
+    It is log(1 - share) more than the base's, except at the certain action: there it is
+    log(share + (1 - share) p) if the base takes it with a probability p, else log share. NaN stays.
+    """
+    out = base.copy()
+    for i in range(out.shape[0]):
+        if np.isnan(out[i]) or not is_other[i]:
+            out[i] += log_share(1.0 - share[i])
+        else:
+            out[i] = log(share[i] + ((1.0 - share[i]) * exp(out[i]) if certain[i] else 0.0))
+    return out
