@@ -206,9 +206,7 @@ DENSITIES = [
 def test_a_wrong_density_is_said(base, density, message):
     sides = type("Wrong", (base.sides,), {"log_density": density})
     with pytest.raises(AssertionError, match=message):
-        check_policy(
-            type("Faulty", (base,), {"sides": sides, "__annotations__": {"sides": ClassVar[type]}})()
-        )
+        check_policy(faulty(base, sides=sides))
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.0, 1.1])

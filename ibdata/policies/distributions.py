@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,9 +54,19 @@ class Distribution(ABC):
         edges: Bools = np.abs(action) == 1.0
         return edges
 
+    def certain(self, action: Float32s) -> Bools:
+        """Whether there are atoms at all three numbers of actions, (n,)."""
+        whole: Bools = np.asarray(self.atoms(action).all(axis=1))
+        return whole
+
 
 class Certain(Distribution):
-    """Actions of which a policy is certain: each has the probability 1."""
+    """Actions of which a policy is certain: each has the probability 1.
+
+    >>> same = Certain(np.array([[0.5, 0.0, -2.0]]))
+    >>> same.log_density(np.array([[0.5, 0.0, -1.0]], dtype=np.float32)).tolist()
+    [0.0]
+    """
 
     def __init__(self, actions: npt.NDArray[Any]) -> None:
         self.actions = actions
@@ -63,11 +74,20 @@ class Certain(Distribution):
     def sample(self, u: Floats) -> npt.NDArray[Any]:
         return self.actions
 
+    @cached_property
+    def applied(self) -> Float32s:
+        """The actions, clipped and rounded."""
+        return applied(self.actions)
+
     def log_density(self, action: Float32s) -> Floats:
-        return log_certain(applied(self.actions), action)
+        return log_certain(self.applied, action)
 
     def atoms(self, action: Float32s) -> Bools:
-        return np.repeat(self.log_density(action)[:, None] == 0.0, 3, axis=1)
+        return np.repeat(self.certain(action)[:, None], 3, axis=1)
+
+    def certain(self, action: Float32s) -> Bools:
+        same: Bools = self.log_density(action) == 0.0
+        return same
 
 
 class Unknown(Distribution):
@@ -84,7 +104,11 @@ class Unknown(Distribution):
 
 
 class Uniform(Distribution):
-    """U(-1, 1) for each number of an action. The numbers that float32 rounds to ±1 are no atoms."""
+    """U(-1, 1) for each number of an action: log p = log 1/8. Numbers that float32 rounds to ±1 are no atoms.
+
+    >>> Uniform().log_density(np.zeros((1, 3), dtype=np.float32)).round(4).tolist()
+    [-2.0794]
+    """
 
     draws = 3
 
@@ -130,11 +154,21 @@ class ClippedNormal(Distribution):
 class Mixture(Distribution):
     """The whole action is that of `other` with a probability, the share, else that of `base`.
 
+        p = (1 - share) p_base + share p_other
+
+    Atoms and densities do not add: where only one of the two has an atom, the other counts nothing.
+
     Args:
         share: The probability in each episode, (n,).
         base: The distribution whose action is clipped and rounded before it may be replaced.
         other: `Uniform`, or `Certain` actions.
         first: How many of the random numbers come before the mixture's own: those of the base's policy.
+
+    >>> half = Mixture(np.array([0.5]), Certain(np.zeros((1, 3))), Uniform(), first=0)
+    >>> np.exp(half.log_density(np.zeros((1, 3), dtype=np.float32))).tolist()
+    [0.5]
+    >>> np.exp(half.log_density(np.full((1, 3), 0.25, dtype=np.float32))).tolist()
+    [0.0625]
     """
 
     def __init__(self, share: Floats, base: Distribution, other: Uniform | Certain, first: int) -> None:
@@ -142,13 +176,15 @@ class Mixture(Distribution):
         self.draws = first + 1 + other.draws
 
     def sample(self, u: Floats) -> npt.NDArray[Any]:
-        base = applied(self.base.sample(np.ascontiguousarray(u[:, : self.first])))
+        if isinstance(self.base, Certain):
+            base = self.base.applied
+        else:
+            base = applied(self.base.sample(np.ascontiguousarray(u[:, : self.first])))
         is_other = u[:, self.first] < self.share
         return np.where(is_other[:, None], self.other.sample(u[:, self.first + 1 :]), base)
 
     def log_density(self, action: Float32s) -> Floats:
-        density = self.base.log_density(action)
-        certain: Bools = np.asarray(self.base.atoms(action).all(axis=1))
+        density, certain = self.base.log_density(action), self.base.certain(action)
         if isinstance(self.other, Certain):
             return _log_or_certain(density, certain, self._is_other(action), self.share)
         return _log_or_uniform(density, certain, action, self.share)
@@ -161,8 +197,7 @@ class Mixture(Distribution):
 
     def _is_other(self, action: Float32s) -> Bools:
         """Whether actions may be the certain ones, (n,)."""
-        same: Bools = (self.other.log_density(action) == 0.0) & (self.share > 0.0)
-        return same
+        return self.other.certain(action) & (self.share > 0.0)
 
 
 class Rows(NamedTuple):

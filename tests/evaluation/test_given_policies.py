@@ -21,7 +21,7 @@ REFUSED = [
     ({"history": 2, "policy": ["optimized"]}, "history: found 2, but no object that could see so many"),
     ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: any other policy"),
     ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
-    ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide(observed), act(history, u) or"),
+    ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide(observed), act(history,"),
     ({"policy": "optimised"}, "did you mean 'optimized'?"),
     ({"policy": "kind: rndom"}, "policy: kind: found 'rndom', expected one of bad"),
     ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),
