@@ -1,0 +1,76 @@
+"""Each distribution draws by its density: draws are counted, and the integral over all actions is 1."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from policies.test_recount import SIGMAS, N, recounted
+
+from ibdata.policies import Certain, ClippedNormal, Uniform
+from ibdata.policies.actions import applied
+from ibdata.policies.distributions import ByRow, Mixture, Rows, Unknown
+from ibdata.policies.sampled import SquashedNormal
+
+MEAN, SD = np.array([0.7, -0.2, 0.1]), np.array([0.5, 0.9, 0.3])
+ACTION = np.array([0.5, -0.25, 0.1])
+
+
+def normal(n, sd=SD):
+    return ClippedNormal(np.tile(MEAN, (n, 1)), sd)
+
+
+def certain(n):
+    return Certain(np.tile(ACTION, (n, 1)))
+
+
+def alternating(n):
+    even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
+    return ByRow([Rows(even, normal(len(even)), 3), Rows(odd, normal(len(odd)), 3)], draws=3)
+
+
+CASES = {
+    "certain": certain,
+    "uniform": lambda n: Uniform(),
+    "clipped normal": normal,
+    "normal or uniform": lambda n: Mixture(np.full(n, 0.3), normal(n), Uniform(), first=3),
+    "normal or certain": lambda n: Mixture(np.full(n, 0.4), normal(n), certain(n), first=3),
+    "certain or uniform": lambda n: Mixture(np.full(n, 0.3), certain(n), Uniform(), first=0),
+    "nested": lambda n: Mixture(np.full(n, 0.2), CASES["certain or uniform"](n), Uniform(), first=4),
+    "by row": alternating,
+    "squashed": lambda n: SquashedNormal(np.tile([*MEAN, -0.5, -0.2, -1.0], (n, 1)), 0.6, by_tanh=True),
+}
+
+
+@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
+def test_draws_are_as_frequent_as_the_density_says(make):
+    distribution = make(N)
+    actions = applied(distribution.sample(np.random.default_rng(4).random((N, distribution.draws))))
+    expected, counted = recounted(lambda x: np.exp(make(len(x)).log_density(x)), actions)
+    assert expected.sum() == pytest.approx(1.0, abs=1e-3)
+    error = np.sqrt((expected * (1.0 - expected) + 1.0 / N) / N)
+    assert (np.abs(counted - expected) / error).max() < SIGMAS
+
+
+def test_each_row_has_its_own_mean_and_deviation():
+    both = ClippedNormal(np.array([[0.0] * 3, [0.5] * 3]), np.array([[0.1] * 3, [0.2] * 3]))
+    action = np.array([[0.1, 0.0, 0.0], [0.5, 0.5, 0.9]], dtype=np.float32)
+    for i, row in enumerate((slice(0, 1), slice(1, 2))):
+        alone = ClippedNormal(both.mean[row], both.sd[row])
+        assert both.log_density(action)[i] == alone.log_density(action[row])[0]
+    assert both.log_density(action)[0] == pytest.approx(3 * np.log(10 / np.sqrt(2 * np.pi)) - 0.5)
+
+
+def test_what_is_unknown_has_no_density_but_edges():
+    unknown = Unknown(np.zeros((2, 3)))
+    assert np.isnan(unknown.log_density(np.zeros((2, 3), np.float32))).all()
+    assert unknown.atoms(np.array([[1.0, 0.0, -1.0]], np.float32)).tolist() == [[True, False, True]]
+
+
+def test_atoms_of_a_mixture_are_those_of_its_parts():
+    edge, inside = np.array([[1.0, 0.0, 0.0]], np.float32), ACTION[None].astype(np.float32)
+    greedy = CASES["certain or uniform"](1)
+    assert greedy.atoms(inside).all()
+    assert not greedy.atoms(edge).any()
+    repeated = CASES["normal or certain"](1)
+    assert repeated.atoms(edge).tolist() == [[True, False, False]]
+    assert repeated.atoms(inside).all()
