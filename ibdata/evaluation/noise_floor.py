@@ -18,7 +18,7 @@ from ibdata.dynamics.noise_law import amplification_cdf, quadrature
 from ibdata.dynamics.state import NO_DRIFT
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
-from ibdata.policies.constant import Constant
+from ibdata.policies.baselines import Constant
 from ibdata.views.options import ACTIONS
 
 Floats = npt.NDArray[np.float64]

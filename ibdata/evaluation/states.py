@@ -17,7 +17,7 @@ from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import PART_ROWS
 from ibdata.policies import Policy
-from ibdata.policies.constant import Constant
+from ibdata.policies.baselines import Constant
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Ints
 from ibdata.simulation.variables import Table

@@ -1,4 +1,4 @@
-"""Behaviour policies, one per module. All modules of this folder are imported, so there is no list to extend.
+"""Behaviour policies. All modules of this folder are imported, so there is no list to extend.
 
 Write `decide`, state what the policy `needs`, and run `ibdata.testing.check_policy`; `ibdata.policies.base`
 is the page to read. An experiment names a policy of another package with `kind: custom`.
@@ -27,10 +27,9 @@ from ibdata.policies.base import (
     Policy,
     at_start,
 )
-from ibdata.policies.choice import Choice
+from ibdata.policies.compound import Choice, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal, Distribution, Uniform
 from ibdata.policies.user_object import can_act
-from ibdata.policies.wrapper import Wrapper
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
@@ -42,12 +41,14 @@ def _subclasses(cls: Any) -> Iterator[type[Policy]]:
         yield from _subclasses(subclass)
 
 
-# By kind, in the order of the modules. Only base classes have no default for `kind`.
-POLICIES: dict[str, type[Policy]] = {
-    policy.model_fields["kind"].default: policy
-    for policy in sorted(_subclasses(Policy), key=lambda policy: policy.__module__)
-    if not policy.model_fields["kind"].is_required()
-}
+# By kind, in alphabetical order. Only base classes have no default for `kind`.
+POLICIES: dict[str, type[Policy]] = dict(
+    sorted(
+        (policy.model_fields["kind"].default, policy)
+        for policy in _subclasses(Policy)
+        if not policy.model_fields["kind"].is_required()
+    )
+)
 
 
 class _BareName:

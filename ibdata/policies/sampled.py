@@ -12,9 +12,9 @@ from ibdata.numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Decision, Needs, Observed
+from ibdata.policies.compound import Unnamed, Wrapper
 from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats
 from ibdata.policies.network import TANH_EDGE, Network, squashed
-from ibdata.policies.wrapper import Unnamed, Wrapper
 
 ATANH_OF_EDGE = float.fromhex("0x1.d1cb7dea86bcap+2")
 COARSE = 2.0**-6  # standard deviations between neighbouring float32 actions from which rounding matters

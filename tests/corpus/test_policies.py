@@ -18,8 +18,8 @@ from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
 from ibdata.policies import Decision, Needs
+from ibdata.policies.baselines import Random
 from ibdata.policies.distributions import Uniform
-from ibdata.policies.random import Random
 
 pytestmark = pytest.mark.corpus
 

@@ -10,7 +10,7 @@ import pytest
 from ibdata.experiment import Experiment
 from ibdata.experiment.yaml import Document
 from ibdata.policies import POLICIES, Deterministic, Wrapper
-from ibdata.policies.choice import Choice
+from ibdata.policies.compound import Choice
 
 NAME = "expected a name of a-z, 0-9, _ and -, at most 64 characters"
 WORDS = {  # of refused.txt

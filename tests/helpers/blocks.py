@@ -10,8 +10,8 @@ from ibdata.policies.tensors import written
 
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
 BASE = {"kind": "constant", "action": [0.5, -1.0, 0.1]}
-CODE = {"kind": "custom", "target": "ibdata.policies.safe:Safe", "uniforms": 5}  # code that everyone has
-SURE = {"kind": "custom", "target": "ibdata.policies.mediocre:Mediocre", "deterministic": True}
+CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "uniforms": 5}  # code that everyone has
+SURE = {"kind": "custom", "target": "ibdata.policies.baselines:Mediocre", "deterministic": True}
 NETWORK = {"kind": "network", "file": "actor.safetensors"}  # see `actor`
 NOISE = {"kind": "ornstein_uhlenbeck", "base": BASE, "theta": 0.5, "sigma": 0.6}
 PINK = {"kind": "coloured_noise", "period": 8}

@@ -8,8 +8,8 @@ import pytest
 from helpers.asking import action_of, log_density_of, proposed
 
 from ibdata.policies import POLICIES
+from ibdata.policies.baselines import OBSERVATION_MEAN, OBSERVATION_STD
 from ibdata.policies.distributions import LOG_EIGHTH
-from ibdata.policies.optimized import MEAN, STD
 
 Constant, Random = POLICIES["constant"], POLICIES["random"]
 Bad, Mediocre, Optimized = (POLICIES[kind] for kind in ("bad", "mediocre", "optimized"))
@@ -38,7 +38,7 @@ def test_steering_is_the_way_to_the_target(policy, seen, expected):
 
 def optimized(**values):
     """The action at the mean of every column, but for values such as h3=78.67."""
-    history = np.tile(np.array(MEAN), (1, 6, 1))
+    history = np.tile(np.array(OBSERVATION_MEAN), (1, 6, 1))
     for name, value in values.items():
         history[0, int(name[1]), "pvghfc".index(name[0])] = value
     return proposed(Optimized(), history.astype(np.float32))[0]
@@ -65,9 +65,9 @@ def test_optimized_is_its_formula(values, component, expected):
 def test_the_statistics_are_those_of_the_source():
     """Of the setpoint: those of 10, 20, …, 100, so of a batch over ten setpoints."""
     setpoints = np.arange(10.0, 101.0, 10.0)
-    assert (MEAN[0], STD[0]) == (setpoints.mean(), round(setpoints.std(), 2))
-    assert MEAN == (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
-    assert STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
+    assert (OBSERVATION_MEAN[0], OBSERVATION_STD[0]) == (setpoints.mean(), round(setpoints.std(), 2))
+    assert OBSERVATION_MEAN == (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
+    assert OBSERVATION_STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
 
 
 def test_its_mass_lies_at_the_float32_of_its_action():

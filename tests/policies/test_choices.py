@@ -53,7 +53,7 @@ def test_at_the_first_step_there_is_nothing_to_repeat():
 
 
 @pytest.mark.parametrize(
-    ("target", "known"), [("ibdata.policies.bad:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
+    ("target", "known"), [("ibdata.policies.baselines:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
 )
 def test_a_custom_base_has_the_density_that_it_states(target, known):
     policy = Sticky(base={"kind": "custom", "target": target}, kappa=0.5)

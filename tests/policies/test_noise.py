@@ -8,7 +8,7 @@ from helpers.asking import drawn
 from helpers.playing import played, playing
 
 from ibdata.policies import POLICIES
-from ibdata.policies.coloured_noise import transform
+from ibdata.policies.noise import transform
 
 OrnsteinUhlenbeck, ColouredNoise = POLICIES["ornstein_uhlenbeck"], POLICIES["coloured_noise"]
 BASE = {"kind": "constant", "action": [0.5, -0.25, 0.0]}

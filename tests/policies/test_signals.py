@@ -7,8 +7,7 @@ import pytest
 from helpers.playing import played
 
 from ibdata.policies import POLICIES
-from ibdata.policies.multisine import waves
-from ibdata.policies.prbs import TAPS, sequence
+from ibdata.policies.signals import TAPS, sequence, waves
 
 Prbs, Multisine = POLICIES["prbs"], POLICIES["multisine"]
 

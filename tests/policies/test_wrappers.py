@@ -11,7 +11,7 @@ from helpers.blocks import BASE
 from ibdata.numerics.exact import LOG_SQRT_2PI, log_cdf
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
-from ibdata.policies.safe import Steered
+from ibdata.policies.baselines import Steered
 
 EpsilonGreedy, Gaussian, Safe = (POLICIES[kind] for kind in ("epsilon_greedy", "gaussian", "safe"))
 OWN = np.array([0.5, -1.0, 0.1], dtype=np.float32)

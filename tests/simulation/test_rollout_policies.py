@@ -13,7 +13,7 @@ from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.policies import Decision, Distribution, Policy
-from ibdata.policies.optimized import MEAN, STD
+from ibdata.policies.baselines import OBSERVATION_MEAN, OBSERVATION_STD
 from ibdata.simulation.carry import begin
 from ibdata.simulation.unroll import unroll
 from ibdata.simulation.variables import record_rows
@@ -77,7 +77,7 @@ def test_a_policy_around_another_sees_the_bases_frames(monkeypatch):
     made = played(described(policies=[greedy, {"kind": "optimized"}], output={"dtype": "float32"}))
     z = {
         name: (made[f"obs_{name}"].astype(np.float64) - mean) / std
-        for name, mean, std in zip(OBSERVATION, MEAN, STD, strict=True)
+        for name, mean, std in zip(OBSERVATION, OBSERVATION_MEAN, OBSERVATION_STD, strict=True)
     }
     now = np.arange(STEPS)
     p, v, f, h3, h4 = (
@@ -151,7 +151,7 @@ def test_an_error_of_several_steps_names_its_own(monkeypatch):
         return Decision(np.where(wrong, np.nan, given.uniforms), given.memory)
 
     monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
-    monkeypatch.setattr("ibdata.policies.random.Random.decide", decide)
+    monkeypatch.setattr("ibdata.policies.baselines.Random.decide", decide)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
         rollout(ibdata.load("random", ["steps=8"]), 0, 2)
 

@@ -1,4 +1,4 @@
-"""Pseudo-random binary signals, which excite a system for its identification."""
+"""Signals that excite a system for its identification: pseudo-random binary ones, and sums of sines."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from functools import lru_cache
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from ibdata.numerics.circle import cosine
+from ibdata.numerics.compiled import compiled
 from ibdata.policies.base import Decision, Deterministic, Floats, Needs, Observed
 
 # The bits of a shift register of that many bits whose parity is shifted in, for the longest period: exponents
@@ -62,3 +64,64 @@ def sequence(order: int) -> Floats:
         register = [sum(register[tap - 1] for tap in TAPS[order]) % 2, *register[:-1]]
     signs.flags.writeable = False
     return signs
+
+
+class Multisine(Deterministic):
+    """Moves each steering by a sum of K sines of equal power, with few high peaks.
+
+        x_j[t] ∝ Σ_i cos(2π (3i + j - 3) t/N - π i (i - 1)/K),    i = 1 … K,    j = 1, 2, 3
+
+    The three numbers of the action are uncorrelated over a period. An episode begins at a random time of it;
+    given this time, its actions have the probability 1. Sources: Schroeder 1970, Synthesis of low-peak-factor
+    signals; Ljung 1999, System Identification, chapter 13.
+    """
+
+    needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
+
+    kind: Literal["multisine"] = "multisine"
+    sines: Annotated[int, Field(ge=1, le=1000, strict=True)] = Field(
+        default=10, description="K, the number of sines of each number of the action"
+    )
+    period: Annotated[int, Field(ge=8, le=10_000, strict=True)] = Field(
+        default=1000, description="N, the steps of a period; more than 6 K"
+    )
+    amplitude: Amplitude = Field(default=1.0, description="the highest peak")
+
+    def decide(self, observed: Observed) -> Decision:
+        place = np.floor(observed.episode_uniforms[:, 0] * self.period).astype(np.int64)
+        signals = waves(self.sines, self.period)
+        return Decision(self.amplitude * signals[(place + observed.step) % self.period], observed.memory)
+
+    @model_validator(mode="after")
+    def _check(self) -> Multisine:
+        if self.period <= 6 * self.sines:
+            raise ValueError(
+                f"found a period of {self.period} steps, expected more than {6 * self.sines}, which is 6 for "
+                "each of the sines"
+            )
+        return self
+
+
+@lru_cache
+def waves(sines: int, period: int) -> Floats:
+    """The three signals (period, 3), with the highest peak 1."""
+    out = _waves(sines, period)
+    out.flags.writeable = False
+    return out
+
+
+@compiled
+def _waves(sines: int, period: int) -> Floats:
+    out = np.empty((period, 3))
+    for j in range(3):
+        peak = 0.0
+        for t in range(period):
+            total = 0.0
+            for i in range(1, sines + 1):
+                turns = ((3 * i + j - 2) * t) % period / period
+                total += cosine(turns - 0.5 * (i * (i - 1)) / sines)
+            out[t, j] = total
+            peak = max(peak, abs(total))
+        for t in range(period):
+            out[t, j] /= peak
+    return out

@@ -1,0 +1,315 @@
+"""Policies made of others: a base whose actions are replaced, and one of several that acts."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import accumulate
+from operator import itemgetter
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Field, model_validator
+
+from ibdata.policies.actions import applied
+from ibdata.policies.base import (
+    Decision,
+    Float32s,
+    Floats,
+    FrozenModel,
+    Needs,
+    Observed,
+    Policy,
+    Steps,
+    is_deterministic,
+)
+from ibdata.policies.checked import distribution_of
+from ibdata.policies.distributions import ByRow, Distribution, Mixture, Rows, Uniform
+
+if TYPE_CHECKING:
+    from ibdata.policies import AnyBase, AnyPolicy
+
+
+def _without_name(base: Policy) -> Policy:
+    if base.name is not None:
+        raise ValueError("found a name in the base, expected the name beside the outer kind")
+    return base
+
+
+def _certain(base: Policy) -> Policy:
+    if not is_deterministic(base):
+        raise ValueError(
+            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
+            "that into it if it draws nothing"
+        )
+    return base
+
+
+# Of a base: that it has no name, and that its actions are certain.
+Unnamed, DrawsNothing = AfterValidator(_without_name), AfterValidator(_certain)
+
+
+class Wrapper(Policy):
+    """A policy that changes the actions of another one, its `base`, and sees what the base sees.
+
+    It needs what the base needs and `own_needs`. The base uses the first of the random numbers and of the
+    memory, the policy itself those that follow: `of_base` and `own` are the two parts.
+    """
+
+    base: Policy
+
+    @property
+    def own_needs(self) -> Needs:
+        """What it needs beyond the needs of its base; of the history, the least."""
+        return Needs(history=0)
+
+    @property
+    def needs(self) -> Needs:
+        """The needs of the base and its own."""
+        base, own = self.base.needs, self.own_needs
+        return Needs(
+            max(base.history, own.history),
+            base.step_draws + own.step_draws,
+            base.episode_draws + own.episode_draws,
+            base.memory + own.memory,
+        )
+
+    @property
+    def inner(self) -> tuple[Policy, ...]:
+        """The base."""
+        return (self.base,)
+
+    def of_base(self, given: Observed) -> Observed:
+        """What the base is given."""
+        return given.cut(self.base.needs)
+
+    def own(self, given: Observed) -> Observed:
+        """The random numbers and the memory that the base does not use."""
+        base = self.base.needs
+        return given._replace(
+            uniforms=np.ascontiguousarray(given.uniforms[:, base.step_draws :]),
+            episode_uniforms=np.ascontiguousarray(given.episode_uniforms[:, base.episode_draws :]),
+            memory=np.ascontiguousarray(given.memory[:, base.memory :]),
+        )
+
+    def base_distribution(self, observed: Observed) -> tuple[Distribution, npt.ArrayLike]:
+        """The distribution of the base's action, and its memory."""
+        return distribution_of(self.base, self.of_base(observed))
+
+    def base_action(self, observed: Observed) -> tuple[Float32s, npt.ArrayLike]:
+        """The actions (n, 3) of a base that draws nothing, clipped and rounded, and its memory."""
+        distribution, memory = self.base_distribution(observed)
+        return applied(distribution.sample(observed.uniforms)), memory
+
+    def remembered(self, base: npt.ArrayLike, own: Floats) -> npt.ArrayLike:
+        """The memory of the base followed by the policy's own."""
+        return np.concatenate([base, own], axis=1) if self.base.needs.memory else own
+
+
+Probability = Annotated[
+    float,
+    Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),
+    AfterValidator(lambda value: value + 0.0),
+]
+
+
+class EpsilonGreedy(Wrapper):
+    """Replaces the base's action with probability ε at each step by one drawn from U(-1, 1)³.
+
+    The whole action is replaced. In `siemens-research/lion`, generate_data.py does so in its toy environment;
+    we infer that the published Industrial Benchmark data were made in the same way.
+    """
+
+    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the action
+
+    kind: Literal["epsilon_greedy"] = "epsilon_greedy"
+    base: Annotated[AnyBase, Unnamed] = Field(description="the policy whose actions are replaced")
+    epsilon: Probability = Field(description="probability of a random action, in [0, 1]")
+
+    def decide(self, observed: Observed) -> Decision:
+        base, memory = self.base_distribution(observed)
+        epsilon = np.full(len(observed.step), self.epsilon)
+        return Decision(Mixture(epsilon, base, Uniform(), first=self.base.needs.step_draws), memory)
+
+
+Chosen = npt.NDArray[np.int64]
+
+
+class Choice(Policy):
+    """A policy that lets one of the policies of `inner` act in each episode at each step.
+
+    The policies share memory and random numbers of a step, because only one of them acts; each has its own
+    random numbers of an episode, which follow those of the choice itself.
+    """
+
+    @abstractmethod
+    def chosen(self, observed: Observed) -> Chosen:
+        """The number of the policy that acts in each episode, (n,)."""
+
+    def began(self, observed: Observed) -> Steps:
+        """The step of each episode at which the policy that acts began, without memory, (n,)."""
+        return np.zeros_like(observed.step)
+
+    @property
+    def own_needs(self) -> Needs:
+        """What the choice itself needs."""
+        return Needs(history=0)
+
+    @property
+    def needs(self) -> Needs:
+        """As much as the policy needs that needs most, random numbers of an episode for each, and its own."""
+        own, needs = self.own_needs, [policy.needs for policy in self.inner]
+        return Needs(
+            history=max(n.history for n in needs),
+            step_draws=max(n.step_draws for n in needs) + own.step_draws,
+            episode_draws=sum(n.episode_draws for n in needs) + own.episode_draws,
+            memory=max(n.memory for n in needs),
+        )
+
+    def decide(self, observed: Observed) -> Decision:
+        memory, groups = np.zeros((len(observed.step), self.needs.memory)), []
+        for policy, episodes, part in self._parts(observed):
+            distribution, remembered = distribution_of(policy, part)
+            memory[episodes, : part.memory.shape[1]] = remembered
+            groups.append(Rows(episodes, distribution, policy.needs.step_draws))
+        return Decision(ByRow(groups, self.needs.step_draws), memory)
+
+    def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
+        """Yield each policy that acts in some episodes, the numbers of these, and what it is observed."""
+        which, step = self.chosen(observed), observed.step - self.began(observed)
+        own = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
+        first = self.own_needs.episode_draws
+        for number, policy in enumerate(self.inner):
+            needs, rows = policy.needs, np.flatnonzero(which == number)
+            if len(rows):
+                part = own._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
+                yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
+            first += needs.episode_draws
+
+
+Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True)]
+
+
+class PolicyMixture(Choice):
+    """Draws one of several policies for each episode; the drawn policy acts in it from start to end.
+
+    The density is that of the policy that was drawn. Fu et al. 2020, D4RL (arXiv 2004.07219), make their
+    medium-replay and medium-expert data of several policies.
+    """
+
+    own_needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
+
+    kind: Literal["mixture"] = "mixture"
+    bases: Annotated[list[Annotated[AnyPolicy, Unnamed]], Field(min_length=1, max_length=100)] = Field(
+        description="the policies"
+    )
+    weights: Annotated[list[Weight], Field(min_length=1)] | None = Field(
+        default=None,
+        description="how often each is drawn, relative to the others; default: equally often",
+    )
+
+    @property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies."""
+        return tuple(self.bases)
+
+    def chosen(self, observed: Observed) -> Chosen:
+        weights = self.weights or [1.0] * len(self.bases)
+        total = math.fsum(weights)
+        bounds = [part / total for part in accumulate(weights)][:-1]
+        return np.searchsorted(bounds, observed.episode_uniforms[:, 0], side="right").astype(np.int64)
+
+    @model_validator(mode="after")
+    def _check(self) -> PolicyMixture:
+        if self.weights is not None and len(self.weights) != len(self.bases):
+            raise ValueError(
+                f"found {len(self.weights)} weights, expected {len(self.bases)}, one for each of the bases"
+            )
+        return self
+
+
+Share = Annotated[list[Probability], Field(min_length=2, max_length=2)]
+
+
+class Stage(FrozenModel):
+    """A stage of a schedule."""
+
+    base: Annotated[AnyPolicy, Unnamed] = Field(description="the policy that acts")
+    steps: Annotated[int, Field(ge=1, lt=2**31, strict=True)] | None = Field(
+        default=None, description="length of the stage; the last one always lasts to the end of the episode"
+    )
+    epsilon: Share | None = Field(
+        default=None,
+        description="[first, last] share of actions that are replaced by random ones, at the first and the "
+        "last step; between them it changes linearly",
+    )
+
+
+class Schedule(Choice):
+    """Lets several policies act one after another in each episode, with more or fewer random actions.
+
+    Each policy begins its stage as if it began an episode, with step 0 and without memory, but sees the
+    observations and actions before. In a stage with `epsilon`, the whole action is replaced with probability
+    ε by one drawn from U(-1, 1)³; ε changes linearly with the step, as in Mnih et al. 2015, Human-level
+    control through deep reinforcement learning. The density is that of the stage.
+    """
+
+    kind: Literal["schedule"] = "schedule"
+    stages: Annotated[list[Stage], Field(min_length=1, max_length=100)] = Field(
+        description="the stages in order"
+    )
+
+    @property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies of the stages."""
+        return tuple(stage.base for stage in self.stages)
+
+    @property
+    def explores(self) -> bool:
+        """Whether actions are replaced in any stage."""
+        return any(stage.epsilon for stage in self.stages)
+
+    @property
+    def own_needs(self) -> Needs:
+        """If actions are replaced, four draws: one that decides, three for the action."""
+        return Needs(history=0, step_draws=4 * self.explores)
+
+    def chosen(self, observed: Observed) -> Chosen:
+        return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
+
+    def began(self, observed: Observed) -> Steps:
+        return self._starts[self.chosen(observed)]
+
+    def decide(self, observed: Observed) -> Decision:
+        decision = super().decide(observed)
+        if not self.explores:
+            return decision
+        stages: Any = decision.action
+        first = self.needs.step_draws - self.own_needs.step_draws
+        return decision._replace(action=Mixture(self.epsilon(observed), stages, Uniform(), first=first))
+
+    def epsilon(self, observed: Observed) -> Floats:
+        """The share ε of actions that are replaced at the step of each episode, (n,)."""
+        first, last = np.array([stage.epsilon or (0.0, 0.0) for stage in self.stages]).T
+        lengths = np.array([max(2, stage.steps or 2) for stage in self.stages])
+        stage = self.chosen(observed)
+        passed = np.minimum((observed.step - self._starts[stage]) / (lengths[stage] - 1), 1.0)
+        epsilon: Floats = first[stage] + passed * (last[stage] - first[stage])
+        return epsilon
+
+    @cached_property
+    def _starts(self) -> Steps:
+        """The first step of each stage."""
+        lengths = [0, *(stage.steps or 0 for stage in self.stages[:-1])]
+        return np.cumsum(np.array(lengths, dtype=np.int64))
+
+    @model_validator(mode="after")
+    def _check(self) -> Schedule:
+        for i, stage in enumerate(self.stages):
+            changes = stage.epsilon is not None and stage.epsilon[0] != stage.epsilon[1]
+            if stage.steps is None and (i < len(self.stages) - 1 or changes):
+                raise ValueError(f"stages.{i}.steps: found none, expected the number of steps of this stage")
+        return self
