@@ -10,7 +10,7 @@ import pytest
 from helpers.asking import distribution, log_density_of, proposed
 
 from ibdata.policies import POLICIES
-from ibdata.policies import safe as module
+from ibdata.policies import baselines as module
 from ibdata.policies.base import at_start
 
 Safe = POLICIES["safe"]
