@@ -32,7 +32,7 @@ def normal_mass(z):
 
 
 CONSTANTS = {
-    "SD": lambda: 1 / mpmath.sqrt(3),
+    "STEERED_SD": lambda: 1 / mpmath.sqrt(3),
     "LOG_SD_SQRT_2PI": lambda: mpmath.log(mpmath.sqrt(2 * mpmath.pi) / mpmath.sqrt(3)),
     "LOG_MASS_TOWARDS": lambda: mpmath.log(1 - normal_mass(1)),
     "LOG_MASS_AWAY": lambda: mpmath.log(normal_mass(-1)),
