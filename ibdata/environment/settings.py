@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,8 @@ import numpy as np
 from ibdata.dataset.viewed import checked_length
 from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
-from ibdata.errors import ConfigError, UsageError, excerpt
-from ibdata.experiment.models import Experiment
-from ibdata.experiment.setpoints import setpoint_values
+from ibdata.errors import UsageError, excerpt
+from ibdata.experiment.scenario import scenario_of
 from ibdata.simulation.episodes import World
 from ibdata.variables import VARIABLES, variable_of
 from ibdata.views.options import View, ViewOptions, bounds_of, view_of
@@ -51,17 +49,13 @@ def settings(
     """
     if isinstance(dynamics, Variant):
         dynamics = {"base": "siemens", **dataclasses.asdict(dynamics)}
-    given = {"setpoints": setpoint, "dynamics": dynamics, "start": start}
-    try:
-        experiment = Experiment(name="environment", policies=["random"], **given)
-    except ConfigError as error:  # an experiment has `setpoints`, an environment `setpoint`
-        raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in error.problems]) from None
-    first, *others = setpoint_values(experiment.setpoints)[0]
+    scenario = scenario_of(setpoint=setpoint, dynamics=dynamics, start=start)
+    first, *others = scenario.points
     if others:
         raise UsageError(f"setpoint: found {excerpt(setpoint)}, expected one, or one that moves")
     if not isinstance(discrete_actions, bool | np.bool_):
         raise UsageError(f"discrete_actions: found {discrete_actions!r}, expected True or False")
-    world, options = experiment.world, view_of(view)
+    world, options = scenario.world, view_of(view)
     for name in options.columns(world.drifting):
         if VARIABLES[variable_of(name)].role == "drift" and not world.drifting:
             raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import UsageError
 from ibdata.evaluation.against import baselines_of, compared
 from ibdata.evaluation.baselines import SETTINGS
-from ibdata.evaluation.play import checked_discount, episodes_of
+from ibdata.evaluation.play import checked_discount, play
 from ibdata.evaluation.policies import Acting, policies_of
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.evaluation.results import differences_of, results_of
 from ibdata.evaluation.scores import SCALE, notes, scores, with_references
-from ibdata.experiment import Experiment, validated
 from ibdata.experiment.plain import plain
-from ibdata.policies import Policy
+from ibdata.experiment.scenario import scenario_of
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
@@ -96,41 +94,27 @@ def evaluate(
         episodes = 100 if against is None else SETTINGS["episodes"]
     classic = options.reward.kind == "classic"
     played, references = with_references([*policies.values()]) if classic else ([*policies.values()], [])
-    settings = {"start": start, "steps": steps, "episodes": episodes, "seed": seed, "dynamics": dynamics}
-    experiment = _experiment(setpoint, settings, list(policies), played)
-    baselines = [] if against is None else baselines_of(against, experiment, discount, options)
-    with bar(progress, experiment.rows, "steps") as advance:
-        found = episodes_of(experiment, discount, advance, options)
+    if isinstance(plain(episodes), int):
+        refuse_too_much("episodes", RETURN_BYTES * len(played) * episodes)
+    scenario = scenario_of(
+        setpoint=setpoint, steps=steps, episodes=episodes, start=start, dynamics=dynamics, seed=seed
+    )
+    baselines = [] if against is None else baselines_of(against, scenario, discount, options)
+    names = [*policies, *(policy.label for policy in played[len(policies) :])]
+    cells = scenario.cells(zip(names, played, strict=True))
+    with bar(progress, len(cells) * scenario.episodes * scenario.steps, "steps") as advance:
+        found = play(scenario, cells, discount, advance, options)
 
     labels, own = list(policies), found.first(len(policies))
-    points = [cell.setpoint for cell in experiment.cells[: own.clipped.shape[1]]]
+    points = scenario.points
     scored = scores(own.discounted, found.discounted[references])
     return Evaluation(
-        results_of(labels, points, own, scored, steps),
+        results_of(labels, points, own, scored, scenario.steps),
         differences_of(labels, points, own.discounted),
         SCALE if any(each.score is not None for each in scored[0]) else None,
         own.discounted,
-        steps,
+        scenario.steps,
         discount,
-        list(notes(experiment.episodes, points, scored[0], classic)),
+        list(notes(scenario.episodes, points, scored[0], classic)),
         compared(baselines, labels, own.discounted[:, 0]),
     )
-
-
-def _experiment(
-    setpoint: Any, settings: dict[str, Any], labels: list[str], policies: list[Policy]
-) -> Experiment:
-    """The experiment whose cells are played, with policies of any class."""
-    setpoint, settings = plain([setpoint, settings])
-    if isinstance(settings["episodes"], int):
-        refuse_too_much("episodes", RETURN_BYTES * len(policies) * settings["episodes"])
-    described = {"name": "evaluate", "setpoints": setpoint, "policies": [{"kind": "random"}], **settings}
-    try:
-        options = validated(described).options()
-    except ConfigError as error:  # an experiment has `setpoints`, an evaluation `setpoint`
-        lines = str(error).split("\n")
-        raise ConfigError([re.sub("^setpoints", "setpoint", line) for line in lines]) from None
-    experiment: Experiment = Experiment.model_construct(**{**options, "policies": policies})
-    names = [*labels, *(policy.label for policy in policies[len(labels) :])]
-    vars(experiment)["labels"] = tuple(names)
-    return experiment

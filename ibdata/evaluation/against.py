@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError, suggestion
 from ibdata.evaluation.baselines import SETTINGS, Baseline, shipped_baselines
-from ibdata.experiment import Experiment
+from ibdata.experiment.scenario import Scenario
 from ibdata.numerics.confidence import estimate
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ViewOptions
@@ -37,10 +37,10 @@ class Comparison(NamedTuple):
     interval: tuple[float, float] | None
 
 
-def baselines_of(name: str, experiment: Experiment, discount: float, view: ViewOptions) -> list[Baseline]:
+def baselines_of(name: str, scenario: Scenario, discount: float, view: ViewOptions) -> list[Baseline]:
     """The shipped baselines of a set, given with or without its suite.
 
-    Raises UsageError if there are none, or if they were not evaluated in the episodes of this experiment.
+    Raises UsageError if there are none, or if they were not evaluated in the episodes of this scenario.
     """
     lines = shipped_baselines()
     sets = list(dict.fromkeys(line.set for line in lines))
@@ -54,7 +54,7 @@ def baselines_of(name: str, experiment: Experiment, discount: float, view: ViewO
         )
     if view.reward.kind != "classic":
         raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
-    _refuse_other_episodes(experiment, discount)
+    _refuse_other_episodes(scenario, discount)
     return [line for line in lines if line.set == found]
 
 
@@ -79,17 +79,16 @@ def _comparison(lines: list[Baseline], policy: str, returns: Floats) -> Comparis
     return Comparison(name, algorithm, len(values), mean, min(means), max(means), policy, *difference)
 
 
-def _refuse_other_episodes(experiment: Experiment, discount: float) -> None:
-    points = list(dict.fromkeys(cell.setpoint for cell in experiment.cells))
-    setpoint: object = points[0] if len(points) == 1 else points
+def _refuse_other_episodes(scenario: Scenario, discount: float) -> None:
+    [point, *others] = scenario.points
     found = {
-        "setpoint": "drifting" if experiment.drifting else setpoint,
-        "steps": experiment.steps,
+        "setpoint": "drifting" if scenario.drifting else scenario.points if others else point,
+        "steps": scenario.steps,
         "discount": discount,
-        "episodes": experiment.episodes,
-        "start": experiment.cells[0].start,
-        "dynamics": experiment.dynamics,
-        "seed": experiment.seed,
+        "episodes": scenario.episodes,
+        "start": scenario.start_form,
+        "dynamics": scenario.dynamics,
+        "seed": scenario.seed,
     }
     for name, expected in SETTINGS.items():
         if found[name] != expected:

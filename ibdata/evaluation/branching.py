@@ -6,7 +6,7 @@ import numpy as np
 
 from ibdata.evaluation.play import Floats, returns_of
 from ibdata.experiment import Experiment
-from ibdata.experiment.cells import form_digest
+from ibdata.experiment.scenario import form_digest
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Policy
@@ -34,7 +34,7 @@ def branches_at(
         keys.append(stream_key(seed, form_digest(form)))
         policy_keys.append(stream_key(seed, form_digest({**form, "policy": without_runs(policy.form())})))
     return Episodes(
-        experiment.world,
+        experiment.scenario.world,
         policy,
         policy.label,
         np.array(keys),

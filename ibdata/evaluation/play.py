@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -11,17 +11,15 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import Acting, loaded
-from ibdata.experiment import Experiment
-from ibdata.experiment.cells import Cell, form_digest
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
-from ibdata.experiment.rollout import blocks, cells_of
+from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed
 from ibdata.policies.custom import without_runs
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
-from ibdata.simulation.unroll import Block, read_only, unroll
+from ibdata.simulation.unroll import LANES, Block, read_only, unroll
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
 from ibdata.views.options import PLAIN, ViewOptions
@@ -52,34 +50,30 @@ def checked_discount(given: Any) -> float:
     return float(number)
 
 
-def episodes_of(
-    experiment: Experiment, discount: float, advance: Advance = unseen, view: ViewOptions = PLAIN
+def play(
+    scenario: Scenario,
+    cells: Sequence[Cell],
+    discount: float,
+    advance: Advance = unseen,
+    view: ViewOptions = PLAIN,
 ) -> Played:
-    """Play an experiment's episodes, a block never with those of two cells.
+    """Play the episodes of a scenario's cells, which come by policy and then by setpoint.
 
     The view says what users' objects see, and what is rewarded. Raises PolicyError if a policy fails.
     """
-    cells, episodes, policies = len(experiment.cells), experiment.episodes, len(experiment.policies)
-    out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
-    columns = len(view.frame(experiment.drifting))
-    for number, policy in enumerate(experiment.policies):
-        with loaded([policy], columns):  # one at a time, so that their modules never meet
-            for cell in range(number * cells // policies, (number + 1) * cells // policies):
-                for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
-                    block_episodes = _paired(experiment, np.arange(first, stop))
-                    carry = begin(block_episodes)
-                    blocks_played = unroll(
-                        block_episodes,
-                        carry,
-                        record_rows(rewarded(view)),
-                        experiment.steps,
-                        observe=_through(view, block_episodes, carry),
-                    )
-                    *both, count = returns_of(blocks_played, discount, advance, view)
-                    out[:, first:stop] = both
-                    clipped[cell] += count / (episodes * experiment.steps)
-    discounted, undiscounted = out.reshape(2, policies, -1, episodes)
-    return Played(discounted, undiscounted, clipped.reshape(policies, -1))
+    per_policy, n = len(scenario.points), scenario.episodes
+    out, clipped = np.empty((2, len(cells), n)), np.zeros(len(cells))
+    columns = len(view.frame(scenario.drifting))
+    for policy in range(0, len(cells), per_policy):
+        with loaded([cells[policy].policy], columns):  # one at a time, so that their modules never meet
+            for number in range(policy, policy + per_policy):
+                for first in range(0, n, LANES):
+                    part = slice(first, min(first + LANES, n))
+                    *returns, count = _returns(scenario, cells[number], number, part, discount, advance, view)
+                    out[:, number, part] = returns
+                    clipped[number] += count / (n * scenario.steps)
+    discounted, undiscounted = out.reshape(2, -1, per_policy, n)
+    return Played(discounted, undiscounted, clipped.reshape(-1, per_policy))
 
 
 def rewarded(view: ViewOptions) -> list[str]:
@@ -105,16 +99,29 @@ def returns_of(
     return discounted, undiscounted, clipped
 
 
-def _paired(experiment: Experiment, numbers: Ints) -> Episodes:
-    """Episodes in which the environment's random numbers do not depend on the policy."""
-    cells, own, indices = cells_of(experiment, numbers)
+def _returns(
+    scenario: Scenario,
+    cell: Cell,
+    number: int,
+    part: slice,
+    discount: float,
+    advance: Advance,
+    view: ViewOptions,
+) -> tuple[Floats, Floats, int]:
+    """The returns of some episodes of a cell with this number, and how many of their actions were clipped."""
+    episodes = _paired(scenario, cell, number, np.arange(part.start, part.stop))
+    carry, rows = begin(episodes), record_rows(rewarded(view))
+    blocks = unroll(episodes, carry, rows, scenario.steps, observe=_through(view, episodes, carry))
+    return returns_of(blocks, discount, advance, view)
+
+
+def _paired(scenario: Scenario, cell: Cell, number: int, index: Ints) -> Episodes:
+    """Episodes of a cell in which the environment's random numbers do not depend on the policy."""
     keys, policy_keys = (
-        np.array([stream_key(experiment.seed, digest) for digest in digests])[own]
-        for digests in zip(*map(_digests, cells), strict=True)
+        np.tile(stream_key(scenario.seed, digest), (len(index), 1)) for digest in _digests(cell)
     )
-    setpoints = np.array([cell.setpoint for cell in cells])[own]
-    policy, label = cells[0].policy, cells[0].label
-    return Episodes(experiment.world, policy, label, keys, policy_keys, indices, setpoints, numbers)
+    setpoint, shown = np.full(len(index), cell.setpoint), number * scenario.episodes + index
+    return Episodes(scenario.world, cell.policy, cell.label, keys, policy_keys, index, setpoint, shown)
 
 
 def _digests(cell: Cell) -> tuple[bytes, bytes]:

@@ -15,8 +15,8 @@ from ibdata.evaluation.branching import branch_returns, branches_at
 from ibdata.evaluation.play import Floats, checked_discount
 from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
-from ibdata.experiment import validated
 from ibdata.experiment.plain import plain
+from ibdata.experiment.scenario import scenario_of
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation.episodes import Float32s
@@ -121,8 +121,7 @@ def true_values(
     steps, episodes, seed = plain([steps, episodes, seed])
     if isinstance(episodes, int):
         refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
-    described = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
-    settings = validated({**described, "steps": steps, "episodes": episodes, "seed": seed})
+    settings = scenario_of(steps=steps, episodes=episodes, seed=seed)
     found = np.empty((len(numbers), settings.episodes))
     with loaded([acting]):
         begun = source.visited(numbers, times, acting)

@@ -11,8 +11,8 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from ibdata.errors import ConfigError, UsageError
-from ibdata.experiment.messages import Problem
-from ibdata.experiment.models import Experiment, refusals
+from ibdata.experiment.messages import Problem, refusals
+from ibdata.experiment.models import Experiment
 from ibdata.experiment.overrides import Overrides, override_all
 from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
@@ -98,7 +98,7 @@ def _overridden(
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
         return f"override {problem.text}" if is_changed else place(problem) + problem.text
 
-    with refusals(data, line):
+    with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
 
 

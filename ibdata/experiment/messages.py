@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
-from ibdata.errors import Loc, Problems, suggestion
+from ibdata.errors import ConfigError, Loc, Problems, suggestion
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
 
@@ -54,6 +55,20 @@ class Problem(NamedTuple):
         """The problem after the path of the value, with its parts joined by dots."""
         key = ".".join(map(str, self.loc))
         return f"{key}: {self.message}" if key else self.message
+
+
+@contextmanager
+def refusals(
+    data: Mapping[str, Any],
+    model: type[BaseModel],
+    line: Callable[[Problem], str] = lambda problem: problem.text,
+) -> Iterator[None]:
+    """Raise ConfigError with a line for each problem that pydantic finds in the data of a model."""
+    try:
+        yield
+    except ValidationError as error:
+        lines = [line(problem) for problem in problems(error, model, data)]
+        raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
 def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import cached_property
 from itertools import combinations
@@ -13,43 +12,29 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import (
     Field,
     PrivateAttr,
-    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
 )
 
-from ibdata.dynamics import VARIANTS, Variant
-from ibdata.errors import ConfigError, Loc, Problems, suggestion
-from ibdata.experiment.cells import Cell, variant_form
+from ibdata.dynamics import Variant
+from ibdata.errors import Loc, Problems, suggestion
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Output, Split, Start
-from ibdata.experiment.messages import Problem, problems
+from ibdata.experiment.messages import refusals
 from ibdata.experiment.plain import plain
 from ibdata.experiment.plan import segments
-from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
-from ibdata.experiment.setpoints import Setpoints, setpoint_values
+from ibdata.experiment.scalars import LICENCE, EpisodeCount, FileName, Licence, Seed, SplitName, StepCount
+from ibdata.experiment.scenario import Cell, Scenario
+from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
 from ibdata.numerics.naming import exact
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
-from ibdata.simulation.episodes import World
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 MAX_SHARDS = 10_000_000
-
-
-@contextmanager
-def refusals(
-    data: Mapping[str, Any], line: Callable[[Problem], str] = lambda each: each.text
-) -> Iterator[None]:
-    """Raise ConfigError with a line for each problem that pydantic finds."""
-    try:
-        yield
-    except ValidationError as error:
-        lines = [line(problem) for problem in problems(error, Experiment, data)]
-        raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
 class Experiment(FrozenModel):
@@ -64,7 +49,7 @@ class Experiment(FrozenModel):
 
         def __init__(self, **options: Any) -> None:
             options = plain(options)
-            with refusals(options):
+            with refusals(options, Experiment):
                 super().__init__(**options)
 
         # With this mark of pydantic's own, `model_validate` does not call __init__.
@@ -79,19 +64,13 @@ class Experiment(FrozenModel):
     policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)] = Field(
         description="names of policies, or blocks with a kind and its options"
     )
-    episodes: Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE] = Field(
-        default=1, description="number of episodes per setpoint and policy"
-    )
-    steps: Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE] = Field(
-        default=1000, description="number of steps, and rows, per episode"
-    )
+    episodes: EpisodeCount = Field(default=1, description="number of episodes per setpoint and policy")
+    steps: StepCount = Field(default=1000, description="number of steps, and rows, per episode")
     start: Start = Field(
         default="default",
         description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
     )
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE] = Field(
-        default=0, description="seed of all random numbers"
-    )
+    seed: Seed = Field(default=0, description="seed of all random numbers")
     output: Output = Field(default=Output(), description="how the dataset is stored")
     splits: dict[SplitName, Split] = Field(
         default={}, description="named sets of episodes", json_schema_extra={"additionalProperties": False}
@@ -111,20 +90,26 @@ class Experiment(FrozenModel):
         return isinstance(other, Experiment) and self.options() == other.options()
 
     @cached_property
+    def scenario(self) -> Scenario:
+        """What is simulated."""
+        return Scenario.model_construct(
+            dynamics=self.dynamics,
+            setpoint=self.setpoints,
+            start=self.start,
+            steps=self.steps,
+            episodes=self.episodes,
+            seed=self.seed,
+        )
+
+    @property
     def variant(self) -> Variant:
         """The dynamics as a variant."""
-        return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+        return self.scenario.variant
 
-    @cached_property
-    def world(self) -> World:
-        """What its episodes have in common, for the simulation."""
-        start = self.start if isinstance(self.start, str) else self.start.steps
-        return World(self.variant, start, self.drifting)
-
-    @cached_property
+    @property
     def drifting(self) -> bool:
         """Whether the setpoints move."""
-        return setpoint_values(self.setpoints)[1]
+        return self.scenario.drifting
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -141,16 +126,7 @@ class Experiment(FrozenModel):
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """All cells in the order of the dataset, by policy and then by setpoint."""
-        setpoints, drifting = setpoint_values(self.setpoints)
-        dynamics = variant_form(
-            self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base, self.variant
-        )
-        start = self.start if isinstance(self.start, str) else self.start.model_dump()
-        return tuple(
-            Cell(dynamics, setpoint, drifting, policy, label, start)
-            for policy, label in zip(self.policies, self.labels, strict=True)
-            for setpoint in setpoints
-        )
+        return self.scenario.cells(zip(self.labels, self.policies, strict=True))
 
     @property
     def rows(self) -> int:
@@ -161,7 +137,7 @@ class Experiment(FrozenModel):
         """Copy as pydantic does, but keep the folder, and raise ConfigError for an invalid copy."""
         own = deepcopy(self.options()) if deep else self.options()
         options = {**own, **plain(update or {})}
-        with refusals(options):
+        with refusals(options, type(self)):
             return self.model_validate(options, context={"folder": self.folder})
 
     def part(self, steps: int, episodes: int) -> Experiment:
@@ -194,9 +170,8 @@ class Experiment(FrozenModel):
         if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
             message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
             yield ("output", "shard_rows"), message
-        if len(set(setpoints)) < len(setpoints):
-            twice = next(p for i, p in enumerate(setpoints) if p in setpoints[:i])
-            yield ("setpoints",), f"found {exact(twice)} twice, expected each setpoint once"
+        if twice := repeated(setpoints):
+            yield ("setpoints",), twice
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:

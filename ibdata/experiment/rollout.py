@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ibdata.experiment.cells import Cell
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
+from ibdata.experiment.scenario import Cell
 from ibdata.numerics.random import stream_key
 from ibdata.simulation import kernel
 from ibdata.simulation.carry import begin
@@ -87,7 +87,7 @@ def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[own]
     setpoints = np.array([cell.setpoint for cell in cells])[own]
     policy, label = cells[0].policy, cells[0].label
-    return Episodes(experiment.world, policy, label, keys, keys, indices, setpoints, numbers)
+    return Episodes(experiment.scenario.world, policy, label, keys, keys, indices, setpoints, numbers)
 
 
 def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:

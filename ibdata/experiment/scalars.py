@@ -38,6 +38,9 @@ WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+EpisodeCount = Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE]
+StepCount = Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE]
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
 Licence = Annotated[str, AfterValidator(_spdx), Field(json_schema_extra={"pattern": f"^{SPDX}$"})]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]

@@ -77,6 +77,12 @@ Setpoints = Annotated[
 ]
 
 
+def repeated(points: list[float]) -> str | None:
+    """What is wrong if a setpoint occurs twice; None otherwise."""
+    twice = next((p for i, p in enumerate(points) if p in points[:i]), None)
+    return None if twice is None else f"found {exact(twice)} twice, expected each setpoint once"
+
+
 def setpoint_values(setpoints: Any) -> tuple[list[float], bool]:
     """The setpoints in order, and whether they move.
 

@@ -25,9 +25,9 @@ from ibdata.dataset.models import (
     Statistics,
 )
 from ibdata.dataset.statistics import described, merged
-from ibdata.experiment.cells import Cell
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
+from ibdata.experiment.scenario import Cell
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD, ShardSummary

@@ -1,0 +1,127 @@
+"""What is simulated: a scenario, and its cells, on which the random numbers of an episode depend."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+from pydantic import field_validator
+
+from ibdata.dynamics import VARIANTS, Variant
+from ibdata.experiment.dynamics import Dynamics
+from ibdata.experiment.fields import Start
+from ibdata.experiment.messages import refusals
+from ibdata.experiment.plain import plain
+from ibdata.experiment.scalars import EpisodeCount, Seed, StepCount
+from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
+from ibdata.policies import Policy
+from ibdata.policies.base import FrozenModel
+from ibdata.simulation.episodes import World
+
+
+class Scenario(FrozenModel):
+    """What is simulated: so many episodes at each setpoint. It says nothing of policies, YAML or files."""
+
+    dynamics: Dynamics = "siemens"
+    setpoint: Setpoints = 70.0
+    start: Start = "default"
+    steps: StepCount = 1000
+    episodes: EpisodeCount = 1
+    seed: Seed = 0
+
+    @cached_property
+    def variant(self) -> Variant:
+        """The dynamics as a variant."""
+        return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @cached_property
+    def points(self) -> list[float]:
+        """The setpoints, at the start where they move."""
+        return setpoint_values(self.setpoint)[0]
+
+    @cached_property
+    def drifting(self) -> bool:
+        """Whether the setpoints move."""
+        return setpoint_values(self.setpoint)[1]
+
+    @cached_property
+    def world(self) -> World:
+        """What its episodes have in common, for the simulation."""
+        return World(
+            self.variant, self.start if isinstance(self.start, str) else self.start.steps, self.drifting
+        )
+
+    @property
+    def start_form(self) -> Any:
+        """The start as plain data."""
+        return self.start if isinstance(self.start, str) else self.start.model_dump()
+
+    def cells(self, policies: Iterable[tuple[str, Policy]]) -> tuple[Cell, ...]:
+        """The cells with these policies and their labels, by policy and then by setpoint."""
+        dynamics = variant_form(
+            self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base, self.variant
+        )
+        return tuple(
+            Cell(dynamics, setpoint, self.drifting, policy, label, self.start_form)
+            for label, policy in policies
+            for setpoint in self.points
+        )
+
+    @field_validator("setpoint")
+    @classmethod
+    def _once(cls, setpoint: Any) -> Any:
+        if twice := repeated(setpoint_values(setpoint)[0]):
+            raise ValueError(twice)
+        return setpoint
+
+
+def scenario_of(**settings: Any) -> Scenario:
+    """Check the settings of a scenario. Raises ConfigError with a line `name: found, expected` for each."""
+    settings = plain(settings)
+    with refusals(settings, Scenario):
+        return Scenario.model_validate(settings)
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One combination of dynamics, setpoint, policy and start."""
+
+    dynamics: Any
+    setpoint: float
+    drifting: bool
+    policy: Policy
+    label: str
+    start: Any
+
+    def form(self) -> dict[str, Any]:
+        """The canonical form, from which the digest is computed. Labels are not part of it."""
+        return {
+            "dynamics": self.dynamics,
+            "setpoint": {"drifting": self.setpoint.hex()} if self.drifting else self.setpoint.hex(),
+            "policy": self.policy.form(),
+            "start": self.start,
+        }
+
+    @cached_property
+    def digest(self) -> bytes:
+        """SHA-256 (32 bytes) of the canonical form as JSON with sorted keys."""
+        return form_digest(self.form())
+
+
+def form_digest(form: Mapping[str, Any]) -> bytes:
+    """SHA-256 (32 bytes) of a canonical form."""
+    return hashlib.sha256(json.dumps(form, sort_keys=True).encode()).digest()
+
+
+def variant_form(base: str, variant: Variant) -> Any:
+    """The name `base`, with those fields of the variant that differ from the published one of that name."""
+    differing = {
+        field.name: getattr(variant, field.name)
+        for field in dataclasses.fields(Variant)
+        if getattr(variant, field.name) != getattr(VARIANTS[base], field.name)
+    }
+    return {"base": base, **differing} if differing else base
