@@ -15,7 +15,6 @@ from ibdata.evaluation.against import Comparison
 from ibdata.evaluation.play import Played
 from ibdata.evaluation.scores import Scores, overall
 from ibdata.numerics.confidence import estimate
-from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,8 +113,8 @@ def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Seq
 
 
 def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with the exact setpoint, or "all" for a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else exact(row.setpoint)
+    """A row as tables show it: with "all" for a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else row.setpoint
     return row._replace(setpoint=shown)
 
 
