@@ -34,7 +34,7 @@ def test_the_numbers_of_a_column_have_the_same_decimals():
     table = Table(("score", "nothing", "setpoint"), NUMBERS)
     expected = [["30.6667", "-1e-09", "50.0"], ["-0.8462", "0", "12.5"], ["–", "nan", "7"]]
     assert [line.split() for line in as_text(table).split("\n")[1:]] == expected
-    assert cells(as_html([table])) == sum(expected, [])
+    assert cells(as_html([table])) == [text for row in expected for text in row]
     assert as_html([table]).count("text-align: right") == 3 * 4
     assert column_texts([4e5 / 3, -1e-5 / 3]) == ["133,333.3333", "0.0000"]
 

@@ -30,4 +30,6 @@ def draw(figure: Figure, summary: Summary) -> None:
     for axes, column in zip(panels[-1], ACTIONS, strict=True):
         axes.set_xlabel(column.removeprefix("act_"))
     figure.supylabel("density", size=9)
-    figure.suptitle(f"proposed changes at t; each panel has its own scale\ndotted: {UNIFORM}, uniform actions")
+    figure.suptitle(
+        f"proposed changes at t; each panel has its own scale\ndotted: {UNIFORM}, uniform actions"
+    )

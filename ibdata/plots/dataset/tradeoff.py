@@ -15,7 +15,7 @@ AREAS = (20.0, 80.0)  # of the marks of the lowest and the highest setpoint
 
 
 def draw(figure: Figure, summary: Summary) -> None:
-    """Draw all steps in grey, a mean for each setpoint in the policies' colours, and lines of equal reward."""
+    """Draw all steps in grey, the mean of each setpoint and policy, and lines of equal reward."""
     figure.set_size_inches(WIDTH, 4.6)
     counts, setpoints = summary.counts, summary.setpoints
     x, y = counts.cost_edges
@@ -26,8 +26,8 @@ def draw(figure: Figure, summary: Summary) -> None:
     for j, (name, (color, marker, _)) in enumerate(zip(summary.policies, SERIES, strict=False)):
         means = counts.mean_costs[:, j]
         there = np.isfinite(means[:, 0])
-        axes.scatter(*means[there].T, areas[there], color, marker, edgecolors="white", label=name,
-                     clip_on=False, zorder=2)  # fmt: skip
+        axes.scatter(*means[there].T, s=areas[there], color=color, marker=marker, edgecolors="white",
+                     label=name, clip_on=False, zorder=2)  # fmt: skip
     far = np.nanmax(counts.mean_costs, axis=(0, 1))  # a rare policy's mean may be beyond the axes
     axes.set_xlim(min(0.0, x[0]), max(x[-1], far[0]))
     axes.set_ylim(min(0.0, y[0]), max(y[-1], far[1]))
