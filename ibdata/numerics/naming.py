@@ -39,9 +39,8 @@ def column_format(numbers: Sequence[float]) -> str:
     if not PLAIN[0] <= high < PLAIN[1]:
         return f".{DIGITS}g"
     written = [Decimal(f"{x:.12g}").normalize().as_tuple() for x in sizes]
-    if max(len(number.digits) for number in written) <= BY_HAND:
-        decimals = max(-int(number.exponent) for number in written)
-    else:
+    decimals = max(-int(number.exponent) for number in written)
+    if max(decimals, *(len(number.digits) for number in written)) > BY_HAND:
         decimals = max(DIGITS - _magnitude(high), min(MOST, FEWEST - _magnitude(low)))
     return f",.{max(0, decimals)}f"
 

@@ -107,7 +107,7 @@ def legend_beside(axes: Axes) -> None:
 
 
 def legend_above(axes: Axes) -> None:
-    """Put the legend above the axes, where it hides nothing, to be read row by row; matplotlib fills columns."""
+    """Put the legend above the axes, where it hides nothing. Its entries are in rows, not in columns."""
     handles = axes.get_legend_handles_labels()[0]
     by_row = [handle for column in range(COLUMNS) for handle in handles[column::COLUMNS]]
     axes.legend(handles=by_row, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=COLUMNS, borderpad=0.0,
