@@ -61,7 +61,7 @@ def _contents(dataset: Dataset) -> str:
 
 def _returns(returns: Returns) -> str:
     """The first of the mean returns of each policy at each setpoint."""
-    rows = [[line[name] for name in SHOWN] for line in returns["results"]]
+    rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
     lines = [table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES])]
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")

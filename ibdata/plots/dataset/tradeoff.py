@@ -24,9 +24,8 @@ def draw(figure: Figure, summary: Summary) -> None:
     shown = counted(axes, counts.costs, (x[0], x[-1], y[0], y[-1]), norm, GREYS)
     areas = np.linspace(*AREAS, len(setpoints))
     for j, (name, (color, marker, _)) in enumerate(zip(summary.policies, SERIES, strict=False)):
-        means = counts.mean_costs[:, j]
-        there = np.isfinite(means[:, 0])
-        axes.scatter(*means[there].T, s=areas[there], color=color, marker=marker, edgecolors="white",
+        x_means, y_means = counts.mean_costs[:, j].T  # where there are no rows, NaN, and no mark
+        axes.scatter(x_means, y_means, s=areas, color=color, marker=marker, edgecolors="white",
                      label=name, clip_on=False, zorder=2)  # fmt: skip
     far = np.nanmax(counts.mean_costs, axis=(0, 1))  # a rare policy's mean may be beyond the axes
     axes.set_xlim(min(0.0, x[0]), max(x[-1], far[0]))

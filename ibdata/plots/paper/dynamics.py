@@ -85,5 +85,5 @@ def _fatigue(upper: Axes, lower: Axes, x: Columns) -> None:
     lower.text(STEPS - 1, AMPLIFICATION_START, "run-away ", fontsize=7, ha="right", va="bottom")
     lower.set_ylabel("μ")
     lower.set_ylim(0, 5.5)
-    for axes, place in ((upper, "upper left"), (lower, "center right")):
-        axes.legend(loc=place, ncols=3, fontsize=7.5, columnspacing=1.0)
+    upper.legend(loc="upper left", fontsize=7.5)
+    lower.legend(loc="center right", ncols=2, fontsize=7.5, columnspacing=1.0)
