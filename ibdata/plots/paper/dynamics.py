@@ -81,9 +81,12 @@ def _fatigue(upper: Axes, lower: Axes, x: Columns) -> None:
     upper.set_ylim(0, upper.get_ylim()[1] * 1.25)
     lower.plot(x["mu_g"], "--", color=BLUE, label="μᵍ")
     lower.plot(x["mu_v"], ":", color=GREEN, label="μᵛ")
-    lower.axhline(AMPLIFICATION_START, color=BLACK, linewidth=0.6, linestyle=(0, (8, 4)))
-    lower.text(STEPS - 1, AMPLIFICATION_START, "run-away ", fontsize=7, ha="right", va="bottom")
+    lower.axhline(
+        AMPLIFICATION_START, color=BLACK, linewidth=0.6, linestyle=(0, (8, 4)),
+        label=f"run-away from {AMPLIFICATION_START:g}",
+    )  # fmt: skip
     lower.set_ylabel("μ")
-    lower.set_ylim(0, 5.5)
+    lower.set_ylim(0, 8.5)
+    lower.set_yticks([0, 5])
     upper.legend(loc="upper left", fontsize=7.5)
-    lower.legend(loc="center right", ncols=2, fontsize=7.5, columnspacing=1.0)
+    lower.legend(loc="upper left", ncols=3, fontsize=7.5, columnspacing=1.0)
