@@ -6,7 +6,7 @@ from struct import unpack
 
 import numpy as np
 
-from ibdata.environment.actions import Action
+from ibdata.policies.actions import Action
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation
 from ibdata.numerics.philox import Raw

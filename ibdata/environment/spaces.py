@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ibdata.environment.actions import DISCRETE
+from ibdata.policies.actions import DISCRETE
 from ibdata.environment.settings import Settings, frame_bounds
 from ibdata.errors import missing
 

@@ -23,6 +23,7 @@ from ibdata.policies.code import two_places
 from ibdata.policies.custom import TARGET
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
+from ibdata.policies.weights_file import SUFFIX
 
 
 class Acting(UserObject):
@@ -134,6 +135,8 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):
         place, source, folder = text, Path(text).read_bytes(), Path(text).parent
+        if b"\0" in source:
+            raise UsageError(_of_binary(text))
     elif "{" in text or ":" in text:
         place, source, folder = "policy", text.encode(), None
     else:
@@ -153,6 +156,16 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
     return policy
+
+
+def _of_binary(path: str) -> str:
+    """What to do with a file that is no text."""
+    if path.endswith(SUFFIX):
+        return f"{path}: found a file of weights, expected a block; write '{{kind: network, file: {path}}}'"
+    return (
+        f"{path}: found a file that is no text, expected a block; if it holds a model, load that in Python and "
+        "call ibdata.evaluate(model), or ibdata.save_network to write a file of weights"
+    )
 
 
 def _example(text: str) -> str:

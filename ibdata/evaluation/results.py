@@ -50,10 +50,10 @@ class Result(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
+    """The returns of `policy` minus those of `minus` in equal episodes, at a setpoint or over all (None)."""
 
     policy: str
-    less: str
+    minus: str
     setpoint: float | None
     mean_difference: float
     standard_error: float | None
@@ -129,7 +129,7 @@ def results_of(
     """The result of each policy at each setpoint and, if there are several, over all."""
     found = []
     for i, label in enumerate(labels):
-        returns, rewards, clipped = (part[i] for part in played)
+        returns, rewards, clipped, _ = (part[i] for part in played)
         parts: list[tuple[float | None, list[int], Scores]] = [
             (p, [j], scored[i][j]) for j, p in enumerate(setpoints)
         ]

@@ -1,11 +1,27 @@
-"""Clip and round actions to the values that are applied and stored."""
+"""Actions as they are applied and stored: clipped and rounded, or one of 27 discrete ones."""
 
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
+
+# A discrete action changes velocity, gain and shift by -1, 0 or 1 each. The order is that of the class `IBGym`
+# of `industrial-benchmark-python` 2.0.
+Action = tuple[float, float, float]
+CHANGES = (-1.0, 0.0, 1.0)
+DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
+WHOLE = f"from 0 to {len(DISCRETE) - 1}"
+_TABLE = np.array(DISCRETE, dtype=np.float32)
+
+
+def of_discrete(numbers: npt.NDArray[np.integer]) -> npt.NDArray[np.float32] | None:
+    """The actions (n, 3) that whole numbers (n,) name; None if one of them names none."""
+    inside = bool(((numbers >= 0) & (numbers < len(DISCRETE))).all())
+    return _TABLE.take(numbers, axis=0) if inside else None
 
 
 @compiled
