@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.evaluation.policies import Acting, loaded, policy_of
-from ibdata.errors import say
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
@@ -59,9 +58,6 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
             _check_density(policy, given, actions)
             for row in range(0, len(seen), max(1, len(seen) // 8)):
                 _check_atoms(policy, given.apply(itemgetter(slice(row, row + 1))))
-        for each in policy.everywhere():
-            for note in each.notes() if isinstance(each, UserObject) else ():
-                say(f"{each.label}: {note}")
 
 
 def _check_decision(policy: Policy, given: Observed) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import Acting, loaded
+from ibdata.evaluation.policies import Acting, loaded, notes_on
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
 from ibdata.experiment.messages import shown
@@ -41,7 +41,7 @@ class Played(NamedTuple):
 
     def first(self, count: int) -> Played:
         """What the first policies got."""
-        return Played(*(part[:count] for part in self))  # type: ignore[arg-type]
+        return Played._make(part[:count] for part in self)
 
 
 def checked_discount(given: Any) -> float:
@@ -64,7 +64,7 @@ def episodes_of(
     out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
     columns, notes = len(view.frame(experiment.drifting)), []
     for number, policy in enumerate(experiment.policies):
-        with loaded([policy], columns):  # one at a time, so that their modules never meet
+        with loaded([policy], columns, says=False):  # one at a time, so that their modules never meet
             for cell in range(number * cells // policies, (number + 1) * cells // policies):
                 for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
                     run = Run(experiment.world, _lanes(experiment, np.arange(first, stop)))
@@ -79,9 +79,7 @@ def episodes_of(
 
 def _notes(policy: Policy, clipped: float) -> Iterator[str]:
     """What is to be said of a user's code that has played; a share of its actions was clipped."""
-    for each in policy.everywhere():
-        if isinstance(each, UserObject):
-            yield from each.notes()
+    yield from notes_on(policy)
     if not isinstance(policy, UserObject) and type(policy) not in POLICIES.values():
         yield from clipping_notes(clipped, 1.0, "actions")
 

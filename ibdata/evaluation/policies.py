@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ConfigDict
 
-from ibdata.errors import ConfigError, UsageError, suggestion
+from ibdata.errors import ConfigError, UsageError, say, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
@@ -163,8 +163,8 @@ def _of_binary(path: str) -> str:
     if path.endswith(SUFFIX):
         return f"{path}: found a file of weights, expected a block; write '{{kind: network, file: {path}}}'"
     return (
-        f"{path}: found a file that is no text, expected a block; if it holds a model, load that in Python and "
-        "call ibdata.evaluate(model), or ibdata.save_network to write a file of weights"
+        f"{path}: found a file that is no text, expected a block; if it holds a model, load that in Python "
+        "and call ibdata.evaluate(model), or ibdata.save_network to write a file of weights"
     )
 
 
@@ -173,12 +173,17 @@ def _example(text: str) -> str:
     return f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
 
 
+def notes_on(policy: Policy) -> Iterator[str]:
+    """What may be wrong with the objects of users that a policy is made of, and that have acted."""
+    return (note for each in policy.everywhere() if isinstance(each, UserObject) for note in each.notes())
+
+
 @contextmanager
-def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION)) -> Iterator[None]:
+def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True) -> Iterator[None]:
     """A context in which custom policies are loaded, and code of a user is pure. Modules are those of Python.
 
-    Objects see so many `columns` of an observation. Raises PolicyError for a policy that remembers or draws
-    in secret.
+    Objects see so many `columns` of an observation. At the end it `says` on stderr what may be wrong with
+    them. Raises PolicyError for a policy that remembers or draws in secret.
     """
     policies = list(policies)
     for policy in policies:
@@ -189,6 +194,9 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION)) -> Itera
         for custom in own:
             custom.load()
         yield
+        for policy in policies if says else ():
+            for note in notes_on(policy):
+                say(f"{policy.label}: {note}")
     finally:
         for custom in own:
             custom.forget()

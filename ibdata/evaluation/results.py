@@ -64,7 +64,8 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` why errors or scores are missing, a line for each reason.
+    `scale` says what scores mean, and `notes` why errors or scores are missing and what may be wrong with a
+    policy, a line for each reason.
     `baselines` compares the policies with the shipped results on a set.
     """
 
@@ -129,7 +130,7 @@ def results_of(
     """The result of each policy at each setpoint and, if there are several, over all."""
     found = []
     for i, label in enumerate(labels):
-        returns, rewards, clipped, _ = (part[i] for part in played)
+        returns, rewards, clipped = played.discounted[i], played.undiscounted[i], played.clipped[i]
         parts: list[tuple[float | None, list[int], Scores]] = [
             (p, [j], scored[i][j]) for j, p in enumerate(setpoints)
         ]

@@ -140,8 +140,8 @@ def _answer(given: Any, n: int) -> tuple[Floats, Floats | None]:
         broken = ~np.isfinite(values).all(axis=1)
         if broken.any():
             raise AnswerError(
-                f"found NaN or infinity in {broken.sum()} of {n} {what}, such as {values[broken][0]}, expected "
-                "finite fatigue and consumption"
+                f"found NaN or infinity in {broken.sum()} of {n} {what}, such as {values[broken][0]}, "
+                "expected finite fatigue and consumption"
             )
     if len(found) == 2 and (found[1] <= 0.0).any():
         raise AnswerError("found a standard deviation of 0 or less, expected positive ones")

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
 
-# A discrete action changes velocity, gain and shift by -1, 0 or 1 each. The order is that of the class `IBGym`
-# of `industrial-benchmark-python` 2.0.
+# A discrete action changes velocity, gain and shift by -1, 0 or 1 each, in the order of the class `IBGym` of
+# `industrial-benchmark-python` 2.0.
 Action = tuple[float, float, float]
 CHANGES = (-1.0, 0.0, 1.0)
 DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift

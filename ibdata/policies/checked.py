@@ -27,8 +27,9 @@ def actions(answer: Any, n: int) -> Floats:
     with suppress(TypeError, ValueError):  # what is no array is refused below
         whole = np.asarray(answer)
         if whole.shape == (n,) and whole.dtype.kind in "iu":
-            if (answer := of_discrete(whole)) is None:
-                raise AnswerError(f"found {excerpt(whole)}, expected discrete actions {WHOLE}")
+            answer = of_discrete(whole)
+            if answer is None:
+                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
     return numbers(answer, (n, 3), "actions")
 
 

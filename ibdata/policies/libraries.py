@@ -15,13 +15,29 @@ from ibdata.policies.base import Float32s
 # Layers of an environment that leave observations and actions as they are, or that `normalized` applies, by
 # package and class. Observations are flat, so FlattenObservation is among them.
 HARMLESS = {
-    "gymnasium": (
-        "Autoreset ClipReward FlattenObservation HumanRendering NormalizeReward OrderEnforcing "
-        "PassiveEnvChecker RecordEpisodeStatistics RecordVideo RenderCollection TimeLimit TransformReward"
-    ).split(),
-    "stable_baselines3": (
-        "DummyVecEnv Monitor SubprocVecEnv VecCheckNan VecMonitor VecNormalize VecVideoRecorder"
-    ).split(),
+    "gymnasium": [
+        "Autoreset",
+        "ClipReward",
+        "FlattenObservation",
+        "HumanRendering",
+        "NormalizeReward",
+        "OrderEnforcing",
+        "PassiveEnvChecker",
+        "RecordEpisodeStatistics",
+        "RecordVideo",
+        "RenderCollection",
+        "TimeLimit",
+        "TransformReward",
+    ],
+    "stable_baselines3": [
+        "DummyVecEnv",
+        "Monitor",
+        "SubprocVecEnv",
+        "VecCheckNan",
+        "VecMonitor",
+        "VecNormalize",
+        "VecVideoRecorder",
+    ],
 }
 OWN = ("IndustrialBenchmarkEnv", "IndustrialBenchmarkVecEnv")
 STACKS = ("FrameStackObservation", "VecFrameStack")
@@ -83,7 +99,9 @@ def environment_note(target: Any) -> str | None:
     model = _model_of(target)
     if model is None:
         policy = getattr(sys.modules.get("stable_baselines3.common.policies"), "BasePolicy", ())
-        return f"the policy of a model has no environment, {UNCHANGED}" if isinstance(target, policy) else None
+        return (
+            f"the policy of a model has no environment, {UNCHANGED}" if isinstance(target, policy) else None
+        )
     env = model.get_env()
     if env is None:
         return f"the model has no environment, {UNCHANGED}"

@@ -18,8 +18,8 @@ FLIPPED = 0.1  # share of the actions that may be others, such as those on the e
 
 DRAWS = "if it draws random numbers, write a class with act(history, u), which takes them from u"
 SECRET = (
-    f"found other actions when the same was asked again, expected equal ones; {DRAWS}; if it remembers, begin "
-    "anew in reset(n)"
+    f"found other actions when the same was asked again, expected equal ones; {DRAWS}; if it remembers, it "
+    "must begin anew in reset(n)"
 )
 MIXED = (
     "found other actions for the same episodes {}, expected that the actions of an episode depend on nothing "
