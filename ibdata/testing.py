@@ -129,7 +129,7 @@ def _check_atoms(policy: Policy, one: Observed) -> None:
 
 
 def _log_density(policy: Policy, given: Observed, action: Float32s) -> Floats:
-    checked = Checked(policy, policy.label, np.arange(len(action)))
+    checked = Checked(policy, policy.label, np.empty(0, dtype=np.int64))
     return checked.log_density(given.apply(np.copy), action.copy())
 
 

@@ -74,7 +74,7 @@ class Checked(NamedTuple):
 
     policy: Policy
     label: str
-    episodes: Ints  # their numbers (n,), for messages
+    episodes: Ints  # their numbers (n,), for messages; none (0,) if they are made up
 
     def decide(self, given: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
         """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
@@ -127,5 +127,6 @@ class Checked(NamedTuple):
         return PolicyError(f"{self._place(given)}: {line}")
 
     def _place(self, given: Observed, row: int = 0) -> str:
-        episode = self.episodes[row % len(self.episodes)] if len(self.episodes) else 0
-        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"
+        numbers = self.episodes
+        where = f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
+        return f"policy {self.label}: {where}: step {given.step[row] if len(given.step) else 0}"

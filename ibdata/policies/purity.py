@@ -76,7 +76,7 @@ def played(
 def decided(policy: Policy, given: Observed) -> tuple[Float32s, Floats]:
     """The actions of a policy, clipped and rounded, float32 (n, 3), and its memory (n, memory)."""
     out = np.empty((len(given.step), 3), dtype=np.float32)
-    checked = Checked(policy, policy.label, np.arange(len(given.step)))
+    checked = Checked(policy, policy.label, np.empty(0, dtype=np.int64))
     _, memory = checked.decide(given.apply(np.copy), out)
     return out, memory.copy()
 
