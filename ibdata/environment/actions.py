@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, excerpt
-from ibdata.policies.actions import DISCRETE, WHOLE, Action, applied, of_discrete
+from ibdata.policies.actions import DISCRETE, WHOLE, Action, applied, is_discrete, of_discrete
 
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
 
@@ -55,8 +55,7 @@ def discrete_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
         numbers = np.asarray(given)
     except ValueError:  # rows of different lengths
         numbers = np.empty(0)
-    whole = numbers.shape == (n,) and numbers.dtype.kind in "iu"
-    actions = of_discrete(numbers) if whole else None
+    actions = of_discrete(numbers) if is_discrete(numbers) and len(numbers) == n else None
     if actions is None:
         raise _refusal(given, f"{n} whole numbers {WHOLE}")
     return actions

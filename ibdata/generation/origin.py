@@ -45,8 +45,9 @@ def observe(spec: DatasetSpec) -> Origin:
     What a user should know about custom policies is said on stderr.
     """
     origin = Origin(data_version=manifest.DATA_VERSION, code=_code(spec), known_answer=known_answer())
-    for experiment in spec.experiments:
-        play_custom(experiment)
+    if customs(spec):
+        for experiment in spec.experiments:
+            play_custom(experiment)
     for policy in customs(spec):
         for note in policy.notes():
             say(f"{policy.target}: {note}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,11 @@ CHANGES = (-1.0, 0.0, 1.0)
 DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
 WHOLE = f"from 0 to {len(DISCRETE) - 1}"
 _TABLE = np.array(DISCRETE, dtype=np.float32)
+
+
+def is_discrete(numbers: npt.NDArray[Any]) -> bool:
+    """Whether an array holds whole numbers (n,), which may be discrete actions."""
+    return numbers.ndim == 1 and numbers.dtype.kind in "iu"
 
 
 def of_discrete(numbers: npt.NDArray[np.integer]) -> npt.NDArray[np.float32] | None:
@@ -52,8 +58,10 @@ def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float3
 
 
 def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
-    """Return proposed actions (n, 3), clipped to [-1, 1] and rounded to float32."""
-    given = np.asarray(proposed, dtype=np.float64)
+    """Return proposed actions (n, 3), clipped to [-1, 1] and rounded to float32; also discrete ones (n,)."""
+    numbers = np.asarray(proposed)
+    discrete = of_discrete(numbers) if is_discrete(numbers) else None
+    given = np.asarray(numbers if discrete is None else discrete, dtype=np.float64)
     out = np.empty(given.shape, dtype=np.float32)
     clip_and_round(given, out)
     return out

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import WHOLE, clip_and_round, of_discrete
+from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete
 from ibdata.policies.base import Float32s, Floats, Observed, Policy
 from ibdata.policies.code import error_line
 
@@ -26,7 +26,7 @@ def actions(answer: Any, n: int) -> Floats:
     answer = _plain(answer)
     with suppress(TypeError, ValueError):  # what is no array is refused below
         whole = np.asarray(answer)
-        if whole.shape == (n,) and whole.dtype.kind in "iu":
+        if is_discrete(whole) and len(whole) == n:
             answer = of_discrete(whole)
             if answer is None:
                 raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
@@ -128,5 +128,7 @@ class Checked(NamedTuple):
 
     def _place(self, given: Observed, row: int = 0) -> str:
         numbers = self.episodes
-        where = f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
+        where = (
+            f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
+        )
         return f"policy {self.label}: {where}: step {given.step[row] if len(given.step) else 0}"

@@ -122,7 +122,11 @@ def environment_note(target: Any) -> str | None:
                 "a function that does what the wrapper does and calls model.predict"
             )
     foreign = [name for package, name in innermost if package not in ("", "ibdata") or name not in OWN]
-    return f"the model's environment is {foreign[0]}, not ibdata's, {UNCHANGED}" if foreign else None
+    if foreign:
+        return (
+            f"the model's environment is {foreign[0]}, not ibdata's; what it does to numbers is not done here"
+        )
+    return None
 
 
 def _model_of(target: Any) -> Any:

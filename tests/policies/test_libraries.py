@@ -62,8 +62,8 @@ def test_a_wrapper_that_is_not_known_is_refused(env, name):
 
 STATEMENTS = {
     "none": (None, "the model has no environment, so it is given"),
-    "foreign": (vectors([LIMIT, "mine.Plant"]), "the model's environment is Plant, not ibdata's, so"),
-    "foreign lanes": (layers("mine.Plants"), "the model's environment is Plants, not ibdata's, so"),
+    "foreign": (vectors([LIMIT, "mine.Plant"]), "the model's environment is Plant, not ibdata's; wh"),
+    "foreign lanes": (layers("mine.Plants"), "the model's environment is Plants, not ibdata's; w"),
     "foreign processes": (elsewhere("<Monitor<Plant instance>>"), "the model's environment is Plant, not"),
     "ended": (layers(SUBPROCESSES, remotes=[], env_method=ended), "the processes of the model's environment"),
     "one lane": (vectors([MONITOR, LIMIT, OWN]), None),

@@ -8,7 +8,7 @@ import pytest
 import ibdata
 from ibdata import evaluate
 from ibdata.errors import PolicyError
-from ibdata.policies import Decision, Policy
+from ibdata.policies import Decision, Deterministic, Policy
 from ibdata.policies.actions import DISCRETE
 from ibdata.testing import check_policy
 
@@ -30,7 +30,7 @@ class Deciding:
         return Decision(numbered(given.observations[:, 0]).tolist(), given.memory)
 
 
-class Numbered(Policy):
+class Numbered(Deterministic):
     kind: str = "numbered"
 
     def decide(self, given):
@@ -46,6 +46,7 @@ def test_whole_numbers_are_the_discrete_actions(policy):
     found = evaluate([policy, spelt_out], **FEW)
     assert found.returns[0].tolist() == found.returns[1].tolist()
     assert found.returns[0].std() > 0.0
+    check_policy(policy)
 
 
 def test_discrete_actions_make_a_dataset_of_three_numbers(tmp_path):

@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward
 from helpers import ROOT
 from helpers.pages import blocks
-from gymnasium.wrappers import NormalizeObservation, NormalizeReward
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common import vec_env
 from stable_baselines3.common.env_util import make_vec_env
