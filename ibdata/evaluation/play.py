@@ -72,14 +72,14 @@ def episodes_of(
                     *both, count = returns_of(run, discount, advance, view, seen)
                     out[:, first:stop] = both
                     clipped[cell] += count / (episodes * experiment.steps)
-            notes.append(list(_notes(policy, clipped.reshape(policies, -1)[number].mean())))
+            notes.append(list(_notes(policy, view, clipped.reshape(policies, -1)[number].mean())))
     discounted, undiscounted = out.reshape(2, policies, -1, episodes)
     return Played(discounted, undiscounted, clipped.reshape(policies, -1), notes)
 
 
-def _notes(policy: Policy, clipped: float) -> Iterator[str]:
+def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
     """What is to be said of a user's code that has played; a share of its actions was clipped."""
-    yield from notes_on(policy)
+    yield from notes_on(policy, view)
     if not isinstance(policy, UserObject) and type(policy) not in POLICIES.values():
         yield from clipping_notes(clipped, 1.0, "actions")
 

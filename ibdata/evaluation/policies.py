@@ -24,6 +24,7 @@ from ibdata.policies.custom import TARGET
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
 from ibdata.policies.weights_file import SUFFIX
+from ibdata.views.options import PLAIN, ViewOptions
 
 
 class Acting(UserObject):
@@ -173,9 +174,11 @@ def _example(text: str) -> str:
     return f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
 
 
-def notes_on(policy: Policy) -> Iterator[str]:
+def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
-    return (note for each in policy.everywhere() if isinstance(each, UserObject) for note in each.notes())
+    for each in policy.everywhere():
+        if isinstance(each, UserObject):
+            yield from each.notes(view if isinstance(each, Acting) else PLAIN)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from typing import Any
 
 from ibdata.errors import UsageError
 from ibdata.policies.base import Float32s
+from ibdata.views.options import PLAIN, ViewOptions
 
 # Layers of an environment that leave observations and actions as they are, or that `normalized` applies, by
 # package and class. Observations are flat, so FlattenObservation is among them.
@@ -91,8 +92,8 @@ def normalized(target: Any, call: Callable[..., Any]) -> Callable[..., Any]:
     return scaled
 
 
-def environment_note(target: Any) -> str | None:
-    """What to say if nothing is known of the environment in which a model of SB3 was trained.
+def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
+    """What to say if a model of SB3 was not trained in an environment of ibdata with this view.
 
     Raises UsageError if its environment has a wrapper that may change observations or actions.
     """
@@ -126,7 +127,10 @@ def environment_note(target: Any) -> str | None:
         return (
             f"the model's environment is {foreign[0]}, not ibdata's; what it does to numbers is not done here"
         )
-    return None
+    [seen] = env.get_attr("view", [0])
+    if (seen.frame(True), seen.imperfections) == (view.frame(True), view.imperfections):
+        return None
+    return "the model was trained with another view than it is given here; evaluate takes the option view"
 
 
 def _model_of(target: Any) -> Any:

@@ -16,6 +16,7 @@ from ibdata.policies.base import Bools, Decision, Float32s, Floats, Needs, Obser
 from ibdata.policies.checked import AnswerError, actions, actions_and_memory, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.libraries import environment_note, is_torch_module, module_call, normalized
+from ibdata.views.options import PLAIN, ViewOptions
 
 EXPECTED = (
     "an object with decide(given), act(history, u) or predict(observations), a torch module, or a function"
@@ -92,9 +93,9 @@ class UserObject(Policy):
         for name in ("adapted", "_last", "_predict", "_keywords", "_reset", "_clipped"):
             self.__dict__.pop(name, None)
 
-    def notes(self) -> Iterator[str]:
-        """What somebody should know who uses the object, in lines without its name."""
-        if note := environment_note(self.adapted):
+    def notes(self, view: ViewOptions = PLAIN) -> Iterator[str]:
+        """What somebody should know who uses the object with a view, in lines without its name."""
+        if note := environment_note(self.adapted, view):
             yield note
         clipped, total = self._clipped
         yield from clipping_notes(clipped, total, "numbers of its actions")

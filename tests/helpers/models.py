@@ -6,6 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from ibdata.views.options import PLAIN
+
 
 class Linear:
     """A module as torch has them, of which a network is saved."""
@@ -44,8 +46,13 @@ class Parameter:
 class Environment:
     """An environment, or one that holds another as `env` or `venv`."""
 
+    view = PLAIN
+
     def __init__(self, **inner):
         self.__dict__.update(inner)
+
+    def get_attr(self, name, indices):
+        return [getattr(self, name)]
 
 
 def layers(*names, **inner):

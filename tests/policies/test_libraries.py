@@ -14,6 +14,7 @@ import ibdata
 from ibdata.errors import UsageError
 from ibdata.policies.libraries import environment_note
 from ibdata.testing import check_policy
+from ibdata.views.options import OBSERVED, view_of
 
 OWN = "ibdata.environment.single.IndustrialBenchmarkEnv"
 DUMMY = "stable_baselines3.common.vec_env.dummy_vec_env.DummyVecEnv"
@@ -78,6 +79,24 @@ STATEMENTS = {
 def test_an_environment_that_is_not_known_is_said(env, line):
     note = environment_note(Model(env))
     assert note is None if line is None else note.startswith(line)
+
+
+DELAY = {"imperfections": {"delay": {"obs_fatigue": 3}}}
+
+
+def test_another_view_is_said():
+    model = Model(vectors([OWN]))
+    for trained, given, is_said in (
+        (DELAY, DELAY, False),
+        (DELAY, None, True),
+        (None, DELAY, True),
+        ({"reward": "delta", "reward_scale": 0.5}, None, False),
+        ({"observe": [*reversed(OBSERVED)]}, None, True),
+        ({"observe": list(OBSERVED)}, None, False),
+    ):
+        model.env.view = view_of(trained)
+        notes = ibdata.evaluate(model, episodes=2, steps=2, view=given).notes
+        assert any("trained with another view than it is given here" in note for note in notes) == is_said
 
 
 DOORS = {
