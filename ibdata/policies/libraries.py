@@ -106,22 +106,13 @@ def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
     env = model.get_env()
     if env is None:
         return f"the model has no environment, {UNCHANGED}"
-    try:
-        wrappers, innermost = _layers(env)
-    except (OSError, EOFError):
-        return f"the processes of the model's environment have ended, {UNCHANGED}"
+    wrappers, innermost = _layers(env)
     for package, name in wrappers:
-        if name in STACKS:
-            raise UsageError(
-                f"model: found {name}, which puts the oldest observation first, expected the newest first; "
-                "train on an environment with the option history"
-            )
-        if not (name in HARMLESS.get(package, ()) if package else any(name in x for x in HARMLESS.values())):
-            raise UsageError(
-                f"model: found the wrapper {name}, which may change observations or actions, expected none "
-                "but VecNormalize; train with that, or with the option view of ibdata's environment, or give "
-                "a function that does what the wrapper does and calls model.predict"
-            )
+        _refuse_unknown(package, name)
+    if not innermost:
+        return (
+            "the processes of the model's environment have ended; what wrappers in them did is not done here"
+        )
     foreign = [name for package, name in innermost if package not in ("", "ibdata") or name not in OWN]
     if foreign:
         return (
@@ -133,6 +124,22 @@ def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
     return "the model was trained with another view than it is given here; evaluate takes the option view"
 
 
+def _refuse_unknown(package: str, name: str) -> None:
+    """Raise UsageError for a wrapper that may change observations or actions."""
+    if name in STACKS:
+        raise UsageError(
+            f"model: found {name}, which puts the oldest observation first, expected the newest first; train "
+            "on an environment with the option history"
+        )
+    known = HARMLESS.get(package, []) if package else chain(*HARMLESS.values())
+    if name not in known:
+        raise UsageError(
+            f"model: found the wrapper {name}, which may change observations or actions, expected none but "
+            "VecNormalize; train with that, or with the option view of ibdata's environment, or give a "
+            "function that does what the wrapper does and calls model.predict"
+        )
+
+
 def _model_of(target: Any) -> Any:
     """The model of SB3 that an object is, or whose method it is, perhaps with arguments; else None."""
     method = getattr(target, "func", target)
@@ -141,14 +148,18 @@ def _model_of(target: Any) -> Any:
 
 
 def _layers(env: Any) -> tuple[list[Layer], list[Layer]]:
-    """All wrappers of an environment of SB3, and the innermost environments."""
+    """All wrappers of an environment of SB3, and the innermost environments; none if they have ended."""
     *wrappers, own = _nested(env, "venv")
     while "venv" in vars(env):
         env = env.venv
     if hasattr(env, "envs"):
         lanes = [_nested(lane, "env") for lane in env.envs]
     elif hasattr(env, "remotes"):  # a text such as <Monitor<TimeLimit<Env<id>>>> comes from each process
-        lanes = [[("", name) for name in re.findall(r"<(\w+)(?=[< ])", x)] for x in env.env_method("__str__")]
+        try:
+            texts = env.env_method("__str__")
+        except (OSError, EOFError):
+            return [*wrappers, own], []
+        lanes = [[("", name) for name in re.findall(r"<(\w+)(?=[< ])", text)] for text in texts]
     else:
         return wrappers, [own]
     return [*wrappers, own, *chain(*(lane[:-1] for lane in lanes))], [lane[-1] for lane in lanes]

@@ -47,6 +47,10 @@ REFUSED = {
     "around all lanes": (vectors([OWN], over=["mine.VecHalved"]), "VecHalved"),
     "a user's loop over lanes": (vectors([OWN], kind="mine.DummyVecEnv"), "DummyVecEnv"),
     "in a process": (elsewhere("<TimeLimit<Halved<IndustrialBenchmarkEnv<ibdata/X-v1>>>>"), "Halved"),
+    "around processes that have ended": (
+        layers("mine.VecHalved", SUBPROCESSES, remotes=[], env_method=ended),
+        "VecHalved",
+    ),
     "a stack": (
         vectors([OWN], over=["stable_baselines3.common.vec_env.VecFrameStack"]),
         "VecFrameStack, whi",
