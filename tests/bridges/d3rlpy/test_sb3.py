@@ -172,7 +172,7 @@ def test_another_view_is_said(loop):
     env.close()
 
 
-def test_the_names_of_harmless_wrappers_are_those_of_the_libraries():
+def test_harmless_wrappers_are_classes_of_the_libraries():
     for name in HARMLESS["gymnasium"]:
         assert getattr(gymnasium.wrappers, name).__module__.startswith("gymnasium.")
     known = {"Monitor": Monitor, **vars(vec_env)}
