@@ -6,12 +6,11 @@ from struct import unpack
 
 import numpy as np
 
-from ibdata.environment.actions import Action
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation
 from ibdata.numerics.philox import Raw
 from ibdata.policies import OBSERVATION
-from ibdata.policies.actions import applied
+from ibdata.policies.actions import Action, applied
 from ibdata.simulation import kernel
 from ibdata.simulation.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.simulation.variables import hidden, record_rows

@@ -112,7 +112,10 @@ def evaluate(
         own.discounted,
         steps,
         discount,
-        list(notes(experiment.episodes, points, scored[0], classic)),
+        [
+            *notes(experiment.episodes, points, scored[0], classic),
+            *(f"{label}: {note}" for label, each in zip(labels, own.notes, strict=True) for note in each),
+        ],
         compared(baselines, labels, own.discounted[:, 0]),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -10,15 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import Acting, loaded
+from ibdata.evaluation.policies import Acting, loaded, notes_on
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.rollout import blocks, cells_of
 from ibdata.numerics.random import stream_key
-from ibdata.policies import Observed
+from ibdata.policies import POLICIES, Observed, Policy
 from ibdata.policies.custom import without_runs
+from ibdata.policies.user_object import UserObject, clipping_notes
 from ibdata.simulation.driver import CHUNK, Lanes, Run, read_only
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.simulation.world import Float32s, Ints
@@ -36,10 +37,11 @@ class Played(NamedTuple):
     discounted: Floats  # returns
     undiscounted: Floats  # returns
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
+    notes: list[list[str]]  # on each policy
 
     def first(self, count: int) -> Played:
         """What the first policies got."""
-        return Played(*(part[:count] for part in self))
+        return Played._make(part[:count] for part in self)
 
 
 def checked_discount(given: Any) -> float:
@@ -60,9 +62,9 @@ def episodes_of(
     """
     cells, episodes, policies = len(experiment.cells), experiment.episodes, len(experiment.policies)
     out, clipped = np.empty((2, cells * episodes)), np.zeros(cells)
-    columns = len(view.frame(experiment.drifting))
+    columns, notes = len(view.frame(experiment.drifting)), []
     for number, policy in enumerate(experiment.policies):
-        with loaded([policy], columns):  # one at a time, so that their modules never meet
+        with loaded([policy], columns, says=False):  # one at a time, so that their modules never meet
             for cell in range(number * cells // policies, (number + 1) * cells // policies):
                 for first, stop in blocks(experiment, cell * episodes, (cell + 1) * episodes):
                     run = Run(experiment.world, _lanes(experiment, np.arange(first, stop)))
@@ -70,8 +72,16 @@ def episodes_of(
                     *both, count = returns_of(run, discount, advance, view, seen)
                     out[:, first:stop] = both
                     clipped[cell] += count / (episodes * experiment.steps)
+            notes.append(list(_notes(policy, view, clipped.reshape(policies, -1)[number].mean())))
     discounted, undiscounted = out.reshape(2, policies, -1, episodes)
-    return Played(discounted, undiscounted, clipped.reshape(policies, -1))
+    return Played(discounted, undiscounted, clipped.reshape(policies, -1), notes)
+
+
+def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
+    """What is to be said of a user's code that has played; a share of its actions was clipped."""
+    yield from notes_on(policy, view)
+    if not isinstance(policy, UserObject) and type(policy) not in POLICIES.values():
+        yield from clipping_notes(clipped, 1.0, "actions")
 
 
 def returns_of(

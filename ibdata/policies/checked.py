@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete
 from ibdata.policies.base import Float32s, Floats, Observed, Policy
 from ibdata.policies.code import error_line
 
@@ -20,13 +21,31 @@ class AnswerError(Exception):
     """A policy returned no valid answer, or the code of a user failed. The message names no place."""
 
 
-def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
-    """An answer as an array of that shape, also a tensor of torch; masked values are NaN."""
+def actions(answer: Any, n: int) -> Floats:
+    """The actions (n, 3) of an answer, which may also be the discrete ones (n,) of the environment."""
+    answer = _plain(answer)
+    with suppress(TypeError, ValueError):  # what is no array is refused below
+        whole = np.asarray(answer)
+        if is_discrete(whole) and len(whole) == n:
+            answer = of_discrete(whole)
+            if answer is None:
+                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
+    return numbers(answer, (n, 3), "actions")
+
+
+def _plain(answer: Any) -> Any:
+    """A tensor of torch, or an array with masked values, as an array; anything else as it is."""
     tensor: Any = getattr(sys.modules.get("torch"), "Tensor", ())
     if isinstance(answer, tensor):
-        answer = answer.double().numpy(force=True)
+        answer = (answer.double() if answer.is_floating_point() else answer).numpy(force=True)
     if isinstance(answer, np.ma.MaskedArray):
         answer = np.ma.filled(answer.astype(np.float64), np.nan)
+    return answer
+
+
+def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
+    """An answer as an array of that shape, also a tensor of torch; masked values are NaN."""
+    answer = _plain(answer)
     try:
         if np.iscomplexobj(answer):
             raise TypeError
@@ -55,7 +74,7 @@ class Checked(NamedTuple):
 
     policy: Policy
     label: str
-    episodes: Ints  # their numbers (n,), for messages
+    episodes: Ints  # their numbers (n,), for messages; none (0,) if they are made up
 
     def decide(self, given: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
         """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
@@ -73,7 +92,7 @@ class Checked(NamedTuple):
             else:
                 decision, density = self.policy.decide_with_density(given)
             proposed, memory = actions_and_memory(decision)
-            proposed = numbers(proposed, out.shape, "actions")
+            proposed = actions(proposed, len(out))
             memory = numbers(memory, given.memory.shape, "memory") if given.memory.size else given.memory
             if log_density is not None and density is not None:
                 log_density[:] = numbers(density, log_density.shape, "log densities")
@@ -108,5 +127,8 @@ class Checked(NamedTuple):
         return PolicyError(f"{self._place(given)}: {line}")
 
     def _place(self, given: Observed, row: int = 0) -> str:
-        episode = self.episodes[row % len(self.episodes)] if len(self.episodes) else 0
-        return f"policy {self.label}: episode {episode}: step {given.step[row] if len(given.step) else 0}"
+        numbers = self.episodes
+        where = (
+            f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
+        )
+        return f"policy {self.label}: {where}: step {given.step[row] if len(given.step) else 0}"
