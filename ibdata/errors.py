@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Sequence
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
@@ -72,6 +73,11 @@ def missing(what: str, library: str, extra: str) -> IbdataError:
 def printable(line: str) -> str:
     """Escape control characters, so that text from files cannot forge another line or a colour."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def say(line: str) -> None:
+    """Print a line on stderr that is no error."""
+    print(f"ibdata: {printable(line)}", file=sys.stderr, flush=True)
 
 
 def excerpt(value: object, most: int = 60) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import atexit
 import gc
+import inspect
 import os
 import pkgutil
 import re
@@ -165,16 +166,20 @@ def _end_at_signals() -> None:
 
 
 def _instead(error: click.ClickException) -> str | None:
-    """The way to set an option of the experiment, where it is given as one of a command with --set."""
+    """Where the option is that a command lacks: one of the experiment, or an argument in Python."""
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
         return None
+    import ibdata
     from ibdata.experiment import Experiment
 
-    key = error.option_name.removeprefix("--")
-    takes_set = any(parameter.name == "overrides" for parameter in error.ctx.command.params)
-    if not takes_set or key not in Experiment.model_fields:
-        return None
-    return f"No such option '--{key}'; expected --set {key}=…, since the experiment has this option."
+    key, command = error.option_name.removeprefix("--"), error.ctx.command
+    takes_set = any(parameter.name == "overrides" for parameter in command.params)
+    if takes_set and key in Experiment.model_fields:
+        return f"No such option '--{key}'; expected --set {key}=…, since the experiment has this option."
+    function = getattr(ibdata, command.name or "", None)
+    if inspect.isfunction(function) and key in inspect.signature(function).parameters:
+        return f"No such option '--{key}'; it is one of Python's: ibdata.{command.name}(…, {key}=…)."
+    return None
 
 
 def _lines(error: Exception) -> list[str]:

@@ -5,6 +5,7 @@ import click
 from ibdata.cli._options import columns as column_names
 from ibdata.cli._options import place_argument, split_option
 from ibdata.cli._printing import Printed, lines, prints_result
+from ibdata.dataset.tabular import column_texts
 
 MAX_ROWS = 1_000_000
 
@@ -33,9 +34,7 @@ def command(
 
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     first = Dataset(folder).head(rows, names, split, at=at)
-    width = max(map(len, first.schema.names))
-    shown = []
-    for name in first.schema.names:
-        values = (f"{x:.6g}" if isinstance(x, float) else str(x) for x in first.column(name).to_pylist())
-        shown.append(name.ljust(width + 1) + "".join(x.rjust(12) for x in values))
+    texts = {name: column_texts(first.column(name).to_pylist()) for name in first.schema.names}
+    longest, width = max(map(len, texts)), max(len(text) for own in texts.values() for text in own) + 2
+    shown = [name.ljust(longest) + "".join(x.rjust(width) for x in own) for name, own in texts.items()]
     return Printed({"rows": first.to_pylist()}, lines(shown))

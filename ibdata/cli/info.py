@@ -7,7 +7,6 @@ import click
 
 from ibdata.cli._options import place_argument
 from ibdata.cli._printing import MAX_LINES, Printed, contents, pairs, prints_result, table, within
-from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
@@ -62,8 +61,7 @@ def _contents(dataset: Dataset) -> str:
 
 def _returns(returns: Returns) -> str:
     """The first of the mean returns of each policy at each setpoint."""
-    results = [{**line, "setpoint": exact(line["setpoint"])} for line in returns["results"]]
-    rows = [[line[name] for name in SHOWN] for line in results]
+    rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
     lines = [table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES])]
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ibdata.errors import printable
+from ibdata.numerics.naming import column_format
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,7 +55,7 @@ def as_text(table: Table) -> str:
     score: 0 to 100
     """
     cells = [list(table.names), *_cells(table)]
-    right = [any(isinstance(x, int | float) for x in column) for column in zip(*table.rows, strict=True)]
+    right = _numeric(table)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [
         "  ".join(x.rjust(w) if r else x.ljust(w) for x, w, r in zip(line, widths, right, strict=True))
@@ -67,19 +68,40 @@ def as_html(tables: Sequence[Table]) -> str:
     """Tables as HTML, with escaped texts."""
     from html import escape
 
-    import pandas as pd
-
     parts = []
     for table in tables:
         if table.rows:
-            cells = pd.DataFrame(_cells(table), columns=list(table.names))
-            parts.append(cells.to_html(index=False, border=0))
+            styles = [f' style="text-align: {"right" if right else "left"}"' for right in _numeric(table)]
+            lines = [
+                "".join(f"<{tag}{style}>{escape(x)}</{tag}>" for x, style in zip(cells, styles, strict=True))
+                for tag, cells in [("th", table.names), *(("td", row) for row in _cells(table))]
+            ]
+            parts.append("\n".join(["<table>", *(f"<tr>{line}</tr>" for line in lines), "</table>"]))
         parts += [f"<p>{escape(line)}</p>" for line in _notes(table)]
     return "\n".join(parts)
 
 
+def column_texts(values: Sequence[Any]) -> list[str]:
+    """The values of a column as texts, in which numbers have equally many decimals.
+
+    >>> column_texts([12345, 4 / 3, 1.0, None, True, "a\\n"])
+    ['12,345', '1.33333', '1.00000', '–', 'true', 'a\\\\n']
+    >>> column_texts([(1.0, 2.5), (-10.25, 0.0)])
+    ['[1.00, 2.50]', '[-10.25, 0.00]']
+    """
+    numbers = [x for value in values for x in (value if isinstance(value, tuple | list) else [value])]
+    form = column_format([x for x in numbers if isinstance(x, float)])
+    return [_shown(value, form) for value in values]
+
+
+def _numeric(table: Table) -> list[bool]:
+    """Whether each column holds numbers."""
+    return [any(isinstance(x, int | float) for x in column) for column in zip(*table.rows, strict=True)]
+
+
 def _cells(table: Table) -> list[list[str]]:
-    return [[_shown(value) for value in row] for row in table.rows[:MOST_ROWS]]
+    columns = [column_texts(column) for column in zip(*table.rows[:MOST_ROWS], strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _notes(table: Table) -> list[str]:
@@ -87,19 +109,15 @@ def _notes(table: Table) -> list[str]:
     return [*([f"and {more:,} more"] if more > 0 else []), *map(printable, table.notes)]
 
 
-def _shown(value: Any) -> str:
-    """A value as text.
-
-    >>> _shown(12345), _shown(0.12345678), _shown((1.0, 2.5)), _shown(None), _shown("a\\n")
-    ('12,345', '0.123457', '[1, 2.5]', '–', 'a\\\\n')
-    """
+def _shown(value: Any, form: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, tuple | list):
         more = [f"… {len(value):,} in all"] if len(value) > MOST_VALUES else []
-        return f"[{', '.join([*map(_shown, value[:MOST_VALUES]), *more])}]"
+        return f"[{', '.join([*(_shown(x, form) for x in value[:MOST_VALUES]), *more])}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
-        return f"{value:,.6g}"
+        text = format(value, form)
+        return text if text.strip("-0.") else text.lstrip("-")  # no zero has a sign
     return f"{value:,}" if isinstance(value, int) else printable(str(value))

@@ -1,27 +1,17 @@
-"""Actions as agents give them: three numbers, or one of 27 discrete actions.
-
-A discrete action changes velocity, gain and shift by -1, 0 or 1 each. The order is that of the class `IBGym`
-of `industrial-benchmark-python` 2.0.
-"""
+"""Actions as agents give them: three numbers, or one of 27 discrete actions."""
 
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, excerpt
-from ibdata.policies.actions import applied
+from ibdata.policies.actions import DISCRETE, WHOLE, Action, applied, is_discrete, of_discrete
 
-Action = tuple[float, float, float]
-CHANGES = (-1.0, 0.0, 1.0)
-DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
-_TABLE = np.array(DISCRETE, dtype=np.float32)
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
-WHOLE = f"from 0 to {len(DISCRETE) - 1}"
 
 
 def continuous_action(given: Any) -> Action:
@@ -65,10 +55,10 @@ def discrete_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
         numbers = np.asarray(given)
     except ValueError:  # rows of different lengths
         numbers = np.empty(0)
-    whole = numbers.shape == (n,) and numbers.dtype.kind in "iu"
-    if not whole or ((numbers < 0) | (numbers >= len(DISCRETE))).any():
+    actions = of_discrete(numbers) if is_discrete(numbers) and len(numbers) == n else None
+    if actions is None:
         raise _refusal(given, f"{n} whole numbers {WHOLE}")
-    return _TABLE.take(numbers, axis=0)
+    return actions
 
 
 def _refusal(given: Any, expected: str) -> UsageError:

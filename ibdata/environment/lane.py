@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
-from ibdata.environment.actions import Action
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Float32s, Simulation
 from ibdata.numerics.philox import Raw
 from ibdata.policies import OBSERVATION
-from ibdata.policies.actions import applied
+from ibdata.policies.actions import Action, applied
 from ibdata.simulation import kernel
 from ibdata.simulation.variables import hidden, record_rows
 from ibdata.variables import VARIABLES

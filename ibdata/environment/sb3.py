@@ -113,7 +113,7 @@ class _Lane:
     render_mode = None
 
     def __init__(self, env: IndustrialBenchmarkVectorEnv, number: int) -> None:
-        self._env, self._number = env, number
+        self._env, self._number, self.view = env, number, env.view
         self.observation_space, self.action_space = env.single_observation_space, env.single_action_space
 
     def reset(

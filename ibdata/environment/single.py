@@ -55,7 +55,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
         given = settings(**options)
-        self.render_mode = render_mode
+        self.render_mode, self.view = render_mode, given.view
         self.observation_space, self.action_space = spaces(given)
         self._checked = discrete_action if given.discrete_actions else continuous_action
         self._lane = Lane(given)

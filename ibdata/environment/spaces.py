@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ibdata.environment.actions import DISCRETE
 from ibdata.environment.settings import Settings, frame_bounds
 from ibdata.errors import missing
+from ibdata.policies.actions import DISCRETE
 
 try:
     from gymnasium.spaces import Box, Discrete

@@ -72,7 +72,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             self._limit = checked_length(max_episode_steps, "max_episode_steps")
         given = settings(**options)
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
-        self.num_envs = num_envs
+        self.num_envs, self.view = num_envs, given.view
         self.single_observation_space, self.single_action_space = spaces(given)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

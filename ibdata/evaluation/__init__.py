@@ -115,6 +115,9 @@ def evaluate(
         own.discounted,
         scenario.steps,
         discount,
-        list(notes(scenario.episodes, points, scored[0], classic)),
+        [
+            *notes(scenario.episodes, points, scored[0], classic),
+            *(f"{label}: {note}" for label, each in zip(labels, own.notes, strict=True) for note in each),
+        ],
         compared(baselines, labels, own.discounted[:, 0]),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -10,13 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import Acting, loaded
+from ibdata.evaluation.policies import Acting, loaded, notes_on
 from ibdata.experiment.messages import shown
 from ibdata.experiment.plain import plain
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
-from ibdata.policies import Observed
+from ibdata.policies import POLICIES, Observed, Policy
 from ibdata.policies.custom import without_runs
+from ibdata.policies.user_object import UserObject, clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
 from ibdata.simulation.unroll import LANES, Block, read_only, unroll
@@ -35,10 +36,11 @@ class Played(NamedTuple):
     discounted: Floats  # returns
     undiscounted: Floats  # returns
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
+    notes: list[list[str]]  # on each policy
 
     def first(self, count: int) -> Played:
         """What the first policies got."""
-        return Played(*(part[:count] for part in self))
+        return Played._make(part[:count] for part in self)
 
 
 def checked_discount(given: Any) -> float:
@@ -63,17 +65,26 @@ def play(
     """
     per_policy, n = len(scenario.points), scenario.episodes
     out, clipped = np.empty((2, len(cells), n)), np.zeros(len(cells))
-    columns = len(view.frame(scenario.drifting))
-    for policy in range(0, len(cells), per_policy):
-        with loaded([cells[policy].policy], columns):  # one at a time, so that their modules never meet
-            for number in range(policy, policy + per_policy):
+    columns, notes = len(view.frame(scenario.drifting)), []
+    for first_cell in range(0, len(cells), per_policy):
+        policy, those = cells[first_cell].policy, slice(first_cell, first_cell + per_policy)
+        with loaded([policy], columns, says=False):  # one at a time, so that their modules never meet
+            for number in range(those.start, those.stop):
                 for first in range(0, n, LANES):
                     part = slice(first, min(first + LANES, n))
                     *returns, count = _returns(scenario, cells[number], number, part, discount, advance, view)
                     out[:, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
+            notes.append(list(_notes(policy, view, clipped[those].mean())))
     discounted, undiscounted = out.reshape(2, -1, per_policy, n)
-    return Played(discounted, undiscounted, clipped.reshape(-1, per_policy))
+    return Played(discounted, undiscounted, clipped.reshape(-1, per_policy), notes)
+
+
+def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
+    """What is to be said of a user's code that has played; a share of its actions was clipped."""
+    yield from notes_on(policy, view)
+    if not isinstance(policy, UserObject) and type(policy) not in POLICIES.values():
+        yield from clipping_notes(clipped, 1.0, "actions")
 
 
 def rewarded(view: ViewOptions) -> list[str]:

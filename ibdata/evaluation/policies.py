@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ConfigDict
 
-from ibdata.errors import ConfigError, UsageError, suggestion
+from ibdata.errors import ConfigError, UsageError, say, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
@@ -23,6 +23,8 @@ from ibdata.policies.code import two_places
 from ibdata.policies.custom import TARGET
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
+from ibdata.policies.weights_file import SUFFIX
+from ibdata.views.options import PLAIN, ViewOptions
 
 
 class Acting(UserObject):
@@ -134,6 +136,8 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):
         place, source, folder = text, Path(text).read_bytes(), Path(text).parent
+        if b"\0" in source:
+            raise UsageError(_of_binary(text))
     elif "{" in text or ":" in text:
         place, source, folder = "policy", text.encode(), None
     else:
@@ -155,17 +159,34 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     return policy
 
 
+def _of_binary(path: str) -> str:
+    """What to do with a file that is no text."""
+    if path.endswith(SUFFIX):
+        return f"{path}: found a file of weights, expected a block; write '{{kind: network, file: {path}}}'"
+    return (
+        f"{path}: found a file that is no text, expected a block; if it holds a model, load that in Python "
+        "and call ibdata.evaluate(model), or ibdata.save_network to write a file of weights"
+    )
+
+
 def _example(text: str) -> str:
     """A block; that of custom code where a text has the form of its target."""
     return f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
 
 
+def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
+    """What may be wrong with the objects of users that a policy is made of, and that have acted."""
+    for each in policy.everywhere():
+        if isinstance(each, UserObject):
+            yield from each.notes(view if isinstance(each, Acting) else PLAIN)
+
+
 @contextmanager
-def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION)) -> Iterator[None]:
+def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True) -> Iterator[None]:
     """A context in which custom policies are loaded, and code of a user is pure. Modules are those of Python.
 
-    Objects see so many `columns` of an observation. Raises PolicyError for a policy that remembers or draws
-    in secret.
+    Objects see so many `columns` of an observation. At the end it `says` on stderr what may be wrong with
+    them. Raises PolicyError for a policy that remembers or draws in secret.
     """
     policies = list(policies)
     for policy in policies:
@@ -176,6 +197,9 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION)) -> Itera
         for custom in own:
             custom.load()
         yield
+        for policy in policies if says else ():
+            for note in notes_on(policy):
+                say(f"{policy.label}: {note}")
     finally:
         for custom in own:
             custom.forget()

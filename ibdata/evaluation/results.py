@@ -15,7 +15,6 @@ from ibdata.evaluation.against import Comparison
 from ibdata.evaluation.play import Played
 from ibdata.evaluation.scores import Scores, overall
 from ibdata.numerics.confidence import estimate
-from ibdata.numerics.naming import exact
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,10 +49,10 @@ class Result(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The returns of `policy` minus those of `less` in equal episodes, at a setpoint or over all (None)."""
+    """The returns of `policy` minus those of `minus` in equal episodes, at a setpoint or over all (None)."""
 
     policy: str
-    less: str
+    minus: str
     setpoint: float | None
     mean_difference: float
     standard_error: float | None
@@ -64,7 +63,8 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` why errors or scores are missing, a line for each reason.
+    `scale` says what scores mean, and `notes` why errors or scores are missing and what may be wrong with a
+    policy, a line for each reason.
     `baselines` compares the policies with the shipped results on a set.
     """
 
@@ -114,8 +114,8 @@ def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Seq
 
 
 def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with the exact setpoint, or "all" for a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else exact(row.setpoint)
+    """A row as tables show it: with "all" for a result over all setpoints."""
+    shown: Any = "all" if row.setpoint is None else row.setpoint
     return row._replace(setpoint=shown)
 
 
@@ -129,7 +129,7 @@ def results_of(
     """The result of each policy at each setpoint and, if there are several, over all."""
     found = []
     for i, label in enumerate(labels):
-        returns, rewards, clipped = (part[i] for part in played)
+        returns, rewards, clipped = played.discounted[i], played.undiscounted[i], played.clipped[i]
         parts: list[tuple[float | None, list[int], Scores]] = [
             (p, [j], scored[i][j]) for j, p in enumerate(setpoints)
         ]

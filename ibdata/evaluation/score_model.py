@@ -14,9 +14,11 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.addresses import whole
 from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
+from ibdata.policies.checked import AnswerError, numbers
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+ANSWERS = ("predictions", "standard deviations")
 STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation: setpoint to shift, fatigue and consumption
 
 
@@ -117,24 +119,32 @@ def _predicted(
 ) -> tuple[Floats, Floats | None]:
     """Fatigue and consumption (n, 2) so many steps after rows (n,), and their deviations if known."""
     seen = arrays["observations"][first]
-    for rows in (first + k for k in range(horizon)):
-        mean, deviation = _answer(model(seen.copy(), arrays["actions"][rows]), len(first))
+    for k in range(horizon):
+        rows = first + k
+        try:
+            mean, deviation = _answer(model(seen.copy(), arrays["actions"][rows]), len(first))
+        except AnswerError as error:
+            raise PolicyError(f"model: step {k + 1}: {error}") from None
         steered = arrays["next_observations"][rows, STEERED]
         seen = np.concatenate([steered, mean.astype(np.float32), seen[:, :-6]], axis=1)
     return mean, deviation if horizon == 1 else None
 
 
 def _answer(given: Any, n: int) -> tuple[Floats, Floats | None]:
-    """The prediction (n, 2) of a model, and its standard deviations (n, 2) if it gives them."""
+    """The predictions (n, 2) of a model, and their standard deviations (n, 2) if it gives them."""
     parts = given if isinstance(given, tuple) else (given,)
-    found = [np.asarray(part, dtype=np.float64) for part in parts]
-    if len(found) > 2 or any(x.shape != (n, 2) or not np.isfinite(x).all() for x in found):
-        raise PolicyError(
-            f"model: found an answer of shape {[x.shape for x in found]}, expected finite fatigue and "
-            f"consumption ({n}, 2), or these and their standard deviations"
-        )
+    if not 1 <= len(parts) <= 2:
+        raise AnswerError(f"found {len(parts)} arrays, expected predictions, or these and their deviations")
+    found = [numbers(part, (n, 2), what) for part, what in zip(parts, ANSWERS, strict=False)]
+    for values, what in zip(found, ANSWERS, strict=False):
+        broken = ~np.isfinite(values).all(axis=1)
+        if broken.any():
+            raise AnswerError(
+                f"found NaN or infinity in {broken.sum()} of {n} {what}, such as {values[broken][0]}, "
+                "expected finite fatigue and consumption"
+            )
     if len(found) == 2 and (found[1] <= 0.0).any():
-        raise PolicyError("model: found a standard deviation of 0 or less, expected positive ones")
+        raise AnswerError("found a standard deviation of 0 or less, expected positive ones")
     return found[0], found[1] if len(found) == 2 else None
 
 

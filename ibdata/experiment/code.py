@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset.models import Code, Manifest
-from ibdata.errors import UsageError, printable
+from ibdata.errors import UsageError, printable, say
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
 from ibdata.policies.code import (
@@ -65,17 +65,13 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
                 "nowhere else; put its class into a file and name it with kind: custom"
             )
         for text in _undeclared(custom, places_of(spec)):
-            _say(f"{custom.target}: params: {text} is a file; list it under files, so that it is recorded")
+            say(f"{custom.target}: params: {text} is a file; list it under files, so that it is recorded")
 
 
 def announce(spec: DatasetSpec) -> None:
     """Print on stderr which code of custom policies runs now."""
     for target in dict.fromkeys(custom.target for custom in customs(spec) if not custom.is_live):
-        _say(f"running the code of {target}")
-
-
-def _say(text: str) -> None:
-    print(f"ibdata: {printable(text)}", file=sys.stderr, flush=True)
+        say(f"running the code of {target}")
 
 
 def places_of(spec: DatasetSpec) -> Places:

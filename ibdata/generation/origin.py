@@ -11,11 +11,11 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, say
 from ibdata.experiment import Experiment, as_yaml, self_check
 from ibdata.experiment.code import changed, customs, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.warm_up import known_answer, warm_up
+from ibdata.generation.warm_up import known_answer, play_custom, warm_up
 from ibdata.policies.custom import LIVE
 from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.writing.metadata import as_json
@@ -40,8 +40,18 @@ class Origin(JsonObject):
 
 
 def observe(spec: DatasetSpec) -> Origin:
-    """Determine the origin of a run: load its policies, play two steps, and record what was imported."""
-    return Origin(data_version=manifest.DATA_VERSION, code=_code(spec), known_answer=known_answer())
+    """Determine the origin of a run: load its policies, play two steps, and record what was imported.
+
+    What a user should know about custom policies is said on stderr.
+    """
+    origin = Origin(data_version=manifest.DATA_VERSION, code=_code(spec), known_answer=known_answer())
+    if customs(spec):
+        for experiment in spec.experiments:
+            play_custom(experiment)
+    for policy in customs(spec):
+        for note in policy.notes():
+            say(f"{policy.target}: {note}")
+    return origin
 
 
 def _code(spec: DatasetSpec) -> list[Code]:

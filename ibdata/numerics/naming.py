@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from decimal import Decimal
+
+DIGITS = 6  # of the largest number of a column
+FEWEST = 3  # of the smallest number of a column, but it alone makes no more than MOST decimals
+MOST = 4
+BY_HAND = 9  # digits up to which a number counts as written by hand, such as a setpoint, and is shown in full
+PLAIN = (1e-6, 1e15)  # the largest number of a column that is written without an exponent
 # Names that some YAML parsers read as true, false or null.
 YAML_WORDS = frozenset({"y", "n", "yes", "no", "on", "off", "true", "false", "null"})
 
@@ -13,6 +22,31 @@ def exact(number: float) -> str:
     ('50', '12.5', '50.0000001', '1e-05')
     """
     return repr(float(number)).removesuffix(".0")
+
+
+def column_format(numbers: Sequence[float]) -> str:
+    """A format for all numbers of a column, so that their decimals are equally many.
+
+    >>> column_format([92 / 3, -2 / 3]), column_format([1e6 / 3, -2e4 / 3]), column_format([1e30])
+    (',.4f', ',.0f', '.6g')
+    >>> column_format([50.0, 12.5]), column_format([50.0, 50.0000001])
+    (',.1f', ',.7f')
+    """
+    sizes = [abs(x) for x in numbers if x and math.isfinite(x)]
+    if not sizes:
+        return ",.0f"
+    low, high = min(sizes), max(sizes)
+    if not PLAIN[0] <= high < PLAIN[1]:
+        return f".{DIGITS}g"
+    written = [Decimal(f"{x:.12g}").normalize().as_tuple() for x in sizes]
+    decimals = max(-int(number.exponent) for number in written)
+    if max(decimals, *(len(number.digits) for number in written)) > BY_HAND:
+        decimals = max(DIGITS - _magnitude(high), min(MOST, FEWEST - _magnitude(low)))
+    return f",.{max(0, decimals)}f"
+
+
+def _magnitude(size: float) -> int:
+    return math.floor(math.log10(size)) + 1
 
 
 def counted(number: int, noun: str) -> str:

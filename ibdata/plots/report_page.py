@@ -8,7 +8,7 @@ from html import escape
 from typing import Any
 
 from ibdata.dataset.reader import Dataset
-from ibdata.dataset.tabular import Tabular
+from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import Quality
@@ -18,7 +18,6 @@ from ibdata.plots.report_style import STYLE
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
-MILLION = 1e6  # from which a number is written in full
 SHOWN = ("mean", "std", "min", "max")
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -75,18 +74,14 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
         first = everything[0] if everything else head
         names = (f"<th{_kind(value)}>{escape(text)}</th>" for text, value in zip(head, first, strict=True))
         lines.append(f"<thead><tr>{''.join(names)}</tr></thead>")
-    lines += [f"<tr>{''.join(map(_cell, row))}</tr>" for row in everything[:MOST]]
+    columns = [
+        [f"<td{_kind(value)}>{escape(text)}</td>" for value, text in zip(own, column_texts(own), strict=True)]
+        for own in zip(*everything[:MOST], strict=True)
+    ]
+    lines += [f"<tr>{''.join(cells)}</tr>" for cells in zip(*columns, strict=True)]
     rest = len(everything) - MOST
     more = f"<p>and {counted(rest, 'more row')}</p>" if rest > 0 else ""
     return "\n".join([*lines, "</table></div>" + more])
-
-
-def _cell(value: Any) -> str:
-    """A value as text; of a number six digits, or from a million on all, with separators of thousands."""
-    text = "–" if value is None else str(value)
-    if value is not None and _kind(value):
-        text = format(value, ",.6g" if isinstance(value, float) and abs(value) < MILLION else ",.0f")
-    return f"<td{_kind(value)}>{escape(text)}</td>"
 
 
 def _kind(value: Any) -> str:
@@ -122,7 +117,7 @@ def _returns(dataset: Dataset) -> Iterable[str]:
     found = dataset.returns()
     rows = [
         (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
-         None if r["reference_score"] is None else round(r["reference_score"], 1))
+         r["reference_score"])
         for r in found["results"]
     ]  # fmt: skip
     yield _table(

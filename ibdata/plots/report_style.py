@@ -9,7 +9,7 @@ table { border-collapse: collapse; font-size: .875rem; }
 th, td { padding: .25rem .75rem .25rem 0; text-align: left; vertical-align: top; }
 th { border-bottom: 1px solid; }
 .number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
-td.number + td:last-child { min-width: 12rem; }
+td.number + td:last-child:not(.number) { min-width: 12rem; }
 /* A shadow at each side on which there is more to scroll to, and a scroll bar that is always there. */
 .wide, pre { overflow-x: auto; background:
   linear-gradient(to right, Canvas 1.5rem, transparent 3rem) 0 0 / 3rem 100% no-repeat local,
@@ -18,8 +18,9 @@ td.number + td:last-child { min-width: 12rem; }
   linear-gradient(to left, #8889, transparent) 100% 0 / .9rem 100% no-repeat scroll; }
 .wide::-webkit-scrollbar, pre::-webkit-scrollbar { height: .5rem; }
 .wide::-webkit-scrollbar-thumb, pre::-webkit-scrollbar-thumb { background: #888; border-radius: .25rem; }
-.pictures { columns: 2 24rem; column-gap: 1.5rem; }
-figure { break-inside: avoid; margin: 0 0 1.5rem; }
+.pictures { align-items: start; display: grid; gap: 1.5rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); }
+figure { margin: 0; }
 img { background: #fff; display: block; height: auto; max-width: 100%; }
 figcaption { font-size: .875rem; }
 .close { display: none; }

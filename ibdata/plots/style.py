@@ -51,6 +51,7 @@ DPI = 150
 DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100
 LEFT = 0.015  # of the texts above a picture
+COLUMNS = 3  # of a legend
 HEADING = 56  # characters of a line above a picture
 
 
@@ -106,8 +107,11 @@ def legend_beside(axes: Axes) -> None:
 
 
 def legend_above(axes: Axes) -> None:
-    """Put the legend above the axes, where it hides nothing."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0, columnspacing=1.2)
+    """Put the legend above the axes, where it hides nothing. Its entries are in rows, not in columns."""
+    handles = axes.get_legend_handles_labels()[0]
+    by_row = [handle for column in range(COLUMNS) for handle in handles[column::COLUMNS]]
+    axes.legend(handles=by_row, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=COLUMNS, borderpad=0.0,
+                columnspacing=1.2)  # fmt: skip
 
 
 def counted(

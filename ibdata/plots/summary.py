@@ -21,6 +21,7 @@ class Summary:
 
     Attributes:
         setpoints, policies: The names of the groups.
+        levels: The middle of each group of setpoints.
         setpoint, policy: The groups of each episode (n,), by number.
         counts: Histograms over all rows.
 
@@ -31,7 +32,7 @@ class Summary:
     def __init__(self, dataset: Dataset, progress: bool | None = False) -> None:
         self.dataset = dataset
         self.episodes = dataset.episodes
-        self.setpoints, self.setpoint = _grouped(self._finite("setpoint"))
+        self.setpoints, self.levels, self.setpoint = _grouped(self._finite("setpoint"))
         self.policies, self.policy = _first(list(self.episodes["policy"]))
         self.returns = self._finite("return")
         cells = (len(self.setpoints), len(self.policies))
@@ -59,12 +60,12 @@ class Summary:
         return "setpoint p at the start" if self.dataset.info_model.drifting else "setpoint p"
 
 
-def _grouped(setpoint: Floats) -> tuple[list[str], npt.NDArray[np.int64]]:
-    """Names of groups of neighbouring setpoints, and the group of each episode."""
+def _grouped(setpoint: Floats) -> tuple[list[str], Floats, npt.NDArray[np.int64]]:
+    """Names and middles of groups of neighbouring setpoints, and the group of each episode."""
     values, number = np.unique(setpoint, return_inverse=True)
     runs = np.array_split(values, min(len(values), MOST_SETPOINTS))
     group_of = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
-    return [_span(run) for run in runs], group_of[number]
+    return [_span(run) for run in runs], np.array([(run[0] + run[-1]) / 2 for run in runs]), group_of[number]
 
 
 def _span(values: Floats) -> str:

@@ -1,11 +1,33 @@
-"""Clip and round actions to the values that are applied and stored."""
+"""Actions as they are applied and stored: clipped and rounded, or one of 27 discrete ones."""
 
 from __future__ import annotations
+
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled
+
+# A discrete action changes velocity, gain and shift by -1, 0 or 1 each, in the order of the class `IBGym` of
+# `industrial-benchmark-python` 2.0.
+Action = tuple[float, float, float]
+CHANGES = (-1.0, 0.0, 1.0)
+DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
+WHOLE = f"from 0 to {len(DISCRETE) - 1}"
+_TABLE = np.array(DISCRETE, dtype=np.float32)
+
+
+def is_discrete(numbers: npt.NDArray[Any]) -> bool:
+    """Whether an array holds whole numbers (n,), which may be discrete actions."""
+    return numbers.ndim == 1 and numbers.dtype.kind in "iu"
+
+
+def of_discrete(numbers: npt.NDArray[np.integer]) -> npt.NDArray[np.float32] | None:
+    """The actions (n, 3) that whole numbers (n,) name; None if one of them names none."""
+    inside = bool(((numbers >= 0) & (numbers < len(DISCRETE))).all())
+    return _TABLE.take(numbers, axis=0) if inside else None
 
 
 @compiled
@@ -37,7 +59,7 @@ def clip_and_round(proposed: npt.NDArray[np.float64], out: npt.NDArray[np.float3
 
 def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     """Return proposed actions (n, 3), clipped to [-1, 1] and rounded to float32."""
-    given = np.asarray(proposed, dtype=np.float64)
-    out = np.empty(given.shape, dtype=np.float32)
-    clip_and_round(given, out)
+    numbers = np.asarray(proposed, dtype=np.float64)
+    out = np.empty(numbers.shape, dtype=np.float32)
+    clip_and_round(numbers, out)
     return out

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.policies.libraries import refuse_frame_stack
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
@@ -28,12 +27,12 @@ class Actor(NamedTuple):
     scaling: Mapping[str, Any] = {}  # mean, std and clip, if the library scales observations itself
 
 
-def actor_of(model: Any, history: int) -> Actor:
+def actor_of(model: Any) -> Actor:
     """The actor of a model. Raises AttributeError if it is none that is known."""
     if hasattr(model, "impl"):
         return _of_d3rlpy(model)
     if hasattr(model, "get_vec_normalize_env"):
-        return _of_stable_baselines(model, history)
+        return _of_stable_baselines(model)
     *hidden, last = _modules(model)
     tanh = type(last).__name__ == "Tanh"
     *hidden, last = hidden if tanh else [*hidden, last]
@@ -49,9 +48,7 @@ def actor_of(model: Any, history: int) -> Actor:
     return Actor(hidden, last, "tanh" if tanh else "clip", own)
 
 
-def _of_stable_baselines(model: Any, history: int) -> Actor:
-    if history > 1:
-        refuse_frame_stack(model)
+def _of_stable_baselines(model: Any) -> Actor:
     _refuse_other_bounds(model.action_space.low, model.action_space.high)
     if getattr(model, "use_sde", False):
         raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")

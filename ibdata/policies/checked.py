@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete
 from ibdata.policies.base import Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
@@ -23,13 +23,31 @@ class AnswerError(Exception):
     """A policy returned no valid answer, or the code of a user failed. The message names no place."""
 
 
-def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
-    """An answer as an array of that shape, also a tensor of torch; masked values are NaN."""
+def actions(answer: Any, n: int) -> Floats:
+    """The actions (n, 3) of an answer, which may also be the discrete ones (n,) of the environment."""
+    answer = _plain(answer)
+    with suppress(TypeError, ValueError):  # what is no array is refused below
+        whole = np.asarray(answer)
+        if is_discrete(whole) and len(whole) == n:
+            answer = of_discrete(whole)
+            if answer is None:
+                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
+    return numbers(answer, (n, 3), "actions")
+
+
+def _plain(answer: Any) -> Any:
+    """A tensor of torch, or an array with masked values, as an array; anything else as it is."""
     tensor: Any = getattr(sys.modules.get("torch"), "Tensor", ())
     if isinstance(answer, tensor):
-        answer = answer.double().numpy(force=True)
+        answer = (answer.double() if answer.is_floating_point() else answer).numpy(force=True)
     if isinstance(answer, np.ma.MaskedArray):
         answer = np.ma.filled(answer.astype(np.float64), np.nan)
+    return answer
+
+
+def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
+    """An answer as an array of that shape, also a tensor of torch; masked values are NaN."""
+    answer = _plain(answer)
     try:
         if np.iscomplexobj(answer):
             raise TypeError
@@ -58,7 +76,8 @@ def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, A
     """
     action, memory = decision(policy.decide(observed))
     if not isinstance(action, Distribution):
-        return (Certain if is_deterministic(policy) else Unknown)(action), memory
+        plain = actions(action, len(observed.step))
+        return (Certain if is_deterministic(policy) else Unknown)(plain), memory
     if action.draws > policy.needs.step_draws:
         raise AnswerError(
             f"found a {type(action).__name__} and needs.step_draws {policy.needs.step_draws}, expected at "
@@ -76,7 +95,7 @@ class Checked(NamedTuple):
 
     policy: Policy
     label: str
-    episodes: Ints  # their numbers (n,), for messages
+    episodes: Ints  # their numbers (n,), for messages; none (0,) if they are made up
 
     def act(self, observed: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
         """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
@@ -126,6 +145,9 @@ class Checked(NamedTuple):
             raise PolicyError(f"{self._place(observed)}: {line}") from error
 
     def _place(self, observed: Observed, row: int = 0) -> str:
-        episode = self.episodes[row % len(self.episodes)] if len(self.episodes) else 0
+        numbers = self.episodes
+        where = (
+            f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
+        )
         step = observed.step[row] if len(observed.step) else 0
-        return f"policy {self.label}: episode {episode}: step {step}"
+        return f"policy {self.label}: {where}: step {step}"

@@ -2,15 +2,52 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import wraps
 from itertools import chain
 from typing import Any
 
 from ibdata.errors import UsageError
 from ibdata.policies.base import Float32s
+from ibdata.views.options import PLAIN, ViewOptions
+
+# Layers of an environment that leave observations and actions as they are, or that `normalized` applies, by
+# package and class. Observations are flat, so FlattenObservation is among them.
+HARMLESS = {
+    "gymnasium": [
+        "Autoreset",
+        "ClipReward",
+        "FlattenObservation",
+        "HumanRendering",
+        "NormalizeReward",
+        "OrderEnforcing",
+        "PassiveEnvChecker",
+        "RecordEpisodeStatistics",
+        "RecordVideo",
+        "RenderCollection",
+        "TimeLimit",
+        "TransformReward",
+    ],
+    "stable_baselines3": [
+        "DummyVecEnv",
+        "Monitor",
+        "SubprocVecEnv",
+        "VecCheckNan",
+        "VecMonitor",
+        "VecNormalize",
+        "VecVideoRecorder",
+    ],
+}
+OWN = ("IndustrialBenchmarkEnv", "IndustrialBenchmarkVecEnv")
+STACKS = ("FrameStackObservation", "VecFrameStack")
+UNCHANGED = (
+    "so it is given observations as they are; if it was trained with VecNormalize or another wrapper, give "
+    "the model with its environment (model.set_env)"
+)
+
+Layer = tuple[str, str]  # the package, which is empty for a layer in another process, and the class
 
 
 def is_torch_module(target: Any) -> bool:
@@ -37,12 +74,14 @@ def module_call(module: Any) -> Callable[[Float32s], Any]:
     return call
 
 
-def normalized(model: Any, call: Callable[..., Any]) -> Callable[..., Any]:
-    """The call on observations that go through the VecNormalize of a model of SB3 first, if it has one."""
-    if not callable(getattr(model, "get_vec_normalize_env", None)):
-        return call
-    refuse_frame_stack(model)
-    env = model.get_vec_normalize_env()
+def normalized(target: Any, call: Callable[..., Any]) -> Callable[..., Any]:
+    """The call on observations that go through the VecNormalize of a model of SB3 first, if it has one.
+
+    Raises UsageError for a model in an environment with other wrappers, see `environment_note`.
+    """
+    environment_note(target)
+    model = _model_of(target)
+    env = None if model is None else model.get_vec_normalize_env()
     if env is None or not env.norm_obs:
         return call
 
@@ -53,19 +92,83 @@ def normalized(model: Any, call: Callable[..., Any]) -> Callable[..., Any]:
     return scaled
 
 
-def refuse_frame_stack(model: Any) -> None:
-    """Raise UsageError if the environment of a model of SB3 puts the oldest observation first."""
-    env: Any = getattr(model, "get_env", lambda: None)()
-    wrappers = []
-    stack = getattr(sys.modules.get("gymnasium.wrappers"), "FrameStackObservation", None)
-    with suppress(OSError, EOFError):  # the processes of the environment have ended
-        if stack and hasattr(env, "env_is_wrapped") and any(env.env_is_wrapped(stack)):
-            wrappers.append("FrameStackObservation")
-    while env is not None:
-        wrappers.append(type(env).__name__)
-        env = getattr(env, "__dict__", {}).get("venv")
-    for name in {"VecFrameStack", "FrameStackObservation"} & set(wrappers):
+def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
+    """What to say if a model of SB3 was not trained in an environment of ibdata with this view.
+
+    Raises UsageError if its environment has a wrapper that may change observations or actions.
+    """
+    model = _model_of(target)
+    if model is None:
+        policy = getattr(sys.modules.get("stable_baselines3.common.policies"), "BasePolicy", ())
+        return (
+            f"the policy of a model has no environment, {UNCHANGED}" if isinstance(target, policy) else None
+        )
+    env = model.get_env()
+    if env is None:
+        return f"the model has no environment, {UNCHANGED}"
+    wrappers, innermost = _layers(env)
+    for package, name in wrappers:
+        _refuse_unknown(package, name)
+    if not innermost:
+        return (
+            "the processes of the model's environment have ended; what wrappers in them did is not done here"
+        )
+    foreign = [name for package, name in innermost if package not in ("", "ibdata") or name not in OWN]
+    if foreign:
+        return (
+            f"the model's environment is {foreign[0]}, not ibdata's; what it does to numbers is not done here"
+        )
+    [seen] = env.get_attr("view", [0])
+    if (seen.frame(True), seen.imperfections) == (view.frame(True), view.imperfections):
+        return None
+    return "the model was trained with another view than it is given here; evaluate takes the option view"
+
+
+def _refuse_unknown(package: str, name: str) -> None:
+    """Raise UsageError for a wrapper that may change observations or actions."""
+    if name in STACKS:
         raise UsageError(
             f"model: found {name}, which puts the oldest observation first, expected the newest first; train "
             "on an environment with the option history"
         )
+    known = HARMLESS.get(package, []) if package else chain(*HARMLESS.values())
+    if name not in known:
+        raise UsageError(
+            f"model: found the wrapper {name}, which may change observations or actions, expected none but "
+            "VecNormalize; train with that, or with the option view of ibdata's environment, or give a "
+            "function that does what the wrapper does and calls model.predict"
+        )
+
+
+def _model_of(target: Any) -> Any:
+    """The model of SB3 that an object is, or whose method it is, perhaps with arguments; else None."""
+    method = getattr(target, "func", target)
+    model = getattr(method, "__self__", method)
+    return model if callable(getattr(model, "get_vec_normalize_env", None)) else None
+
+
+def _layers(env: Any) -> tuple[list[Layer], list[Layer]]:
+    """All wrappers of an environment of SB3, and the innermost environments; none if they have ended."""
+    *wrappers, own = _nested(env, "venv")
+    while "venv" in vars(env):
+        env = env.venv
+    if hasattr(env, "envs"):
+        lanes = [_nested(lane, "env") for lane in env.envs]
+    elif hasattr(env, "remotes"):  # a text such as <Monitor<TimeLimit<Env<id>>>> comes from each process
+        try:
+            texts = env.env_method("__str__")
+        except (OSError, EOFError):
+            return [*wrappers, own], []
+        lanes = [[("", name) for name in re.findall(r"<(\w+)(?=[< ])", text)] for text in texts]
+    else:
+        return wrappers, [own]
+    return [*wrappers, own, *chain(*(lane[:-1] for lane in lanes))], [lane[-1] for lane in lanes]
+
+
+def _nested(env: Any, inner: str) -> list[Layer]:
+    """The layers of an environment, outermost first, each of which holds the next as this attribute."""
+    layers = []
+    while env is not None:
+        layers.append((type(env).__module__.partition(".")[0], type(env).__name__))
+        env = vars(env).get(inner)
+    return layers

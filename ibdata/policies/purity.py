@@ -16,14 +16,14 @@ EPISODES, STEPS = 32, 4
 NEAR = 1e-3  # of the actions of objects: their last bits may depend on the number of episodes
 FLIPPED = 0.1  # share of the actions that may be others, such as those on the edge between two
 
+DRAWS = "if it draws random numbers, write a class with act(history, u), which takes them from u"
 SECRET = (
-    "found other actions when the same was asked again, expected equal ones; memory must be returned by "
-    "decide, be the state of predict, or begin anew in reset(n), and random numbers must come from "
-    "`uniforms`, which act and decide are given"
+    f"found other actions when the same was asked again, expected equal ones; {DRAWS}; if it remembers, it "
+    "must begin anew in reset(n)"
 )
 MIXED = (
     "found other actions for the same episodes {}, expected that the actions of an episode depend on nothing "
-    "in the others; random numbers must come from `uniforms`, and parts such as BatchNorm must not train"
+    f"in the others; {DRAWS}; parts such as BatchNorm must not train"
 )
 
 
@@ -43,6 +43,9 @@ def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), exact: bool =
         far = np.abs(_actions(policy, history, rows) - expected[:, rows]).max(axis=2) > near
         if far.mean() > flipped:
             raise PolicyError(f"policy {policy.label}: {MIXED.format(how)}")
+    for each in policy.everywhere():
+        if isinstance(each, UserObject):
+            each.count_anew()  # what was asked here is made up
 
 
 def _actions(policy: Policy, history: Float32s, rows: npt.NDArray[np.int64]) -> Float32s:
@@ -73,7 +76,7 @@ def played(
 def decided(policy: Policy, given: Observed) -> tuple[Float32s, Floats]:
     """The actions of a policy, clipped and rounded, float32 (n, 3), and its memory (n, memory)."""
     out = np.empty((len(given.step), 3), dtype=np.float32)
-    checked = Checked(policy, policy.label, np.arange(len(given.step)))
+    checked = Checked(policy, policy.label, np.empty(0, dtype=np.int64))
     _, memory = checked.act(given.apply(np.copy), out)
     return out, memory.copy()
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, say
 from ibdata.policies.actors import Actor, actor_of, numbers
+from ibdata.policies.libraries import environment_note
 from ibdata.policies.tensors import written
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept
 from ibdata.system.files import write
@@ -58,10 +59,11 @@ def save_network(
 
     Raises:
         UsageError: The model has another form, other numbers of inputs and outputs, or other actions than its
-            layers alone give.
+            layers alone give; or a wrapper of its environment changes observations or actions.
     """
+    note = environment_note(model)
     try:
-        actor = actor_of(model, history)
+        actor = actor_of(model)
         tensors, activation = _tensors(actor)
     except UsageError:
         raise
@@ -90,6 +92,8 @@ def save_network(
     target = Path(path).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
+    if note is not None and mean is std is None:
+        say(f"{target.name}: {note}, or pass mean and std")
     return weights.sha256
 
 

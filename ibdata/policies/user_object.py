@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import inspect
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError
 from ibdata.policies.base import Decision, Floats, Needs, Observed, Policy, Steps
-from ibdata.policies.checked import AnswerError, decision, distribution_of, numbers
+from ibdata.policies.checked import AnswerError, actions, decision, distribution_of, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Distribution, Unknown
-from ibdata.policies.libraries import is_torch_module, module_call, normalized
+from ibdata.policies.libraries import environment_note, is_torch_module, module_call, normalized
+from ibdata.views.options import PLAIN, ViewOptions
 
 EXPECTED = (
     "an object with decide(observed), act(history, u) or predict(observations), a torch module, or a function"
 )
+NO_NUMBERS = "no random numbers; if it draws 3 per step, write uniforms: 3 beside its target in a block"
 METHODS = ("decide", "act", "predict")
+MOST_CLIPPED = 0.2  # share of the numbers of actions
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
+
+
+Counts = npt.NDArray[np.int64]
 
 
 class Answer(NamedTuple):
@@ -65,8 +72,24 @@ class UserObject(Policy):
 
     def forget(self) -> None:
         """Forget the object and its last answer, so that it is made anew on its next use."""
-        for name in ("adapted", "_last", "_predict", "_keywords", "_reset"):
+        for name in ("adapted", "_last", "_predict", "_keywords", "_reset", "_clipped"):
             self.__dict__.pop(name, None)
+
+    def notes(self, view: ViewOptions = PLAIN) -> Iterator[str]:
+        """What somebody should know who uses the object with a view, in lines without its name."""
+        if note := environment_note(self.adapted, view):
+            yield note
+        clipped, total = self._clipped
+        yield from clipping_notes(clipped, total, "numbers of its actions")
+
+    def count_anew(self) -> None:
+        """Forget how many numbers were clipped."""
+        self._clipped[:] = 0
+
+    @cached_property
+    def _clipped(self) -> Counts:
+        """How many numbers of its actions are clipped, and how many there are; bases are clipped early."""
+        return np.zeros(2, dtype=np.int64)
 
     def _answer(self, observed: Observed, state: Any) -> Answer:
         """Ask the object. Raises AnswerError, which says what it was given."""
@@ -84,7 +107,8 @@ class UserObject(Policy):
     def _shapes(self, observed: Observed) -> str:
         n, history, columns = observed.observations.shape
         if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act"):
-            return f"observations {(n, history, columns)} and random numbers {observed.uniforms.shape}"
+            numbers = f"random numbers {observed.uniforms.shape}" if observed.uniforms.size else NO_NUMBERS
+            return f"observations {(n, history, columns)} and {numbers}"
         return f"observations {(n, history * columns)}"
 
     def _call(self, observed: Observed, state: Any) -> Answer:
@@ -106,7 +130,9 @@ class UserObject(Policy):
                 after = found[1]
         if isinstance(found, tuple) and found:
             found = found[0]
-        return Answer(numbers(found, (n, 3), "actions").copy(), memory, observed.step, after)
+        plain = actions(found, n).copy()
+        self._clipped += np.array([np.count_nonzero(np.abs(plain) > 1.0), plain.size])
+        return Answer(plain, memory, observed.step, after)
 
     def _decision(self, observed: Observed) -> tuple[Any, Any]:
         """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
@@ -129,7 +155,7 @@ class UserObject(Policy):
     @cached_property
     def _keywords(self) -> set[str]:
         """Those of the keywords that `predict` has after its first parameter, which is the observations."""
-        if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act") or is_torch_module(self.adapted):
+        if hasattr(self.adapted, "decide") or hasattr(self.adapted, "act"):
             return set()
         rest = _parameters(self._predict)[1:]
         return KEYWORDS & {p.name for p in rest if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
@@ -140,6 +166,12 @@ class UserObject(Policy):
         if is_torch_module(self.adapted) and not has_method(self.adapted):
             return module_call(self.adapted)
         return normalized(self.adapted, getattr(self.adapted, "predict", self.adapted))
+
+
+def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
+    """A line that says so if many are clipped."""
+    if clipped > MOST_CLIPPED * total:
+        yield f"{clipped / total:.0%} of the {what} are clipped: actions are changes in [-1, 1]"
 
 
 def can_act(target: Any) -> bool:

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
+from ibdata.dataset.tabular import column_texts
 from ibdata.experiment import Experiment
 from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -92,13 +93,13 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
     shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
-    steps = " or ".join(map(str, dict.fromkeys(experiment.steps for experiment in experiments)))
+    steps = " or ".join(f"{n:,}" for n in dict.fromkeys(experiment.steps for experiment in experiments))
     return [
         ("dynamics", "; ".join(dynamics)),
         ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
         ("policies", ", ".join(spec.labels)),
-        ("episodes", f"{spec.episodes} of {steps} steps"),
-        ("rows", f"{spec.rows}"),
+        ("episodes", f"{spec.episodes:,} of {steps} steps"),
+        ("rows", f"{spec.rows:,}"),
         ("licence", ", ".join(f"`{licence}`" for licence in spec.licences)),
     ]
 
@@ -174,11 +175,10 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
 
 def _quality(measures: Quality | ReturnMeasures) -> Iterator[str]:
     """The measures of quality that are known."""
-    found = {name: getattr(measures, name, None) for name in MEANING}
+    found = {name: x for name in MEANING if (x := getattr(measures, name, None)) is not None}
+    texts = column_texts(list(found.values()))
     rows = [
-        f"| {name.replace('_', ' ')} | {x:.3g} | {MEANING[name]} |"
-        for name, x in found.items()
-        if x is not None
+        f"| {name.replace('_', ' ')} | {x} | {MEANING[name]} |" for name, x in zip(found, texts, strict=True)
     ]
     if rows:
         yield "\n".join(["## Quality", "", "| measure | value | meaning |", "|---|---|---|", *rows, ""])

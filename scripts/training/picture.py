@@ -41,7 +41,8 @@ def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
             axis.set_xticks(range(len(names)), [LABELS[x] for x in names], rotation=90, fontsize=7)
             axis.tick_params(labelbottom=True)
             axis.title.set_fontsize(9)
-    axes[0, 0].legend(fontsize=7)
+    handles = axes[0, 0].get_lines()[:2]  # beside the panels, where they hide no result
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=8)
     done = sum(line.algorithm != BEHAVIOUR for line in lines)
     figure.suptitle(f"{done} of {sum(run.algorithm != BEHAVIOUR for run in plan)} runs", fontsize=9)
     figure.supylabel("mean return / 100 of each seed")

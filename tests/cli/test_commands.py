@@ -128,7 +128,7 @@ def test_evaluate_prints_results_differences_and_the_scale(run):
     assert "100 = optimized" in data["scale"]
     lines = run("evaluate", "optimized", *places, *FEW)[1].splitlines()
     assert lines[0].split() == [name for name in COLUMNS if name not in ("interval", "clipped")]
-    assert [line.split()[1] for line in lines[1:5]] == ["70", "50.0000001", "50.0000002", "all"]
+    assert [line.split()[1] for line in lines[1:5]] == ["70.0000000", "50.0000001", "50.0000002", "all"]
 
 
 def test_evaluate_prints_a_table_of_differences(run):

@@ -102,3 +102,12 @@ def test_an_option_of_the_experiment_is_set_with_set(run):
     assert code == 2
     assert "No such option '--steps'; expected --set steps=…, since" in err
     assert "Did you mean" in run("evaluate", "--policies", "safe")[2]
+
+
+@pytest.mark.parametrize("name", ["history", "view"])
+def test_an_option_of_python_alone_is_named(run, name):
+    code, _, err = run("evaluate", "safe", f"--{name}", "3")
+    assert code == 2
+    assert err.startswith(
+        f"ibdata: No such option '--{name}'; it is one of Python's: ibdata.evaluate(…, {name}="
+    )

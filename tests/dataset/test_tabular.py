@@ -1,18 +1,19 @@
 """Results show as text in a terminal and as tables in a notebook, and become DataFrames."""
 
 import json
+import math
 import pickle
 import re
 
 import pytest
 
 import ibdata
-from ibdata.dataset.tabular import MOST_ROWS, Table, as_html, as_text
+from ibdata.dataset.tabular import MOST_ROWS, Table, as_html, as_text, column_texts
 
 
 def cells(html):
     """The texts of the cells of all tables in HTML."""
-    return re.findall(r"<td>(.*?)</td>", html)
+    return re.findall(r"<td[^>]*>(.*?)</td>", html)
 
 
 def test_a_long_table_is_cut_and_says_so():
@@ -23,6 +24,26 @@ def test_a_long_table_is_cut_and_says_so():
     assert lines[12].endswith("[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, … 11 in all]")
     assert len(cells(as_html([table]))) == 2 * MOST_ROWS
     assert "<p>and 1,234 more</p>" in as_html([table])
+
+
+NUMBERS = [(92 / 3, -1e-9, 50.0), (-11 / 13, 0.0, 12.5), (None, math.nan, 7)]
+
+
+def test_the_numbers_of_a_column_have_the_same_decimals():
+    """A setpoint is shown in full, and no zero has a sign."""
+    table = Table(("score", "nothing", "setpoint"), NUMBERS)
+    expected = [["30.6667", "-1e-09", "50.0"], ["-0.8462", "0", "12.5"], ["–", "nan", "7"]]
+    assert [line.split() for line in as_text(table).split("\n")[1:]] == expected
+    assert cells(as_html([table])) == [text for row in expected for text in row]
+    assert as_html([table]).count("text-align: right") == 3 * 4
+    assert column_texts([4e5 / 3, -1e-5 / 3]) == ["133,333.3333", "0.0000"]
+
+
+@pytest.mark.parametrize("high", [1e-5, 1.0, 1e3, 1e9])
+def test_no_digit_of_the_largest_number_is_lost(high):
+    numbers = [high * x for x in (1 / 3, -2 / 7, 1e-3 / 3)]
+    assert all(abs(float(text.replace(",", "")) - x) <= 1e-6 * high
+               for text, x in zip(column_texts(numbers), numbers, strict=True))  # fmt: skip
 
 
 def test_texts_of_a_dataset_can_forge_neither_lines_nor_html():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -55,6 +56,14 @@ def test_the_navigation_names_every_page_once():
 
     pages = named(YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"])
     assert sorted(pages) == sorted([*PAGES, *(path.name for path in DOCS.glob("*.ipynb"))])
+
+
+def test_the_tour_ends_with_pages_that_exist():
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:\n")[2]
+    *_, last = json.loads((DOCS / "tour.ipynb").read_text(encoding="utf-8"))["cells"]
+    named = re.findall(r"\*(.+?)\*", "".join(last["source"]))
+    assert named
+    assert set(named) <= set(re.findall(r"^ +- (.+): \S", nav, re.M))
 
 
 def test_the_experiment_that_is_explained_is_valid(tmp_path):

@@ -32,10 +32,10 @@ def test_the_ten_lines_print_what_they_say(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "figure", ["1e-12", "100,000", "1,164", "116", "2,133", "342", "169", "340", "8 and 6"]
+    "figure", ["1e-12", "100,000", "1,164", "116", "2,133", "342", "166", "338", "8 and 6"]
 )
 def test_a_measured_figure_stands_where_its_proof_is(figure: str):
-    """The medians of the run-away are 340, 204 and 169 steps by the code, and 8, 7 and 6 as printed."""
+    """The medians of the run-away are 338, 205 and 166 steps by the code, and 8, 7 and 6 as printed."""
     assert figure in TEXT
     assert {"8 and 6": "8 / 7 / 6"}.get(figure, figure) in PROVEN
 
@@ -43,7 +43,9 @@ def test_a_measured_figure_stands_where_its_proof_is(figure: str):
 def test_the_speed_is_the_one_that_was_measured():
     measured = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
     ratio = re.search(r"^\| one processor, .* published package .*? \| (\d+) × \|", measured, re.MULTILINE)[1]
-    assert f"\n  {ratio} times as fast as the published package" in TEXT
+    low, high = map(int, re.search(r"(\d+) to (\d+) times, by machine", measured).groups())
+    assert low <= int(ratio) <= high
+    assert "\n  about 100 times as fast as the published package" in TEXT
     each = int(re.search(r"^\| 10,000,000 transitions \| (\d+) ns each", measured, re.MULTILINE)[1])
     assert f"{math.floor(10_000 / each) / 10} million transitions a second" in TEXT
 

@@ -34,7 +34,7 @@ def shipped(monkeypatch):
 def test_an_algorithm_has_a_line_over_its_seeds(shipped):
     found = ibdata.evaluate(["safe", "optimized"], against="optimized-40")
     assert found.returns.shape == (2, 1, 200)
-    assert [(d.policy, d.less) for d in found.differences] == [("optimized", "safe")]
+    assert [(d.policy, d.minus) for d in found.differences] == [("optimized", "safe")]
     shown = [(each.policy, each.algorithm, each.seeds) for each in found.baselines]
     lines = [("behaviour", 1), ("bc", 2), ("cql", 0)]
     assert shown == [(policy, *line) for policy in ("safe", "optimized") for line in lines]

@@ -11,6 +11,8 @@ import ibdata
 from ibdata import evaluate
 from ibdata.errors import ConfigError, UsageError
 from ibdata.policies import Needs
+from ibdata.views.imperfections import imperfections_of
+from ibdata.views.options import OBSERVED
 
 REFUSED = [
     ({"setpoint": 101}, "setpoint: found 101, expected a number of at most 100"),
@@ -43,6 +45,27 @@ def test_a_policy_may_stand_in_a_file(tmp_path):
     file.write_text("kind: constant\nactoin: 1\n")
     with pytest.raises(ConfigError, match=r"policy.yaml: actoin: no such option; did you mean 'action'\?"):
         returns(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "ppo.zip",
+            "if it holds a model, load that in Python and call ibdata.evaluate(model), or ibdata.save_",
+        ),
+        (
+            "actor.safetensors",
+            "a file of weights, expected a block; write '{kind: network, file: actor.safeten",
+        ),
+    ],
+)
+def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch, name, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(b"PK\3\4\0\0")
+    with pytest.raises(UsageError, match=f"^{name}: found a file ") as caught:
+        evaluate(name)
+    assert message in str(caught.value)
 
 
 def test_labels_are_the_names_and_later_equal_ones_are_numbered():
@@ -130,6 +153,16 @@ def test_imperfections_change_what_is_seen_and_not_what_happens():
     assert not (now[:, :, 2] == true[:, :, 2]).any()
     assert (now[:, :, [0, 3, 5]] == true[:, :, [0, 3, 5]]).all()
     assert found.returns.tolist() == clean.returns.tolist()
+
+
+def test_imperfections_are_those_of_a_dataset_at_the_same_step():
+    """From the first observation on, which is pushed once."""
+    plain, _ = watched()
+    seen, _ = watched(view={"imperfections": TROUBLES})
+    measurement = imperfections_of(TROUBLES).of(OBSERVED)
+    for number in range(ALIKE["episodes"]):
+        expected, _ = measurement.episode(plain[:, number, 0], number)
+        assert seen[:, number, 0].tolist() == expected.tolist()
 
 
 def test_rewards_are_weighted_as_in_a_dataset():

@@ -36,9 +36,9 @@ def test_the_statistics_are_those_of_the_returns():
 
 def test_differences_are_paired_and_of_every_two_policies():
     found = evaluate(["safe", "mediocre", "bad"], [10.0, 70.0], steps=30, episodes=20)
-    assert [(d.policy, d.less, d.setpoint) for d in found.differences] == [
-        (policy, less, p)
-        for policy, less in (("mediocre", "safe"), ("bad", "safe"), ("bad", "mediocre"))
+    assert [(d.policy, d.minus, d.setpoint) for d in found.differences] == [
+        (policy, minus, p)
+        for policy, minus in (("mediocre", "safe"), ("bad", "safe"), ("bad", "mediocre"))
         for p in (10.0, 70.0, None)
     ]
     by_hand = found.returns[2, 1] - found.returns[0, 1]

@@ -65,8 +65,15 @@ def test_the_law_itself_has_the_likelihood_of_the_floor(dataset):
 @pytest.mark.parametrize(
     ("model", "steps", "error", "message"),
     [
-        (lambda seen, actions: seen, 1, PolicyError, "model: found an answer of shape"),
-        (lambda seen, actions: seen[:, 4:6] * np.nan, 1, PolicyError, "expected finite fatigue and"),
+        (lambda seen, actions: seen, 1, PolicyError, r"model: step 1: found predictions of shape \(\d+, 6\)"),
+        (lambda seen, actions: [seen], 1, PolicyError, r"model: step 1: found predictions of shape \(1,"),
+        (lambda seen, actions: (seen, seen, seen), 1, PolicyError, "model: step 1: found 3 arrays"),
+        (
+            lambda seen, actions: seen[:, 4:6] * np.nan,
+            1,
+            PolicyError,
+            r"1: found NaN or infinity in (\d+) of \1 ",
+        ),
         (lambda seen, actions: (seen[:, 4:6], 0 * seen[:, 4:6]), 1, PolicyError, "standard deviation of 0"),
         (repeated, 0, UsageError, "steps: found 0, expected"),
         (repeated, 10**6, UsageError, "steps: found no row"),
@@ -75,3 +82,11 @@ def test_the_law_itself_has_the_likelihood_of_the_floor(dataset):
 def test_what_cannot_be_scored_is_refused(dataset, model, steps, error, message):
     with pytest.raises(error, match=message):
         ibdata.score_model(dataset, model, steps=steps)
+
+
+def test_a_prediction_that_is_no_number_has_its_step(dataset):
+    factors = iter([1.0, np.nan])
+    with pytest.raises(
+        PolicyError, match=r"^model: step 2: found NaN or infinity in \d+ of \d+ predictions, such"
+    ):
+        ibdata.score_model(dataset, lambda seen, actions: next(factors) * seen[:, 4:6], steps=3)

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from ibdata.plots.style import legend_above
 from ibdata.plots.summary import Summary
 
 pytestmark = pytest.mark.slow
@@ -65,6 +66,28 @@ def test_returns_are_quantiles_of_sums_of_rewards(many):
     assert np.allclose(whiskers, expected, rtol=1e-12)
 
 
+def test_the_axis_of_setpoints_is_one_of_numbers(make):
+    (axes,) = pictured("returns", make(setpoints=[10.0, 20.0, 100.0], steps=1)).axes
+    assert axes.get_yticks().tolist() == [10, 20, 100]
+    marks = np.array([line.get_ydata() for line in axes.get_lines()])
+    assert np.allclose(marks.mean(axis=0), [10, 20, 100])
+    assert (np.diff(marks, axis=0) < 0).all()  # from top to bottom as in the legend
+    (axes,) = pictured("returns", make(setpoints=[10.0, 50.0, 50.5, 100.0], steps=1)).axes
+    assert "50.5" not in [label.get_text() for label in axes.get_yticklabels()]  # it would hide 50
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 5, 7])
+def test_a_legend_is_read_row_by_row(count):
+    axes = Figure().subplots()
+    names = [f"policy {i}" for i in range(count)]
+    for name in names:
+        axes.plot([0, 1], label=name)
+    legend_above(axes)
+    axes.figure.draw_without_rendering()
+    boxes = {text.get_text(): text.get_window_extent() for text in axes.get_legend().get_texts()}
+    assert sorted(boxes, key=lambda name: (-round(boxes[name].y0), boxes[name].x0)) == names
+
+
 def test_returns_of_episodes_of_different_length_are_means(merged):
     (axes,) = pictured("returns", merged).axes
     means = merged.to_pandas().astype({"reward": "float64"})
@@ -106,14 +129,19 @@ def test_the_trade_off_shows_steps_and_means(many):
     beyond = 1 - image.get_array().sum() / len(data)
     assert (f"{beyond:.2%}" in figure.get_suptitle()) == (beyond > 0)
     means = data.groupby(["policy", "setpoint"], observed=True)[[c.name, f.name]].mean()
-    lines = {line.get_label(): line for line in axes.get_lines()}
+    marks = {each.get_label(): each for each in axes.collections}
     for label in POLICIES:
-        assert np.allclose(np.transpose(lines[label].get_data()), means.loc[label], rtol=1e-12)
+        assert np.allclose(marks[label].get_offsets(), means.loc[label], rtol=1e-12)
+        assert (np.diff(marks[label].get_sizes()) > 0).all()
+    assert (axes.get_xlim()[0], axes.get_ylim()[0]) == (0.0, 0.0)
+    assert not set(POLICIES) & {line.get_label() for line in axes.get_lines()}  # nothing joins the marks
     assert not axes.texts
 
 
 def test_actions_are_the_density_of_each_policy_s_steps(many):
-    panels = iter(pictured("actions", many).axes)
+    figure = pictured("actions", many)
+    assert "each panel has its own scale" in figure.get_suptitle()
+    panels = iter(figure.axes)
     data = rows(many)
     for label in POLICIES:
         for column in ["act_velocity", "act_gain", "act_shift"]:
@@ -123,6 +151,7 @@ def test_actions_are_the_density_of_each_policy_s_steps(many):
             assert np.allclose(axes.patches[0].get_data().values, density, rtol=1e-9)
             assert axes.get_ylim()[0] == 0
             assert axes.get_ylim()[1] >= density.max()
+            assert axes.get_lines()[0].get_ydata() == [0.5, 0.5]
 
 
 @pytest.mark.parametrize("name", ["many", "moving", "bare"])

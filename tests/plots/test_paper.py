@@ -48,8 +48,10 @@ def test_the_three_policies_go_where_the_paper_says():
     assert given_up.phi.tolist() == [0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0]
     assert np.allclose(given_up.he[6:], 0.0, rtol=0, atol=1e-12)
     assert bad.phi.tolist() == [*UP_AND_BACK, -6, -6]
-    assert bad.he[6:].tolist() == [1.5] * 15
-    means = [path.m[1:].mean() for path in (optimal, given_up, bad)]
+    assert np.allclose(bad.he, [*np.linspace(0, 1, 7), *[1.0] * 14], rtol=0, atol=1e-12)
+    assert abs(bad.m[6] + 1.0) < 1e-12  # one of the global optima
+    assert (np.diff(bad.m[6:19]) > 0).all()
+    means = [x.m[-n:].mean() for x, n in zip((optimal, given_up, bad), policies.REPEATED, strict=True)]
     assert means[0] < means[1] < 0.0 < means[2]
 
 
@@ -86,12 +88,14 @@ def test_the_seed_chosen_shows_what_the_paper_describes():
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_four_panels_draw_these_numbers(variant):
-    a, b, c, d, mu = drawn(dynamics, variant)
+    a, b, mu, c, d = drawn(dynamics, variant)
     parts = dynamics.parts(variant, dynamics.SEED)
-    shown = {**lines(a), **lines(mu)}
-    assert np.array_equal(shown["f: fatigue (left)"], parts["fatigue"])
-    assert np.array_equal(shown["μᵍ (right)"], parts["mu_g"])
-    assert np.array_equal(shown["μᵛ (right)"], parts["mu_v"])
+    assert np.array_equal(lines(a).pop("f: fatigue"), parts["fatigue"])
+    assert len(a.get_lines()) == 1
+    assert np.array_equal(lines(mu)["μᵍ"], parts["mu_g"])
+    assert np.array_equal(lines(mu)["μᵛ"], parts["mu_v"])
+    assert mu.get_lines()[2].get_ydata() == [1.2, 1.2]  # the run-away, on the axis of μ alone
+    assert mu.get_position().y1 < a.get_position().y0
     assert np.array_equal(lines(b)["θ: operational cost"], parts["theta"])
     assert np.array_equal(lines(b)["θᶜ: delayed and blurred"], parts["convolved_cost"])
     assert np.array_equal(lines(c)["c: consumption, with noise"], parts["consumption"])

@@ -134,7 +134,9 @@ HALF = "found other actions for the same episodes without half of them"
 )
 def test_secrets_are_found_before_a_run(make, line):
     for call in (lambda: returns({"mine": make()}, episodes=1), lambda: check_policy(make())):
-        with pytest.raises(PolicyError, match=rf"^policy [a-z]+: {line}.*random numbers must come from"):
+        with pytest.raises(
+            PolicyError, match=rf"^policy [a-z]+: {line}.*write a class with act\(history, u\)"
+        ):
             call()
 
 

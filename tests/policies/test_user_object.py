@@ -96,6 +96,9 @@ class Tensor:
         assert device == "here"
         return self
 
+    def is_floating_point(self):
+        return True
+
     def double(self):
         return Tensor(self.array.astype(np.float64))
 

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from helpers import networks
+from helpers.models import Linear, Parameter
 
 from ibdata.errors import UsageError
 from ibdata.policies.save_network import save_network
@@ -95,27 +96,6 @@ def test_a_file_is_read_as_it_was_written():
     assert weights.mean.shape == weights.std.shape == (12,)
 
 
-class Linear:
-    """A module as torch has them, of which a network is saved."""
-
-    def __init__(self, weight):
-        self.weight, self.bias = (Parameter(x) for x in (weight, np.zeros(len(weight), dtype=np.float32)))
-
-    def named_modules(self, remove_duplicate=True):
-        return [("", self)]
-
-    def children(self):
-        return []
-
-    def __call__(self, x):
-        return Parameter(x.numpy() @ self.weight.numpy().T)
-
-    training = False
-
-    def train(self, on):
-        pass
-
-
 class Scaled(Linear):
     def __call__(self, x):
         return Parameter(0.5 * super().__call__(x).numpy())
@@ -124,19 +104,6 @@ class Scaled(Linear):
 class Clamped(Linear):
     def __call__(self, x):
         return super().__call__(Parameter(np.clip(x.numpy(), -5.0, 5.0)))
-
-
-class Parameter:
-    def __init__(self, numbers):
-        self.numpy = lambda: numbers
-
-    def new_tensor(self, numbers):
-        return Parameter(numbers)
-
-    def detach(self):
-        return self
-
-    cpu = detach
 
 
 SMALL = np.full((3, 6), 0.01, dtype=np.float32)

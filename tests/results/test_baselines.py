@@ -12,6 +12,7 @@ from helpers.baseline_lines import baseline
 
 import ibdata
 from ibdata.evaluation.baselines import FILE, Baseline, measured, shipped_baselines
+from ibdata.policies import expert
 from measuring.documents import measured as tables_of
 from training import page
 from training.runner import Runner
@@ -96,13 +97,32 @@ def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
 
 def test_every_number_of_the_reading_is_a_result():
     """It is a mean over seeds, a single seed, or a reference."""
-    reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
+    reading = PAGE.partition("## Reading\n")[2].partition("The expert is\n")[0]
     numbers = re.findall(r"−[\d.]+\d", reading)
     assert numbers
     runs = ibdata.baselines()
     means = runs.groupby(["set", "algorithm"])["mean_return"].mean()
     values = [*runs["mean_return"], *means, *page.references().values()]
     assert set(numbers) <= {f"{value / 100:.1f}".replace("-", "−") for value in values}
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "velocity", "gain", "said"),
+    [
+        (70, None, 10, "gains higher by 10 get −56.5"),
+        (53, 29, 20, "gains higher by 20 get −46.9"),
+        (53, None, 0, "the expert −49.2"),
+    ],
+)
+def test_the_expert_is_no_bound_over_100_steps(setpoint, velocity, gain, said, monkeypatch):
+    table, feedback = expert.numbers("siemens")
+    table = table.copy()
+    table[:, expert.AIM] = velocity or table[:, expert.AIM]
+    table[:, expert.GAINS :] = np.clip(table[:, expert.GAINS :] + gain, 0, 100)
+    monkeypatch.setattr(expert, "numbers", lambda dynamics: (table, feedback))
+    [found] = ibdata.evaluate("expert", setpoint=setpoint, episodes=1000).results
+    assert said in re.sub(r"\s+", " ", PAGE)
+    assert f"{found.mean_return / 100:.1f}".replace("-", "−") == said.split()[-1]
 
 
 def test_tables_show_means_of_seeds_and_dashes_for_gaps(baselines):
@@ -191,3 +211,7 @@ def test_the_words_about_the_literature_agree_with_the_data():
     cql = differences.loc[[*bad, "bad-80"], "cql"]
     assert f"{cql.min():.0f} to {cql.max():.0f} better" in text
     assert f"{-differences.loc['bad-0', 'cql']:.0f} worse" in text
+    known = frame.pivot(index="set", columns="algorithm", values="published_p10")
+    models = known[["moose", "wsbc", "mopo", "morel"]]
+    assert f"on {(models.max(axis=1) == known.max(axis=1)).sum()} of the 16 sets the best" in text
+    assert f"on {(models.min(axis=1) == known.min(axis=1)).sum()} so is the worst" in text

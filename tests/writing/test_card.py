@@ -1,5 +1,6 @@
 """The card says under which licence a dataset is, how well its behaviour does, and how to cite it."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,9 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.dataset import manifest
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.report import card as write_card
+from ibdata.writing.card import facts
 from ibdata.writing.citation import PAPER
 from ibdata.writing.licences import front_matter
 
@@ -101,4 +104,11 @@ def test_the_card_describes_columns_and_quality(small):
     assert "| state action coverage |" not in text  # needs all rows, which a run no longer has
     write_card(small.path)
     measured = ibdata.quality(small).state_action_coverage
-    assert f"| state action coverage | {measured:.3g} | " in text_of(small)
+    shown = re.search(r"\| state action coverage \| ([\d.]+) \|", text_of(small))[1]
+    assert float(shown) == pytest.approx(measured, abs=1e-4)
+
+
+def test_large_numbers_have_separators():
+    plain = {"name": "x", "setpoints": 50, "policies": ["random"], "episodes": 1200, "steps": 1000}
+    told = dict(facts(DatasetSpec.of(ibdata.Experiment.model_validate(plain))))
+    assert (told["episodes"], told["rows"]) == ("1,200 of 1,000 steps", "1,200,000")

@@ -9,6 +9,7 @@ from ibdata.plots.summary import Summary
 from ibdata.views.options import ACTIONS
 
 TITLE = "Actions"
+UNIFORM = 0.5  # the density of uniform actions
 
 
 def draw(figure: Figure, summary: Summary) -> None:
@@ -20,6 +21,7 @@ def draw(figure: Figure, summary: Summary) -> None:
         for axes, count in zip(row, counts, strict=True):
             density = count / max(1, count.sum()) / np.diff(ACTION_EDGES)
             axes.stairs(density, ACTION_EDGES, fill=True, color=color)
+            axes.axhline(UNIFORM, color="0.3", linewidth=0.8, linestyle=":")
             axes.set_ylim(0, max(0.7, 1.05 * density.max()))
             axes.set_xlim(-1.05, 1.05)
             axes.locator_params(axis="y", nbins=4)
@@ -28,4 +30,6 @@ def draw(figure: Figure, summary: Summary) -> None:
     for axes, column in zip(panels[-1], ACTIONS, strict=True):
         axes.set_xlabel(column.removeprefix("act_"))
     figure.supylabel("density", size=9)
-    figure.suptitle("proposed changes at t; uniform actions have density 0.5")
+    figure.suptitle(
+        f"proposed changes at t; each panel has its own scale\ndotted: {UNIFORM}, uniform actions"
+    )

@@ -45,8 +45,9 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
     figure.set_size_inches(9.0, 5.6)
     x = parts(dynamics, seed)
     offset = VARIANTS[dynamics].consumption_offset
-    (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
-    _fatigue(a, x, dynamics)
+    panels = figure.subplot_mosaic("ab\nab\nmb\ncd\ncd\ncd", sharex=True)
+    a, mu, b, c, d = (panels[name] for name in "ambcd")
+    _fatigue(a, mu, x)
     b.plot(x["theta"], color=SKY, label="θ: operational cost")
     b.plot(x["convolved_cost"], "--", color=BLUE, label="θᶜ: delayed and blurred")
     b.set_title("(b) operational cost")
@@ -71,19 +72,20 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
     figure.suptitle(f"uniform random actions, setpoint {SETPOINT:g}, variant {dynamics}, seed {seed}", size=9)
 
 
-def _fatigue(axes: Axes, x: Columns, dynamics: str) -> None:
-    """Draw fatigue and, on a second axis, the hidden μ that amplify it."""
-    axes.plot(x["fatigue"], color=RED, label="f: fatigue (left)")
-    axes.set_ylabel("fatigue f (cost units)")
-    axes.set_title("(a) fatigue")
-    right = axes.twinx()
-    right.spines["right"].set_visible(True)
-    right.plot(x["mu_g"], "--", color=BLUE, label="μᵍ (right)")
-    right.plot(x["mu_v"], ":", color=GREEN, label="μᵛ (right)")
-    right.axhline(AMPLIFICATION_START, color=BLACK, linewidth=0.6, linestyle=(0, (8, 4)))
-    right.text(STEPS - 1, AMPLIFICATION_START, "run-away ", fontsize=7, ha="right", va="bottom")
-    right.set_ylabel("hidden μ")
-    right.set_ylim(0, 6.2)
-    axes.set_ylim(0, axes.get_ylim()[1] * 1.25)
-    handles = [*axes.get_lines(), *right.get_lines()[:2]]
-    axes.legend(handles=handles, loc="upper left", ncols=3, fontsize=7.5, columnspacing=1.0)
+def _fatigue(upper: Axes, lower: Axes, x: Columns) -> None:
+    """Draw fatigue and, below it, the hidden μ that amplify it."""
+    upper.plot(x["fatigue"], color=RED, label="f: fatigue")
+    upper.set_ylabel("cost units")
+    upper.set_title("(a) fatigue, and the hidden μ behind it")
+    upper.set_ylim(0, upper.get_ylim()[1] * 1.25)
+    lower.plot(x["mu_g"], "--", color=BLUE, label="μᵍ")
+    lower.plot(x["mu_v"], ":", color=GREEN, label="μᵛ")
+    lower.axhline(
+        AMPLIFICATION_START, color=BLACK, linewidth=0.6, linestyle=(0, (8, 4)),
+        label=f"run-away from {AMPLIFICATION_START:g}",
+    )  # fmt: skip
+    lower.set_ylabel("μ")
+    lower.set_ylim(0, 8.5)
+    lower.set_yticks([0, 5])
+    upper.legend(loc="upper left", fontsize=7.5)
+    lower.legend(loc="upper left", ncols=3, fontsize=7.5, columnspacing=1.0)

@@ -20,7 +20,7 @@ from ibdata.plots.style import RED
 SEED = 0
 SETPOINT = 50.0  # where the initial shift, 50, is in the middle of the safe zone
 TURN = 24  # steps of a full turn of φ through both domains
-BAD = 20  # steps of the bad policy
+OUT, STAY = 6, 14  # steps of the bad policy: to the best penalty, hᵉ = 1 at φ = 6, and at hᵉ = 1
 SINE = np.sin(np.pi * np.arange(TURN + 1) / 12)
 
 Floats = npt.NDArray[np.float64]
@@ -29,13 +29,14 @@ Floats = npt.NDArray[np.float64]
 POLICIES: dict[str, Floats] = {
     "(a) optimal: hᵉ = sin(πt/12)": np.diff(SINE) * 20.0 / D_H,
     "(b) suboptimal: back after six steps": np.array([1.0] * 3 + [-1.0] * 3 + [0.0] * 4),
-    "(c) bad: out, and stay": np.ones(BAD),
+    "(c) bad: out to hᵉ = 1, and stay": np.repeat([20.0 / D_H / OUT, 0.0], [OUT, STAY]),
 }
+REPEATED = (TURN, 10, 1)  # last steps of each policy, which repeat
 # Steps that are labelled in each panel, with the label's offset in points to the right and up.
 MARKED: tuple[dict[int, tuple[int, int]], ...] = (
     {6: (-6, 12), 18: (8, -12), 24: (18, -14)},
     {3: (0, 12), 6: (6, -14), 10: (-16, -14)},
-    {6: (-9, -36), 18: (14, -14), 0: (-16, -14)},
+    {6: (-6, 12), 18: (14, -14), 0: (-16, -14)},
 )
 
 
@@ -67,7 +68,8 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
     figure.set_size_inches(9.0, 3.1)
     panels = figure.subplots(1, len(POLICIES), sharey=True)
     outline = [withStroke(linewidth=2.6, foreground="white")]
-    for axes, (title, delta_h), marked in zip(panels, POLICIES.items(), MARKED, strict=True):
+    policies = zip(panels, POLICIES.items(), MARKED, REPEATED, strict=True)
+    for axes, (title, delta_h), marked, last in policies:
         mesh = background(axes)
         phi, he, m = path(delta_h)
         axes.plot(phi, he, "-o", color=RED, markersize=3.5, path_effects=outline, clip_on=False)
@@ -77,7 +79,7 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
                 f"t = {t}", (phi[t], he[t]), (right, up), textcoords="offset points",
                 ha="center", va="center", fontsize=7.5, bbox=BOX,
             )  # fmt: skip
-        axes.set_title(f"{title}\nmean m over {len(delta_h)} steps: {m[1:].mean():.2f}".replace("-", "−"))
+        axes.set_title(f"{title}\nmean m in the long run: {m[-last:].mean():.2f}".replace("-", "−"))
     for axes in panels[1:]:
         axes.set_ylabel("")
     scale(figure, mesh, panels)

@@ -6,14 +6,20 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward
 from helpers import ROOT
 from helpers.pages import blocks
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import DQN, PPO, SAC
+from stable_baselines3.common import vec_env
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
 import ibdata
 from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
+from ibdata.policies.libraries import HARMLESS, environment_note
+from ibdata.views.options import view_of
 
 ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 LANES, STEPS = 3, 7
@@ -132,6 +138,76 @@ def test_training_gives_the_same_network_as_over_their_loop(kind):
         learned.append(last)
         assert np.isfinite(evaluate_policy(model, env, n_eval_episodes=3, warn=False)[0])
     assert torch.equal(*learned)
+
+
+def model_in(env, kind=PPO):
+    return kind("MlpPolicy", env, seed=0, device="cpu")
+
+
+@pytest.mark.parametrize("loop", [DummyVecEnv, SubprocVecEnv])
+def test_wrappers_are_known_in_every_process(loop):
+    for wrapper, is_known in ((NormalizeReward, True), (NormalizeObservation, False)):
+        env = make_vec_env(ID, n_envs=2, wrapper_class=wrapper, vec_env_cls=loop)
+        model = model_in(VecNormalize(env))
+        if is_known:
+            assert environment_note(model) is None
+        else:
+            with pytest.raises(ibdata.IbdataError, match="found the wrapper NormalizeObservation"):
+                ibdata.evaluate(model.predict, episodes=2, steps=2)
+        env.close()
+    if loop is SubprocVecEnv:
+        assert "have ended" in environment_note(model)
+
+
+@pytest.mark.parametrize("loop", [IndustrialBenchmarkVecEnv, DummyVecEnv, SubprocVecEnv])
+def test_another_view_is_said(loop):
+    view = {"imperfections": {"delay": {"obs_fatigue": 3}}}
+    if loop is IndustrialBenchmarkVecEnv:
+        env = loop(2, view=view)
+    else:
+        env = make_vec_env(ID, n_envs=2, env_kwargs={"view": view}, vec_env_cls=loop)
+    model = model_in(VecNormalize(env))
+    assert "another view" in environment_note(model)
+    assert environment_note(model, view_of(view)) is None
+    env.close()
+
+
+def test_harmless_wrappers_are_classes_of_the_libraries():
+    for name in HARMLESS["gymnasium"]:
+        assert getattr(gymnasium.wrappers, name).__module__.startswith("gymnasium.")
+    known = {"Monitor": Monitor, **vars(vec_env)}
+    assert all(known[name].__name__ == name for name in HARMLESS["stable_baselines3"])
+
+
+def test_a_scaling_that_stayed_behind_is_said(tmp_path):
+    env = VecNormalize(DummyVecEnv([lambda: gymnasium.make(ID)]))
+    env.obs_rms.mean, env.obs_rms.var = np.full(6, 50.0), np.full(6, 900.0)
+    model = model_in(env)
+    model.save(tmp_path / "ppo.zip")
+    loaded = PPO.load(tmp_path / "ppo.zip", device="cpu")
+    few = {"episodes": 3, "steps": 20}
+    own, lost = ibdata.evaluate(model, **few), ibdata.evaluate(loaded, **few)
+    assert own.notes == []
+    [note] = lost.notes
+    assert note.startswith("ppo: the model has no environment, so it is given observations as they are; ")
+    assert (own.returns != lost.returns).all()
+    [policy] = ibdata.evaluate(model.policy, **few).notes
+    assert policy.startswith("actorcriticpolicy: the policy of a model has no environment, so")
+    loaded.set_env(env)
+    again = ibdata.evaluate(loaded, **few)
+    assert again.returns.tolist() == own.returns.tolist()
+    assert again.notes == []
+
+
+def test_discrete_actions_are_those_of_the_environment():
+    model = model_in(gymnasium.make(ID, discrete_actions=True), DQN)
+    table = ibdata.policies.actions.DISCRETE
+
+    def spelt_out(observations):
+        return np.array(table)[model.predict(observations, deterministic=True)[0]]
+
+    found = ibdata.evaluate([model, spelt_out], episodes=3, steps=20)
+    assert found.returns[0].tolist() == found.returns[1].tolist()
 
 
 def test_the_snippet_of_the_page_runs(tmp_path, monkeypatch):

@@ -1,0 +1,151 @@
+"""What lies between a model of Stable-Baselines3 and ibdata's environment is applied, refused or said."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.models import Model, layers
+
+import ibdata
+from ibdata.errors import UsageError
+from ibdata.policies.libraries import environment_note
+from ibdata.testing import check_policy
+from ibdata.views.options import OBSERVED, view_of
+
+OWN = "ibdata.environment.single.IndustrialBenchmarkEnv"
+DUMMY = "stable_baselines3.common.vec_env.dummy_vec_env.DummyVecEnv"
+SUBPROCESSES = "stable_baselines3.common.vec_env.subproc_vec_env.SubprocVecEnv"
+MONITOR = "stable_baselines3.common.monitor.Monitor"
+LIMIT = "gymnasium.wrappers.common.TimeLimit"
+NORMALIZE = "gymnasium.wrappers.stateful_observation.NormalizeObservation"
+
+
+def vectors(*lanes, over=(), kind=DUMMY):
+    """A vector environment over lanes, each a list of layers."""
+    return layers(*over, kind, envs=[layers(*lane) for lane in lanes])
+
+
+def elsewhere(*texts):
+    """A vector environment whose lanes are in other processes and describe themselves."""
+    return layers(SUBPROCESSES, remotes=[], env_method=lambda name: list(texts))
+
+
+def ended(name):
+    raise EOFError
+
+
+REFUSED = {
+    "of gymnasium": (vectors([MONITOR, NORMALIZE, LIMIT, OWN]), "NormalizeObservation"),
+    "of another lane": (vectors([OWN], [NORMALIZE, OWN]), "NormalizeObservation"),
+    "of a user": (vectors(["mine.Halved", OWN]), "Halved"),
+    "of a user, with a known name": (vectors(["mine.TimeLimit", OWN]), "TimeLimit"),
+    "an environment that holds another": (vectors(["mine.Holder", LIMIT, OWN]), "Holder"),
+    "around all lanes": (vectors([OWN], over=["mine.VecHalved"]), "VecHalved"),
+    "a user's loop over lanes": (vectors([OWN], kind="mine.DummyVecEnv"), "DummyVecEnv"),
+    "in a process": (elsewhere("<TimeLimit<Halved<IndustrialBenchmarkEnv<ibdata/X-v1>>>>"), "Halved"),
+    "around processes that have ended": (
+        layers("mine.VecHalved", SUBPROCESSES, remotes=[], env_method=ended),
+        "VecHalved",
+    ),
+    "a stack": (
+        vectors([OWN], over=["stable_baselines3.common.vec_env.VecFrameStack"]),
+        "VecFrameStack, whi",
+    ),
+}
+
+
+@pytest.mark.parametrize(("env", "name"), REFUSED.values(), ids=REFUSED)
+def test_a_wrapper_that_is_not_known_is_refused(env, name):
+    with pytest.raises(UsageError, match=f"model: found (the wrapper )?{name}.*; train") as error:
+        environment_note(Model(env))
+    assert "\n" not in str(error.value)
+
+
+STATEMENTS = {
+    "none": (None, "the model has no environment, so it is given"),
+    "foreign": (vectors([LIMIT, "mine.Plant"]), "the model's environment is Plant, not ibdata's; wh"),
+    "foreign lanes": (layers("mine.Plants"), "the model's environment is Plants, not ibdata's; w"),
+    "foreign processes": (elsewhere("<Monitor<Plant instance>>"), "the model's environment is Plant, not"),
+    "ended": (layers(SUBPROCESSES, remotes=[], env_method=ended), "the processes of the model's environment"),
+    "one lane": (vectors([MONITOR, LIMIT, OWN]), None),
+    "known": (vectors([OWN], over=["stable_baselines3.VecNormalize", "stable_baselines3.VecMonitor"]), None),
+    "rewards": (vectors(["gymnasium.wrappers.stateful_reward.NormalizeReward", OWN]), None),
+    "vectors of ibdata": (layers("ibdata.environment.sb3.IndustrialBenchmarkVecEnv"), None),
+    "processes": (elsewhere("<TimeLimit<IndustrialBenchmarkEnv<ibdata/IndustrialBenchmark-v0>>>"), None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("env", "line"), STATEMENTS.values(), ids=STATEMENTS)
+def test_an_environment_that_is_not_known_is_said(env, line):
+    note = environment_note(Model(env))
+    assert note is None if line is None else note.startswith(line)
+
+
+DELAY = {"imperfections": {"delay": {"obs_fatigue": 3}}}
+
+
+def test_another_view_is_said():
+    model = Model(vectors([OWN]))
+    for trained, given, is_said in (
+        (DELAY, DELAY, False),
+        (DELAY, None, True),
+        (None, DELAY, True),
+        ({"reward": "delta", "reward_scale": 0.5}, None, False),
+        ({"observe": [*reversed(OBSERVED)]}, None, True),
+        ({"observe": list(OBSERVED)}, None, False),
+    ):
+        model.env.view = view_of(trained)
+        notes = ibdata.evaluate(model, episodes=2, steps=2, view=given).notes
+        assert any("trained with another view than it is given here" in note for note in notes) == is_said
+
+
+DOORS = {
+    "evaluate": lambda model: ibdata.evaluate(model, episodes=2, steps=2),
+    "evaluate predict": lambda model: ibdata.evaluate(model.predict, episodes=2, steps=2),
+    "evaluate a partial": lambda model: ibdata.evaluate(partial(model.predict), episodes=2, steps=2),
+    "evaluate a base": lambda model: ibdata.evaluate(
+        {"kind": "epsilon_greedy", "base": model, "epsilon": 0.1}, episodes=2, steps=2
+    ),
+    "generate": lambda model: ibdata.generate(
+        {"name": "x", "setpoints": 70, "policies": [model], "steps": 2}, overwrite=True
+    ),
+    "save_network": lambda model: ibdata.save_network("actor.safetensors", model),
+    "check_policy": check_policy,
+}
+
+
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
+def test_every_use_of_a_model_refuses_and_says_the_same(tmp_path, monkeypatch, capsys, door):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="found the wrapper NormalizeObservation"):
+        door(Model(vectors([NORMALIZE, OWN])))
+    assert list(tmp_path.iterdir()) == []
+    notes = getattr(door(Model()), "notes", [])
+    said = [*notes, *capsys.readouterr().err.splitlines()]
+    assert len([line for line in said if "the model has no environment, so it is given" in line]) == 1
+    assert "no environment" not in str(getattr(door(Model(vectors([OWN]))), "notes", []))
+    assert "no environment" not in capsys.readouterr().err
+
+
+def test_a_true_value_says_it_too(dataset, capsys):
+    ibdata.true_values(dataset, [0], Model(), steps=2, episodes=2)
+    assert capsys.readouterr().err.startswith("ibdata: model: the model has no environment, so it is given")
+
+
+def test_a_scaling_that_is_given_needs_no_environment(tmp_path, capsys):
+    ibdata.save_network(tmp_path / "actor.safetensors", Model(), mean=np.zeros(6), std=np.ones(6))
+    assert capsys.readouterr().err == ""
+
+
+def test_a_policy_without_its_model_is_said(monkeypatch):
+    class BasePolicy:
+        predict = Model.predict
+
+    name = "stable_baselines3.common.policies"
+    monkeypatch.setitem(sys.modules, name, SimpleNamespace(BasePolicy=BasePolicy))
+    assert environment_note(BasePolicy()).startswith("the policy of a model has no environment, so")
+    assert environment_note(Model(vectors([OWN]))) is None

@@ -1,0 +1,161 @@
+"""Actions of users' policies: discrete ones, ones that are clipped, and what is said of those that fail."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata import evaluate
+from ibdata.errors import PolicyError
+from ibdata.policies import Decision, Deterministic, Policy
+from ibdata.policies.actions import DISCRETE
+from ibdata.testing import check_policy
+
+FEW = {"episodes": 3, "steps": 20}
+RUN = {"name": "x", "setpoints": [20, 70], "steps": 20}
+
+
+def numbered(observations):
+    """Whole numbers, which differ between steps and episodes."""
+    return observations[:, 4].astype(np.int64) % 27
+
+
+def spelt_out(observations):
+    return np.array(DISCRETE)[numbered(observations)]
+
+
+class Deciding:
+    def decide(self, given):
+        return Decision(numbered(given.observations[:, 0]).tolist(), given.memory)
+
+
+class Numbered(Deterministic):
+    kind: str = "numbered"
+
+    def decide(self, given):
+        return Decision(numbered(given.observations[:, 0]), given.memory)
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [numbered, lambda seen: (numbered(seen).astype(np.int8), None), Deciding(), Numbered()],
+    ids=["a function", "short", "a list", "a policy"],
+)
+def test_whole_numbers_are_the_discrete_actions(policy):
+    found = evaluate([policy, spelt_out], **FEW)
+    assert found.returns[0].tolist() == found.returns[1].tolist()
+    assert found.returns[0].std() > 0.0
+    check_policy(policy)
+
+
+def test_discrete_actions_make_a_dataset_of_three_numbers(tmp_path):
+    ds = ibdata.generate({**RUN, "policies": [numbered]}, tmp_path / "data")
+    arrays = ds.arrays()
+    assert arrays["actions"].tolist() == spelt_out(arrays["observations"]).tolist()
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda seen: np.full(len(seen), 27), r"found \[27, .*, expected discrete actions from 0 to 26"),
+        (lambda seen: np.full(len(seen), -1), r"found \[-1, .*, expected discrete actions from 0 to 26"),
+        (
+            lambda seen: np.full(len(seen), 13.0),
+            r"actions of shape \(32,\), expected actions of shape \(32, 3",
+        ),
+        (lambda seen: np.ma.masked_all(len(seen), int), r"found actions of shape \(32,\), expected actions"),
+        (lambda seen: np.full(len(seen) + 1, 13), r"found actions of shape \(33,\), expected actions"),
+    ],
+    ids=["above", "below", "floats", "masked", "others"],
+)
+def test_other_numbers_are_no_discrete_actions(answer, message):
+    with pytest.raises(PolicyError, match=message):
+        evaluate(answer, **FEW)
+
+
+def targets(observations):
+    return np.full((len(observations), 3), 60.0)
+
+
+class Targets(Policy):
+    kind: str = "targets"
+
+    def decide(self, given):
+        return Decision(targets(given.observations), given.memory)
+
+
+LINE = "{} of the {} are clipped: actions are changes in [-1, 1]"
+OFTEN = LINE.format("100%", "numbers of its actions")
+
+
+def third(observations):
+    """One of three numbers is too large."""
+    return np.tile([2.0, -1.0, 1.0], (len(observations), 1))
+
+
+class Seldom:
+    """In each second step, one of three numbers is too large."""
+
+    def decide(self, given):
+        return Decision(np.where(given.step[:, None] % 2, [2.0, 0.0, 0.0], 0.5), given.memory)
+
+
+seldom = Seldom()
+
+
+@pytest.mark.parametrize(
+    ("policy", "clipped", "notes"),
+    [
+        ({"mine": targets}, 1.0, [f"mine: {OFTEN}"]),
+        (Targets(), 1.0, [f"targets: {LINE.format('100%', 'actions')}"]),
+        ({"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5}, 0.0, [f"epsilon_greedy: {OFTEN}"]),
+        (third, 1.0, [f"third: {LINE.format('33%', 'numbers of its actions')}"]),
+        (seldom, 0.5, []),
+        ({"kind": "constant", "action": [1, 1, 1]}, 0.0, []),
+        ("mediocre", 1.0, []),
+    ],
+    ids=["a function", "a class", "a base", "a third", "a sixth", "constant", "of ibdata"],
+)
+def test_an_evaluation_says_that_much_is_clipped(policy, clipped, notes):
+    found = evaluate(policy, setpoint=0, episodes=4, steps=20)
+    assert [note for note in found.notes if "clipped" in note] == notes
+    assert found.results[0].clipped == clipped
+
+
+def test_the_other_uses_say_it_on_stderr(tmp_path, capsys):
+    check_policy(targets)
+    assert capsys.readouterr().err == f"ibdata: targets: {OFTEN}\n"
+    for number, policy in enumerate((targets, {"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5})):
+        ibdata.generate({**RUN, "policies": ["random", policy]}, tmp_path / str(number))
+        assert capsys.readouterr().err == f"ibdata: live:targets: {OFTEN}\n"
+    ibdata.generate({**RUN, "policies": ["mediocre", numbered]}, tmp_path / "own")
+    check_policy(numbered)
+    assert capsys.readouterr().err == ""
+
+
+class Drawing:
+    def act(self, history, u):
+        return 0.5 * history[:, 0, 1:4] / 100.0 + u
+
+
+def drawn(observations):
+    return np.random.uniform(-1.0, 1.0, (len(observations), 3))  # noqa: NPY002  # as users do
+
+
+@pytest.mark.parametrize(
+    ("policy", "message"),
+    [
+        (drawn, "if it draws random numbers, write a class with act(history, u), which takes them from u;"),
+        (
+            Drawing(),
+            "no random numbers; if it draws 3 per step, write uniforms: 3 beside its target in a block",
+        ),
+        (lambda seen: seen[:, 1:4] * np.nan, "step 0: found action [nan nan nan], expected finite numbers"),
+    ],
+    ids=["draws", "no uniforms", "NaN"],
+)
+def test_a_failure_says_what_to_do(policy, message):
+    with pytest.raises(PolicyError) as caught:
+        evaluate(policy, **FEW)
+    assert message in str(caught.value)
