@@ -8,6 +8,7 @@ from operator import index
 
 import pyarrow as pa
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
 from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_of
@@ -17,12 +18,14 @@ from ibdata.errors import DatasetError, UsageError, excerpt
 class Shards(Contents):
     """A finished dataset, with the rows of its shards."""
 
+    @public
     def read_shard(self, number: int, columns: Columns = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
             return parquet.read(self.storage, shard.path, columns, shard.rows)
 
+    @public
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
@@ -64,7 +67,7 @@ class Shards(Contents):
         known = [column.name for column in self.info_model.columns]
         if columns is None:
             return known
-        if isinstance(columns, str) or not columns or len(set(columns)) < len(columns):
+        if not columns or len(set(columns)) < len(columns):
             raise UsageError(f"columns: found {columns!r}, expected a list of different names")
         return known_of("column", columns, known)
 

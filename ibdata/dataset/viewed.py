@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ BLOCK_ROWS = 65_536
 
 def checked_length(length: Any, name: str = "history") -> int:
     """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
-    if isinstance(length, bool) or not isinstance(length, Integral) or length < 1:
+    if length < 1:
         raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
     return int(length)
 

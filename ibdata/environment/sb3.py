@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.simulation import Float32s
@@ -39,6 +40,7 @@ class IndustrialBenchmarkVecEnv(VecEnv):
         UsageError: another argument or an action is invalid.
     """
 
+    @public
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = STEPS, **settings: Any) -> None:
         self._env = IndustrialBenchmarkVectorEnv(num_envs, max_episode_steps, SAME_STEP, **settings)
         self._lanes = [_Lane(self._env, number) for number in range(num_envs)]

@@ -15,7 +15,6 @@ from ibdata.errors import ConfigError, UsageError, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
 from ibdata.policies.base import refuse_log_prob
@@ -57,10 +56,9 @@ def policies_of(
     A user gives what `policy_of` takes, a mapping of labels to that, or a list of both, and the history for
     all or by label.
     """
-    history = plain(history)
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
     for name, length in {"": common, **lengths}.items():
-        if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+        if length < 1:
             where = f"history: {name}" if name else "history"
             raise UsageError(f"{where}: found {length!r}, expected a whole number of at least 1")
     found: dict[str, Policy] = {}

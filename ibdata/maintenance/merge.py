@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
@@ -17,6 +18,7 @@ from ibdata.numerics.naming import counted, exact
 from ibdata.policies.base import NAME_PATTERN
 
 
+@public
 def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:
     """Merge datasets into a new one, with all their splits.
 

@@ -33,7 +33,7 @@ WRONG = {
     "start": {"anywhere": "found 'anywhere', expected one of default, uniform"},
     "history": {
         0: "found 0, expected a whole number of at least 1",
-        True: "found True, expected a whole number of at least 1",
+        True: "found True, expected a whole number",
     },
 }
 
