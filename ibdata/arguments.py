@@ -107,7 +107,7 @@ def _taken(name: str, value: Any, kind: Any) -> Any:
     if found is WRONG:
         *others, last = words or dict.fromkeys(_words(each) for each in _kinds(kind))
         expected = f"{', '.join(others)} or {last}" if others else last
-        raise UsageError(f"{name}: found {excerpt(value)}, expected {expected}")
+        raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
     return found
 
 
@@ -129,10 +129,15 @@ def _as(name: str, value: Any, kind: Any) -> Any:
     kinds = [(get_origin(each) or each, get_args(each)) for each in _kinds(kind)]
     if not all(_says_what_it_has(each) for each, _ in kinds):
         return value
-    as_list = getattr(value, "tolist", None)  # of numbers and arrays of numpy, pandas and torch
-    if callable(as_list) and any(each in (bool, int, float, Sequence) for each, _ in kinds):
-        value = as_list()
+    if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
+        value = _plain(value)
     return next((x for x in (_as_one(name, value, *each) for each in kinds) if x is not WRONG), WRONG)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and arrays of numpy, pandas and torch as those of Python."""
+    as_list = getattr(value, "tolist", None)
+    return as_list() if callable(as_list) and not isinstance(value, type) else value
 
 
 def _says_what_it_has(kind: Any) -> bool:

@@ -11,6 +11,7 @@ import pyarrow as pa
 from ibdata.arguments import public
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.contents import Contents
+from ibdata.dataset.models import ShardEntry
 from ibdata.dataset.selection import Columns, Policy, Runs, Setpoint, Split, known_of, rows_of
 from ibdata.errors import DatasetError, UsageError, excerpt
 
@@ -21,7 +22,7 @@ class Shards(Contents):
     @public
     def read_shard(self, number: int, columns: Columns = None) -> pa.Table:
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
-        shard = self.manifest_model.shards[number]
+        shard = self._shard(number)
         with self._unreplaced():
             return parquet.read(self.storage, shard.path, columns, shard.rows)
 
@@ -30,9 +31,15 @@ class Shards(Contents):
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
     ) -> Iterator[pa.RecordBatch]:
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
-        shard = self.manifest_model.shards[number]
+        shard = self._shard(number)
         with self._unreplaced():
             yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
+
+    def _shard(self, number: int) -> ShardEntry:
+        shards = self.manifest_model.shards
+        if not 0 <= number < len(shards):
+            raise UsageError(f"number: found {number}, expected a shard from 0 to {len(shards) - 1}")
+        return shards[number]
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:

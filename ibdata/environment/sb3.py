@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,12 @@ class IndustrialBenchmarkVecEnv(VecEnv):
         self._env = IndustrialBenchmarkVectorEnv(num_envs, max_episode_steps, SAME_STEP, **settings)
         self._lanes = [_Lane(self._env, number) for number in range(num_envs)]
         super().__init__(num_envs, self._env.single_observation_space, self._env.single_action_space)
+
+    @public
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Keep the seeds of the next `reset`: this one and those after it, or random ones. Returns them."""
+        seeds: Sequence[int | None] = super().seed(seed)
+        return seeds
 
     def reset(self) -> Float32s:
         """Begin an episode in every lane, with the seeds of `seed` and the options of `set_options`."""

@@ -107,6 +107,8 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
+    if history < 1:
+        raise UsageError(f"history: found {history}, expected a whole number of at least 1")
     if isinstance(given, Policy):
         return given
     if isinstance(given, Mapping):

@@ -98,7 +98,7 @@ def view_options(
     actions: bool = False,
     reward: str | Mapping[str, float] = "classic",
     reward_scale: float = 1.0,
-    imperfections: Mapping[str, Mapping[str, float] | bool | int] | None = None,
+    imperfections: Mapping[str, Any] | None = None,
 ) -> ViewOptions:
     """Check the options of a view.
 
