@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, wraps
 from numbers import Real
 from types import SimpleNamespace, UnionType
-from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ibdata.errors import UsageError, excerpt, nearest
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-WORDS = {  # in messages, by the name of a type
+WORDS = {  # for types by name; lists of numbers or texts have the words of one
     "Callable": "a function",
     "Mapping": "a mapping",
     "NoneType": "None",
@@ -27,73 +27,51 @@ WORDS = {  # in messages, by the name of a type
     "ndarray": "an array",
     "str": "a text",
 }
-WRONG = object()  # in place of a value of no expected type
+OTHERS = "**"  # the name that stands for further options
+WRONG = object()  # in place of a value of another type
 
 
-class Parameters(NamedTuple):
-    """What a function takes."""
-
-    positional: list[str]
-    types: dict[str, Any]  # by name
-    takes_others: bool  # as **options
-
-
-def public(function: Callable[P, R]) -> Callable[P, R]:
+def public(function: Callable[P, R], keys: Iterable[str] = ()) -> Callable[P, R]:
     """Check the arguments of each call: UsageError for an unknown name, or another type than the annotated.
 
     Numbers and arrays of numpy become numbers and lists of Python. True and False are no numbers. A type that
     is imported for type checkers only is not checked. The text in an `Annotated` type is what is expected.
+
+    The argument `overrides` of the function, if it has one, takes the keys.
     """
-    return public_with(())(function)
 
+    @wraps(function)
+    def checked(*args: P.args, **options: P.kwargs) -> R:
+        types = _types(function)
+        for name, value in options.items():
+            if name not in types and OTHERS not in types:
+                raise UsageError(f"{name}: no such option{_meant(name, value, types, keys)}")
+        given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
+        named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
+        return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]
 
-def public_with(keys: Iterable[str]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """As `public`, for a function whose argument `overrides` takes these keys."""
-
-    def decorated(function: Callable[P, R]) -> Callable[P, R]:
-        @wraps(function)
-        def checked(*args: P.args, **options: P.kwargs) -> R:
-            known = _parameters(function)
-            if not known.takes_others:
-                for name in options.keys() - known.types:
-                    raise UsageError(f"{name}: no such option{_meant(name, options[name], known, keys)}")
-            types = known.types
-            given = [_taken(name, x, types[name]) for name, x in zip(known.positional, args, strict=False)]
-            named = {name: _taken(name, x, types.get(name, Any)) for name, x in options.items()}
-            return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]
-
-        return checked
-
-    return decorated
+    return checked
 
 
 @cache
-def _parameters(function: Callable[..., Any]) -> Parameters:
-    """The parameters of a function, whose annotations are texts."""
-    parameters = inspect.signature(function).parameters.values()
-    named = [each for each in parameters if each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)]
-    return Parameters(
-        [each.name for each in named if each.kind != each.KEYWORD_ONLY],
-        {each.name: _type(each.annotation, function.__globals__) for each in named},
-        any(each.kind == each.VAR_KEYWORD for each in parameters),
-    )
+def _types(function: Callable[..., Any]) -> dict[str, Any]:
+    """The types of the parameters of a function, in their order."""
+    types = {}
+    for each in inspect.signature(function).parameters.values():
+        annotation = Any if each.annotation is each.empty else each.annotation  # empty for `self`
+        hint = SimpleNamespace(__annotations__={"type": annotation})
+        name = OTHERS if each.kind == each.VAR_KEYWORD else each.name
+        try:
+            types[name] = get_type_hints(hint, function.__globals__, include_extras=True)["type"]
+        except NameError:  # imported for type checkers only
+            types[name] = Any
+    return types
 
 
-def _type(annotation: Any, names: dict[str, Any]) -> Any:
-    if annotation is inspect.Parameter.empty:  # of `self`
-        return Any
-    try:
-        return get_type_hints(
-            SimpleNamespace(__annotations__={"type": annotation}), names, include_extras=True
-        )["type"]
-    except NameError:  # imported for type checkers only
-        return Any
-
-
-def _meant(name: str, value: Any, known: Parameters, keys: Iterable[str]) -> str:
+def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> str:
     """What a user may have meant by an unknown name."""
-    names = [each for each in known.types if each != "self"]
-    overrides = {key.rpartition(".")[2]: key for key in keys}
+    overrides = {key.rpartition(".")[2]: key for key in keys if key not in known}
+    names = [each for each in known if each != "self"]
     near = name if name in overrides else nearest(name, [*names, *overrides])
     if near in overrides:
         return f"; did you mean overrides={{{overrides[near]!r}: {excerpt(value)}}}?"
@@ -105,7 +83,7 @@ def _taken(name: str, value: Any, kind: Any) -> Any:
     kind, *words = get_args(kind) if get_origin(kind) is Annotated else (kind,)
     found = _as(name, value, kind)
     if found is WRONG:
-        *others, last = words or dict.fromkeys(_words(each) for each in _kinds(kind))
+        *others, last = words or dict.fromkeys(map(_words, _kinds(kind)))
         expected = f"{', '.join(others)} or {last}" if others else last
         raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
     return found
@@ -114,8 +92,8 @@ def _taken(name: str, value: Any, kind: Any) -> Any:
 def _words(kind: Any) -> str:
     name = (get_origin(kind) or kind).__name__
     if name in ("Sequence", "tuple"):
-        inner = [_words(each).partition(" ")[2] for each in _kinds(get_args(kind)[0])]
-        return f"a list of {' or '.join(f'{each}s' for each in inner if each)}"
+        parts = [_words(each).partition(" ")[2] for each in _kinds(get_args(kind)[0])]
+        return f"a list of {' or '.join(f'{part}s' for part in parts if part)}"
     return WORDS.get(name) or f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 
@@ -124,29 +102,23 @@ def _kinds(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
-def _as(name: str, value: Any, kind: Any) -> Any:
-    """A value in a type, or in one of a union; WRONG if it is of none."""
-    kinds = [(get_origin(each) or each, get_args(each)) for each in _kinds(kind)]
-    if not all(_says_what_it_has(each) for each, _ in kinds):
-        return value
-    if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
-        value = _plain(value)
-    return next((x for x in (_as_one(name, value, *each) for each in kinds) if x is not WRONG), WRONG)
-
-
 def _plain(value: Any) -> Any:
     """Numbers and arrays of numpy, pandas and torch as those of Python."""
     as_list = getattr(value, "tolist", None)
     return as_list() if callable(as_list) and not isinstance(value, type) else value
 
 
-def _says_what_it_has(kind: Any) -> bool:
-    """Whether a type is a class that knows its values, which `Any` and array-likes are not."""
-    return isinstance(kind, type) and kind is not Any and not getattr(kind, "_is_protocol", False)
+def _as(name: str, value: Any, kind: Any) -> Any:
+    """A value in a type, or in one of a union; WRONG if it is of none."""
+    kinds = [(get_origin(each) or each, get_args(each)) for each in _kinds(kind)]
+    if any(each is Any or getattr(each, "_is_protocol", False) for each, _ in kinds):  # as in ArrayLike
+        return value
+    if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
+        value = _plain(value)
+    return next((x for x in (_as_one(name, value, *each) for each in kinds) if x is not WRONG), WRONG)
 
 
 def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
-    """A value in a type, or WRONG."""
     if isinstance(value, bool):
         return value if kind is bool else WRONG
     if kind in (int, float):

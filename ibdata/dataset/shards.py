@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from operator import index
 
 import pyarrow as pa
 
@@ -53,11 +52,8 @@ class Shards(Contents):
     def _place_of(self, at: tuple[int, int]) -> tuple[int, int]:
         """The shard of a row, and its number in it. Raises UsageError if there is none."""
         table = self.episode_table
-        try:
-            episode, step = map(index, at)
-            length = table["length"][episode].as_py() if episode >= 0 else 0
-        except (TypeError, ValueError, IndexError):
-            length = 0
+        episode, step = at if len(at) == 2 else (-1, 0)
+        length = table["length"][episode].as_py() if 0 <= episode < len(table) else 0
         if not length or not 0 <= step < length:
             steps = f", step 0 to {length - 1}" if length else ""
             raise UsageError(

@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from ruamel.yaml import YAML
 
-from ibdata.arguments import public_with
+from ibdata.arguments import public
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem
@@ -43,7 +44,7 @@ __all__ = [
 ]
 
 
-@public_with(KEYS)
+@partial(public, keys=KEYS)
 def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> Experiment:
     """Read and check an experiment.
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import io
 import os
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ibdata.arguments import public_with
+from ibdata.arguments import public
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, load_all
 from ibdata.experiment.code import require_consent
@@ -43,7 +44,7 @@ class Estimate(Tabular, dict[str, Any]):
         return [Table(list(rows[0]), [list(row.values()) for row in rows])]
 
 
-@public_with(KEYS)
+@partial(public, keys=KEYS)
 def estimate(
     config: Config,
     out: str | os.PathLike[str] | None = None,

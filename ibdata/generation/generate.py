@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ibdata.arguments import public_with
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError, printable
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
@@ -23,7 +24,7 @@ from ibdata.system.part import resolved
 from ibdata.system.storage import is_url, url_of
 
 
-@public_with(KEYS)
+@partial(public, keys=KEYS)
 def generate(
     config: Config,
     out: str | os.PathLike[str] | None = None,

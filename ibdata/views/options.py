@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -133,12 +133,12 @@ def view_options(
     return options
 
 
-def _observed(observe: Any) -> str | tuple[str, ...]:
+def _observed(observe: str | Sequence[str]) -> str | tuple[str, ...]:
     if isinstance(observe, str) and observe in NAMED:
         return observe
     if isinstance(observe, str):
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{suggestion(observe, NAMED)}")
-    names = tuple(map(str, observe)) if isinstance(observe, Iterable) else ()
+    names = tuple(observe)
     if not names or len(set(names)) < len(names):
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
     for name in names:
