@@ -12,6 +12,7 @@ from ibdata.arguments import public
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.simulation import Float32s
+from ibdata.environment.streams import refuse_negative
 from ibdata.environment.vector import SAME_STEP, Flags, IndustrialBenchmarkVectorEnv
 from ibdata.errors import missing
 
@@ -49,6 +50,7 @@ class IndustrialBenchmarkVecEnv(VecEnv):
     @public
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Keep the seeds of the next `reset`: this one and those after it, or random ones. Returns them."""
+        refuse_negative([seed])
         seeds: Sequence[int | None] = super().seed(seed)
         return seeds
 
