@@ -80,26 +80,31 @@ def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> 
 
 def _taken(name: str, value: Any, kind: Any) -> Any:
     """A value in a type, or in one of a union. Raises UsageError if it is of none."""
-    kind, *words = get_args(kind) if get_origin(kind) is Annotated else (kind,)
     found = _as(name, value, kind)
     if found is WRONG:
-        *others, last = words or dict.fromkeys(map(_words, _kinds(kind)))
+        words = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
+        *others, last = words or dict.fromkeys(_words(*each) for each in _kinds(kind))
         expected = f"{', '.join(others)} or {last}" if others else last
         raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
     return found
 
 
-def _words(kind: Any) -> str:
-    name = (get_origin(kind) or kind).__name__
+def _words(kind: Any, inner: tuple[Any, ...]) -> str:
+    name = kind.__name__
     if name in ("Sequence", "tuple"):
-        parts = [_words(each).partition(" ")[2] for each in _kinds(get_args(kind)[0])]
+        parts = [_words(*each).partition(" ")[2] for each in _kinds(inner[0])]
         return f"a list of {' or '.join(f'{part}s' for part in parts if part)}"
     return WORDS.get(name) or f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 
-def _kinds(kind: Any) -> tuple[Any, ...]:
-    """The types of a union; else the one type."""
-    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+@cache
+def _kinds(kind: Any) -> tuple[tuple[Any, tuple[Any, ...]], ...]:
+    """The types of a union, or the one type, each with its arguments; none if any value will do."""
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    union = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if any(each is Any or getattr(get_origin(each), "_is_protocol", False) for each in union):
+        return ()  # as for array-likes
+    return tuple((get_origin(each) or each, get_args(each)) for each in union)
 
 
 def _plain(value: Any) -> Any:
@@ -110,12 +115,15 @@ def _plain(value: Any) -> Any:
 
 def _as(name: str, value: Any, kind: Any) -> Any:
     """A value in a type, or in one of a union; WRONG if it is of none."""
-    kinds = [(get_origin(each) or each, get_args(each)) for each in _kinds(kind)]
-    if any(each is Any or getattr(each, "_is_protocol", False) for each, _ in kinds):  # as in ArrayLike
+    kinds = _kinds(kind)
+    if (type(value), ()) in kinds:  # as most are
         return value
     if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
         value = _plain(value)
-    return next((x for x in (_as_one(name, value, *each) for each in kinds) if x is not WRONG), WRONG)
+    for each, inner in kinds:
+        if (found := _as_one(name, value, each, inner)) is not WRONG:
+            return found
+    return WRONG if kinds else value
 
 
 def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
