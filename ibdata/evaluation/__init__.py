@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ibdata.arguments import public
 from ibdata.errors import ConfigError, UsageError
 from ibdata.evaluation.against import baselines_of, compared
 from ibdata.evaluation.baselines import SETTINGS
@@ -26,6 +27,7 @@ from ibdata.views.options import View, view_of
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
+@public
 def evaluate(
     policy: Any,
     setpoint: float | Sequence[float] | str | dict[str, Any] = 70.0,
@@ -125,8 +127,7 @@ def _experiment(
 ) -> Experiment:
     """The experiment whose cells are played, with policies of any class."""
     setpoint, settings = plain([setpoint, settings])
-    if isinstance(settings["episodes"], int):
-        refuse_too_much("episodes", RETURN_BYTES * len(policies) * settings["episodes"])
+    refuse_too_much("episodes", RETURN_BYTES * len(policies) * settings["episodes"])
     described = {"name": "evaluate", "setpoints": setpoint, "policies": [{"kind": "random"}], **settings}
     try:
         options = validated(described).options()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
@@ -19,8 +20,6 @@ from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, recorded_in
 from ibdata.evaluation.states import Source
 from ibdata.experiment.code import consented_spec, customs_in, refuse_changed
-from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.simulation.world import Ints
 
@@ -76,6 +75,7 @@ class Importance(Tabular):
         return {"policy": self.policy, "discount": self.discount, "results": results, "notes": self.notes}
 
 
+@public
 def importance(
     ds: Place,
     target: Any,
@@ -151,9 +151,9 @@ def importance(
     return of_ratios(wanted.label, ratios, rewards, discount)
 
 
-def _horizon(given: Any, lengths: Ints) -> int:
+def _horizon(steps: int | None, lengths: Ints) -> int:
     """How many steps of each episode count."""
-    steps, shortest, longest = plain(given), int(lengths.min()), int(lengths.max())
+    shortest, longest = int(lengths.min()), int(lengths.max())
     if steps is None:
         if shortest < longest:
             raise UsageError(
@@ -161,8 +161,8 @@ def _horizon(given: Any, lengths: Ints) -> int:
                 f"steps, at most {shortest}"
             )
         return shortest
-    if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= shortest:
-        raise UsageError(f"steps: found {shown(steps)}, expected a whole number from 1 to {shortest}")
+    if not 1 <= steps <= shortest:
+        raise UsageError(f"steps: found {steps}, expected a whole number from 1 to {shortest}")
     return steps
 
 

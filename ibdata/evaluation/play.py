@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +12,6 @@ from ibdata.errors import UsageError
 from ibdata.evaluation.policies import Acting, loaded, notes_on
 from ibdata.experiment import Experiment
 from ibdata.experiment.cells import Cell, form_digest
-from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.experiment.rollout import blocks, cells_of
 from ibdata.numerics.random import stream_key
 from ibdata.policies import POLICIES, Observed, Policy
@@ -44,13 +41,11 @@ class Played(NamedTuple):
         return Played._make(part[:count] for part in self)
 
 
-def checked_discount(given: Any) -> float:
-    """The discount factor as a float. Raises UsageError if it is not a number in [0, 1]."""
-    number = plain(given)
-    is_number = isinstance(number, Real) and not isinstance(number, bool)
-    if not is_number or not 0 <= number <= 1:
-        raise UsageError(f"discount: found {shown(number)}, expected a number in [0, 1]")
-    return float(number)
+def checked_discount(discount: float) -> float:
+    """The discount factor as a float. Raises UsageError if it is not in [0, 1]."""
+    if not 0 <= discount <= 1:
+        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    return float(discount)
 
 
 def episodes_of(

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
@@ -16,7 +17,6 @@ from ibdata.evaluation.play import Floats, checked_discount
 from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment import validated
-from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation.world import Float32s
@@ -65,6 +65,7 @@ class TrueValues(Tabular):
         return {"results": [result._asdict() for result in self.results]}
 
 
+@public
 def true_values(
     ds: Place,
     rows: Any,
@@ -118,9 +119,7 @@ def true_values(
     [acting] = policies
     numbers, times = source.places(rows)
     first = None if actions is None else _applied(actions, len(numbers))
-    steps, episodes, seed = plain([steps, episodes, seed])
-    if isinstance(episodes, int):
-        refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
+    refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     described = {"name": "branch", "setpoints": 0, "policies": [{"kind": "random"}]}
     settings = validated({**described, "steps": steps, "episodes": episodes, "seed": seed})
     found = np.empty((len(numbers), settings.episodes))

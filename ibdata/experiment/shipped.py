@@ -31,11 +31,6 @@ def find(config: str | os.PathLike[str]) -> Path:
 
     A folder without configs is ignored. Raises UsageError if there is no match.
     """
-    if not isinstance(config, str | os.PathLike):
-        raise UsageError(
-            f"config: found {config!r}, expected a file, the name of a shipped experiment, a mapping, or an "
-            "Experiment"
-        )
     path = Path(config)
     if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for an invalid name
         return path

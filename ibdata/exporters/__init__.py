@@ -21,6 +21,8 @@ from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ibdata.arguments import public
+
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Place
     from ibdata.exporters._view import View as View
@@ -42,6 +44,7 @@ class Exported(NamedTuple):
     left_out: int  # transitions whose next frame is not in the dataset
 
 
+@public
 def export(
     dataset: Place,
     to: str,

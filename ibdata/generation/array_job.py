@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import Experiment, load
@@ -102,6 +103,7 @@ def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:
         raise unfinished(place, other, resume=True)
 
 
+@public
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """Complete a dataset whose parts `generate` has made with `shards`: check them, write the manifest.
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError, printable
-from ibdata.experiment import Config, Experiment, Overrides, find, load_all
+from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.shipped import is_suite, shipped_name
@@ -22,6 +24,7 @@ from ibdata.system.part import resolved
 from ibdata.system.storage import is_url, url_of
 
 
+@partial(public, keys=KEYS)
 def generate(
     config: Config,
     out: str | os.PathLike[str] | None = None,

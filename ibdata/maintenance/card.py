@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import printable
@@ -24,6 +25,7 @@ from ibdata.writing.metadata import unread_shards
 from ibdata.writing.planned import refuse_other_plan
 
 
+@public
 def card(folder: str | os.PathLike[str]) -> list[Path]:
     """Write the card README.md and the report report.html of a dataset.
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
@@ -27,6 +28,7 @@ from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.summary import simulated
 
 
+@public
 def reproduce(
     folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
 ) -> tuple[int, list[Problem]]:

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ibdata.arguments import public
 from ibdata.errors import IbdataError, UsageError
 from ibdata.system.storage import refuse_url
 
@@ -43,6 +44,7 @@ def plots() -> list[str]:
     return _modules("dataset")
 
 
+@public
 def figure(
     name: str,
     out: str | os.PathLike[str] | None = None,
@@ -85,6 +87,7 @@ def figure(
     return path
 
 
+@public
 def plot(
     dataset: Place,
     out: str | os.PathLike[str] | None = None,

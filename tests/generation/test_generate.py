@@ -52,7 +52,7 @@ WORKERS = "workers: found {}, expected a whole number in [1, 1024]"
     [
         ("no-such.yaml", {}, "config: found 'no-such.yaml', expected a file or one of"),
         (TINY, {"overrides": {"steps": 0}}, "override steps: found 0, expected"),
-        (TINY, {"workers": "2"}, WORKERS.format("'2'")),
+        (TINY, {"workers": "2"}, "workers: found '2', expected a whole number or None"),
         (TINY, {"workers": 10**6}, WORKERS.format(10**6)),
         (TINY, {"engine": "ray", "workers": 0}, WORKERS.format(0)),
         (TINY, {"engine": "dask"}, "engine: found 'dask', expected one of local, ray"),
