@@ -9,7 +9,9 @@ import numpy as np
 from ibdata.evaluation.overlap import Ratios
 from ibdata.simulation.world import Floats
 
-ERRORS = 8.0  # from 1; chance alone goes so far in less than one of 1,000 calls
+WRONG = 8.0  # errors from 1; if the densities are right, less than one of 1,000 calls goes so far
+DOUBTFUL = 3.0  # errors from 1, beyond which estimates are often further off than their errors say
+RARE = "{:.0%} of the expectation comes from episodes too rare for these data"
 TOLERANCE = 1e-3  # more than float32 changes in the recorded log densities of 1,000 steps
 FEWEST = 100  # episodes that are looked at; fewer have a warning anyway
 # A weight above this share of the episodes has too few like it for a standard error. By π, which no weight of
@@ -21,18 +23,18 @@ def notes_on_mean_weights(ratios: Ratios, weights: Floats) -> list[str]:
     """A warning for the first step whose mean weight is not 1.
 
     Heavy tails make a mean fall short of 1 by many of its estimated errors, although nothing is wrong. So
-    the test is of `without_large` weights, whose mean is 1 too. If they pass it where the weights do not,
-    the data lack episodes.
+    whether a density is wrong is asked of `without_large` weights, whose mean is 1 too, and whether the
+    estimates can be trusted of the weights.
     """
     if len(weights) < FEWEST:
         return []
     kept, large = without_large(ratios)
-    for tested, reason in (
-        (kept + large, "further from 1 than chance allows: one of the densities is wrong"),
-        (weights, "expected 1: {:.0%} of the expectation comes from episodes too rare for these data"),
+    for tested, limit, reason in (
+        (kept + large, WRONG, "further from 1 than chance allows: one of the densities is wrong"),
+        (weights, DOUBTFUL, f"more than {DOUBTFUL:g} errors from 1; trust no interval ({RARE})"),
     ):
         mean, error = tested.mean(axis=0), tested.std(axis=0, ddof=1) / np.sqrt(len(tested))
-        far = np.abs(mean - 1.0) > ERRORS * error + TOLERANCE
+        far = np.abs(mean - 1.0) > limit * error + TOLERANCE
         if far.any():
             step = int(far.argmax())
             reason = reason.format(min(large[:, step].mean(), 1.0))

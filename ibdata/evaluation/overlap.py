@@ -11,9 +11,10 @@ from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.replay import Recorded, Rows, replayed
 from ibdata.experiment.rollout import lanes_of
+from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed, Policy
 from ibdata.policies.checked import Checked
-from ibdata.simulation.world import Float32s, Floats, Ints
+from ibdata.simulation.world import Float32s, Floats, Ints, draw_uniforms
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
@@ -109,11 +110,13 @@ def _of_target(
 ) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
     lanes = lanes_of(experiment, numbers)._replace(policy=target, label=target.label)
-    checked, random = Checked(target, target.label, numbers), np.random.default_rng(0)
+    checked, (n, steps) = Checked(target, target.label, numbers), recorded.actions.shape[:2]
+    uniforms = draw_uniforms(lanes.draw, np.arange(n), Purpose.TRIAL, 0, steps, target.needs.step_draws)
+    uniforms = uniforms.swapaxes(0, 1)
 
     def question(given: Observed, rows: Rows) -> Floats:
         action, drawn = rows(recorded.actions), np.empty((len(given.step), 3), dtype=np.float32)
-        checked.decide(given._replace(uniforms=random.random(given.uniforms.shape)), drawn)
+        checked.decide(given._replace(uniforms=rows(uniforms)), drawn)
         return np.column_stack([_asked(given, target, checked, action, drawn), drawn])
 
     found = replayed(experiment.world, lanes, recorded, question)

@@ -32,7 +32,7 @@ def of_logs(logs, rewards, discount):
 def test_the_estimates_are_those_of_the_equations():
     ratios, rewards = np.array([[2.0, 0.5], [1.0, 3.0]]), np.array([[-1.0, -2.0], [-4.0, -8.0]])
     found = of_logs(np.log(ratios), rewards, 0.5)
-    ordinary, per_decision, weighted = found.results
+    weighted, per_decision, ordinary = found.results
     assert ordinary.mean_return == pytest.approx((1.0 * -2.0 + 3.0 * -8.0) / 2)
     assert per_decision.mean_return == pytest.approx((2.0 * -1.0 + 1.0 * -1.0 + 1.0 * -4.0 + 3.0 * -4.0) / 2)
     assert weighted.mean_return == pytest.approx((2.0 * -1.0 + 1.0 * -4.0) / 3 + (-1.0 + 3.0 * -4.0) / 4)
@@ -46,7 +46,7 @@ def test_the_estimates_are_those_of_the_equations():
     for plain in found.plain()["results"]:
         assert (plain["mean_weight"], plain["weight_error"]) == pytest.approx((2.0, 1.0))
         assert plain["effective"] == pytest.approx(1.6)
-    assert list(found.to_pandas()["method"]) == ["ordinary", "per decision", "weighted"]
+    assert list(found.to_pandas()["method"]) == ["weighted", "per decision", "ordinary"]
 
 
 def test_steps_from_which_all_weights_are_0_are_named():
@@ -54,13 +54,13 @@ def test_steps_from_which_all_weights_are_0_are_named():
     found = of_logs(ratios, np.ones((2, 4)), 1.0)
     assert found.effective.tolist() == [2.0, 1.0, 0.0, 0.0]
     assert "are 0 from step 2 on" in found.notes[1]
-    assert [each.mean_return for each in found.results] == [0.0, 1.5, None]
+    assert [each.mean_return for each in found.results] == [None, 1.5, 0.0]
 
 
 def test_weights_of_long_episodes_may_underflow():
     found = of_logs(np.array([[-1000.0], [-1000.0 - np.log(3.0)]]), np.array([[-4.0], [-8.0]]), 1.0)
     assert found.weights.tolist() == [[0.0], [0.0]]
-    assert found.results[2].mean_return == pytest.approx(-5.0)
+    assert found.results[0].mean_return == pytest.approx(-5.0)
     assert found.effective == pytest.approx([1.6])
 
 
