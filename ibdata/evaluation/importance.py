@@ -25,9 +25,9 @@ from ibdata.numerics.confidence import estimate
 from ibdata.simulation.world import Ints
 
 Floats = npt.NDArray[np.float64]
-LEAST_EFFECTIVE = 100.0  # episodes, below which the result has a warning
+LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning
 METHODS = ("weighted", "per decision", "ordinary")
-NEAR_WEIGHTED = 2.0  # standard errors of another estimate, beyond which it has a warning
+FARTHEST = 2.0  # from the weighted estimate, in standard errors of another one, which else has a warning
 
 
 class Estimated(NamedTuple):
@@ -197,8 +197,8 @@ def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> I
 def _notes_on_effective(effective: Floats) -> Iterator[str]:
     if effective[-1] < LEAST_EFFECTIVE:
         yield (
-            f"warning: {effective[-1]:,.1f} effective episodes are fewer than {LEAST_EFFECTIVE:g}; trust "
-            "neither estimates nor intervals"
+            f"warning: weighted rests on {effective[-1]:,.1f} effective episodes, fewer than "
+            f"{LEAST_EFFECTIVE:g}; trust neither its estimate nor its interval"
         )
     if not effective[-1]:
         yield (
@@ -208,15 +208,15 @@ def _notes_on_effective(effective: Floats) -> Iterator[str]:
 
 
 def _notes_on_distance(weighted: Estimated, *others: Estimated) -> Iterator[str]:
-    """A warning for each estimate far from the weighted one, which hardly depends on the mean weight."""
+    """A warning for each estimate far from the weighted one, on which the mean weight has less influence."""
     for other in others:
         if weighted.mean_return is None or other.mean_return is None or not other.standard_error:
             continue
         distance = abs(other.mean_return - weighted.mean_return) / other.standard_error
-        if distance > NEAR_WEIGHTED:
+        if distance > FARTHEST:
             yield (
-                f"warning: {other.method} is {distance:.1f} of its standard errors from weighted; trust "
-                "neither its estimate nor its interval"
+                f"warning: {other.method} is {distance:.1f} of its standard errors from weighted, more than "
+                f"{FARTHEST:g}; trust neither its estimate nor its interval"
             )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.weighing import POLICY, Data
+from helpers.weighing import POLICY, Data, policy_of
 
 import ibdata
 from ibdata.errors import UsageError
@@ -40,7 +40,7 @@ def test_the_estimates_are_those_of_the_equations():
     assert found.effective == pytest.approx([9 / 5, 16 / 10])
     assert ordinary.interval[0] < ordinary.mean_return < ordinary.interval[1]
     (note,) = found.notes
-    assert note.startswith("warning: 1.6 effective episodes are fewer than 100")
+    assert note.startswith("warning: weighted rests on 1.6 effective episodes, fewer than 100")
     assert note in repr(found)
     assert "mean_weight" in repr(found)
     for plain in found.plain()["results"]:
@@ -87,6 +87,19 @@ def dataset(tmp_path_factory):
         splits={"some": {"episodes": {"start": 3, "stop": 11}}},
     )  # fmt: skip
     return ibdata.generate(experiment, tmp_path_factory.mktemp("importance") / "x", workers=1)
+
+
+@pytest.mark.parametrize("base", ["bad", "expert"])  # which remembers nothing, and what it saw
+def test_each_episode_has_its_own_trial_draws(base):
+    """In whatever part of the data it is read: parts with the same draws would err in the same way."""
+    behaviour, target = (
+        policy_of({"kind": "gaussian", "base": {"kind": base}, "scale": scale}) for scale in (0.5, 0.4)
+    )
+    data = Data(behaviour, 30)
+    whole = data.ratios(target).drawn
+    assert len(np.unique(whole)) > 0.8 * whole.size
+    parts = [data.ratios(target, part).drawn for part in (slice(0, 10), slice(10, 30))]
+    assert np.concatenate(parts) == pytest.approx(whole, rel=1e-12)
 
 
 def test_selected_episodes_keep_their_weights(dataset):
@@ -139,7 +152,7 @@ class Corner:
 def test_an_object_is_tried_too(dataset):
     found = ibdata.importance(dataset, Corner(), policy="random")
     assert set(np.unique(found.ratios.round(4))) == {0.0, 8.0}
-    assert found.notes[0].startswith("warning: 0.0 effective episodes")
+    assert found.notes[0].startswith("warning: weighted rests on 0.0 effective episodes")
 
 
 class Inside(Corner):
