@@ -195,15 +195,16 @@ def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> I
 
 
 def _notes_on_effective(effective: Floats) -> Iterator[str]:
-    if effective[-1] < LEAST_EFFECTIVE:
+    if not effective[-1]:
+        yield (
+            f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so there is no "
+            "weighted estimate, the ordinary one is 0, and the one per decision leaves out the rewards from "
+            "there on"
+        )
+    elif effective[-1] < LEAST_EFFECTIVE:
         yield (
             f"warning: weighted rests on {effective[-1]:,.1f} effective episodes, fewer than "
             f"{LEAST_EFFECTIVE:g}; trust neither its estimate nor its interval"
-        )
-    if not effective[-1]:
-        yield (
-            f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so the ordinary "
-            "estimate is 0, and the one per decision leaves out the rewards from there on"
         )
 
 

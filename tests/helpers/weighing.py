@@ -81,10 +81,10 @@ def few(name):
     return Data(POLICY[name], FEW)
 
 
-def supported(name, target):
+def supported(data, target):
     """Whether the target is not refused; other messages are errors."""
     try:
-        few(name).ratios(target)
+        data.ratios(target)
     except UsageError as error:
         expected = ("expected data of a policy", "found no log density", "remembers its random numbers")
         if not any(said in str(error) for said in expected):
