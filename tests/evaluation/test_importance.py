@@ -12,7 +12,7 @@ from helpers.weighing import POLICY, Data, policy_of
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.evaluation.importance import of_ratios
-from ibdata.evaluation.overlap import Ratios
+from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
 from ibdata.policies import Needs
 
@@ -140,6 +140,22 @@ def test_each_episode_has_its_own_trial_draws(base):
     assert len(np.unique(whole)) > 0.8 * whole.size
     parts = [data.ratios(target, part).drawn for part in (slice(0, 10), slice(10, 30))]
     assert np.concatenate(parts) == pytest.approx(whole, rel=1e-12)
+
+
+def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
+    """A small rest could be refused for one rare action."""
+    whole, sizes = ibdata.importance(dataset, "random"), []
+
+    def counted(experiment, numbers, *others):
+        sizes.append(len(numbers))
+        return log_ratios(experiment, numbers, *others)
+
+    monkeypatch.setattr("ibdata.evaluation.recorded.PART_ROWS", 6 * 15)
+    monkeypatch.setattr("ibdata.evaluation.importance.log_ratios", counted)
+    in_parts = ibdata.importance(dataset, "random")
+    assert sizes == [14, 13, 13] * 2
+    assert in_parts.ratios == pytest.approx(whole.ratios, rel=1e-12)
+    assert in_parts.notes == whole.notes
 
 
 def test_selected_episodes_keep_their_weights(dataset):

@@ -109,6 +109,17 @@ def test_actions_that_the_data_never_have_are_named(name, target):
     assert 0.0 < float(found[2]) <= 100.0
 
 
+def test_one_action_in_many_that_the_data_never_have_is_no_lack():
+    """A sampled network never plays numbers just below 1, of which a random action is one in a million."""
+    low = {"kind": "sampled", "base": {"kind": "network", "file": "neorl-low"}, "share": 1.0}
+    data = Data(policy_of(low), 6000, steps=2, setpoints=50, seed=7)
+    ratios = data.ratios(POLICY["random"])
+    assert (ratios.drawn > 1e8).sum() == 1
+    assert np.isfinite(without_large(ratios)).all()
+    with pytest.raises(UsageError, match="expected data of a policy that can take every action of random"):
+        data.ratios(POLICY["random"], slice(*(np.argwhere(ratios.drawn > 1e8)[0][0] + [0, 500])))
+
+
 def test_a_mean_weight_of_rare_actions_is_a_warning(monkeypatch):
     """If the same pair were accepted."""
     monkeypatch.setattr(overlap, "_refuse_lack", lambda *_: None)
