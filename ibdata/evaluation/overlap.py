@@ -11,12 +11,15 @@ from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.replay import Recorded, Rows, replayed
 from ibdata.experiment.rollout import lanes_of
+from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed, Policy
 from ibdata.policies.checked import Checked
-from ibdata.simulation.world import Float32s, Floats, Ints
+from ibdata.simulation.world import Float32s, Floats, Ints, draw_uniforms
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
+NEVER_EPISODES = 0.001  # the share that may have an action which the data never have
+LOG_NEVER = -1e9  # for the log of a density of 0, finite so that sums of it are numbers
 
 
 class Ratios(NamedTuple):
@@ -69,7 +72,7 @@ def log_ratios(
         return Ratios(ratio, np.zeros_like(ratio))
     had = _of_behaviour(experiment, numbers, recorded, actions)
     never = (wanted.drawn_atoms & ~had.drawn_atoms).any(axis=2) | (had.drawn == -np.inf)
-    drawn = wanted.drawn - np.where(never, -np.inf, had.drawn)
+    drawn = wanted.drawn - np.where(never, LOG_NEVER, had.drawn)
     rare = wanted.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
     _refuse_lack(target.label, behaviour.label, actions, never, rare, rows)
     return Ratios(np.where((wanted.atoms == had.atoms).all(axis=2), ratio, -np.inf), drawn)
@@ -78,13 +81,13 @@ def log_ratios(
 def _refuse_lack(
     target: str, behaviour: str, actions: Float32s, never: Bools, rare: Bools, rows: int
 ) -> None:
-    """Raise UsageError if the behaviour never takes an action of the target, or too many point masses rarely.
+    """Raise UsageError if the behaviour never takes too many actions of the target, or point masses rarely.
 
     A point mass is rare if the target takes it more than `rows` times as often: so many rows have it less
     than once.
     """
     lacking = never | rare
-    if not never.any() and lacking.any(axis=1).mean() <= RARE_EPISODES:
+    if never.any(axis=1).mean() <= NEVER_EPISODES and lacking.any(axis=1).mean() <= RARE_EPISODES:
         return
     episode, step = np.argwhere(lacking)[0]
     example = f"such as {actions[episode, step].tolist()} at step {step}"
@@ -109,11 +112,13 @@ def _of_target(
 ) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
     lanes = lanes_of(experiment, numbers)._replace(policy=target, label=target.label)
-    checked, random = Checked(target, target.label, numbers), np.random.default_rng(0)
+    checked, (n, steps) = Checked(target, target.label, numbers), recorded.actions.shape[:2]
+    uniforms = draw_uniforms(lanes.draw, np.arange(n), Purpose.TRIAL, 0, steps, target.needs.step_draws)
+    uniforms = uniforms.swapaxes(0, 1)
 
     def question(given: Observed, rows: Rows) -> Floats:
         action, drawn = rows(recorded.actions), np.empty((len(given.step), 3), dtype=np.float32)
-        checked.decide(given._replace(uniforms=random.random(given.uniforms.shape)), drawn)
+        checked.decide(given._replace(uniforms=rows(uniforms)), drawn)
         return np.column_stack([_asked(given, target, checked, action, drawn), drawn])
 
     found = replayed(experiment.world, lanes, recorded, question)
