@@ -21,7 +21,7 @@ class Shards(Contents):
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            return parquet.read(self.storage, shard.path, columns, shard.rows)
+            return parquet.read(self.storage, shard.path, self._types(columns), shard.rows)
 
     def shard_batches(
         self, number: int, columns: Sequence[str], batch_rows: int, start: int = 0, stop: int | None = None
@@ -29,7 +29,13 @@ class Shards(Contents):
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self.manifest_model.shards[number]
         with self._unreplaced():
-            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
+            types = self._types(columns)
+            yield from parquet.batches(self.storage, shard.path, types, batch_rows, shard.rows, start, stop)
+
+    def _types(self, columns: Columns) -> dict[str, str]:
+        """The types of these columns, or of all."""
+        types: dict[str, str] = {column.name: column.dtype for column in self.info_model.columns}
+        return types if columns is None else {name: types.get(name, "none") for name in columns}
 
     @contextmanager
     def _unreplaced(self) -> Iterator[None]:

@@ -87,10 +87,10 @@ def export(
     from ibdata.errors import UsageError
     from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
-    from ibdata.system.storage import refuse_url
+    from ibdata.system.storage import local
     from ibdata.views.options import view_of
 
-    refuse_url(out)
+    out = local(out)
     format = _format(to)
     if history is None:
         history = getattr(format, "HISTORY", 1)
@@ -102,7 +102,7 @@ def export(
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-    target = Path(format.place(shown, Path(out), **more) if hasattr(format, "place") else out)
+    target = Path(format.place(shown, out, **more) if hasattr(format, "place") else out)
     with whole(target, overwrite) as path:
         snippet = format.export(shown, path, target, **more)
     return Exported(

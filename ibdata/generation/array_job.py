@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -22,7 +22,7 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.run import (
     already_there,
     counted_if_stopped,
-    finished,
+    drop_others,
     make,
     prepare,
     rows_of,
@@ -35,7 +35,6 @@ from ibdata.system.storage import refuse_url
 from ibdata.writing.finish import finish
 
 MAX_PARTS = 100_000
-MOST = 8  # numbers of shards in a message
 
 
 class Range(NamedTuple):
@@ -134,14 +133,8 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 def _finish(part: Part, begun: Origin, place: Path) -> None:
     refuse_taken(part.target, place)
     spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
-    found = {shard.number: receipt.get(part.folder, shard) for shard in spec.shards}
-    missing = [n for n, each in found.items() if each is None or not receipt.is_whole(part.folder, each)]
-    if missing:
-        more = f" and {len(missing) - MOST} more" if len(missing) > MOST else ""
-        raise IbdataError(
-            f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: "
-            f"{', '.join(map(str, missing[:MOST]))}{more}; make them with the same command, or with "
-            "--resume in place of --shards"
-        )
-    finish(spec, finished(spec, part), part.folder / receipt.DATASET, begun.reproducible, begun.code)
+    todo = "make them with the same command, or with --resume in place of --shards"
+    written = receipt.all_of(part.folder, spec.shards, place, todo, receipt.is_whole)
+    drop_others(part, written)
+    finish(spec, written, part.folder / receipt.DATASET, begun.reproducible, begun.code)
     publish(part)

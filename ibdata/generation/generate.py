@@ -19,7 +19,7 @@ from ibdata.generation.array_job import Range, make_range
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.run import already_there, make_dataset, refuse_both, settle_left
 from ibdata.system.part import resolved
-from ibdata.system.storage import is_url, url_of
+from ibdata.system.storage import is_url, local, url_of
 
 
 def generate(
@@ -116,7 +116,7 @@ def places_of(
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path("data", path.resolve().name) if out is None else Path(out)
-    if os.path.lexists(root) and not root.is_dir():
+    if os.path.lexists(local(root)) and not local(root).is_dir():
         raise UsageError(f"{root}: is a file, not a folder; choose another --out")
     return [root / file.stem for file in sorted(path.glob("*.yaml"))]
 

@@ -47,7 +47,8 @@ def make_dataset(
                 return
             prepare(part, spec, here, place, resume, overwrite)
             make(process, spec.shards, part, run, progress)
-            written = finished(spec, part)
+            written = receipt.all_of(part.folder, spec.shards, place, "--resume makes them again")
+            drop_others(part, written)
             finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
             present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
             publish(part)
@@ -139,15 +140,12 @@ def rows_of(spec: DatasetSpec, shards: list[Shard]) -> int:
     return sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
 
 
-def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
-    """The shards that are finished in a part, from their receipts; all other files in `data` go."""
-    found = [receipt.get(part.folder, shard) for shard in spec.shards]
-    written = [each for each in found if each is not None]
+def drop_others(part: Part, written: list[WrittenShard]) -> None:
+    """Remove the files in `data` that are none of a dataset's: its shards that were made twice."""
     known = {each.entry.path for each in written}
     for path in (part.folder / receipt.DATASET / "data").iterdir():
         if f"data/{path.name}" not in known:
             path.unlink()
-    return written
 
 
 @contextmanager

@@ -14,9 +14,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.generation.target import refuse_file_name
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
-from ibdata.system.storage import Remote, reason
+from ibdata.system.storage import Remote, Storage, reason
 
 
 def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
@@ -32,6 +33,8 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
     Raises UsageError if other files are there; those of an upload that failed are allowed with `resume`.
     """
     refuse_overwrite(remote.name, overwrite)
+    refuse_file_name(remote.parts[-1], remote.name)
+    manifest.refuse_partition(remote.parts, remote.name)
     if remote.folder is not None:
         manifest.refuse_inside(remote.folder)
     try:
@@ -74,12 +77,24 @@ def _files(work: Path) -> set[str]:
     return {str(path.relative_to(work)) for path in work.rglob("*")}
 
 
+def _refuse_damaged(remote: Remote, work: Path) -> None:
+    """Raise IbdataError unless the dataset in a folder, which may be of an earlier try, is whole."""
+    files, listed = Storage(work), manifest.read(work)
+    lost = [path for path, entry in listed.entries().items() if files.entry(path) != entry]
+    if lost or not (work / manifest.SPLITS).is_file():
+        shutil.rmtree(work.parent)
+        raise IbdataError(
+            f"{remote.name}: {next(iter(lost), manifest.SPLITS)} was lost before it was uploaded, from "
+            f"{work}; the same command makes it again"
+        )
+
+
 def upload(remote: Remote, work: Path) -> None:
     """Upload the finished dataset in a folder, the manifest last, and remove the folder."""
-    paths = sorted(_files(work) - {manifest.PATH})
+    _refuse_damaged(remote, work)
     try:
         with stoppable():
-            for path in [*paths, manifest.PATH]:
+            for path in [*sorted(_files(work) - {manifest.PATH}), manifest.PATH]:
                 if (work / path).is_file():
                     remote.put(work / path, path)
                 check()
