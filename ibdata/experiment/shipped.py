@@ -43,8 +43,8 @@ def find(config: str | os.PathLike[str]) -> Path:
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
     if name not in known and os.path.isdir(path):
         raise UsageError(
-            f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such files, "
-            "each an experiment; ibdata init makes a first one"
+            f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
+            "files, each an experiment; ibdata init makes a first one"
         )
     if name not in known:
         raise UsageError(

@@ -59,10 +59,13 @@ class Part:
     @property
     def is_own(self) -> bool:
         """Whether its place is free, or ibdata made what is there, which has the lock as long as anything."""
-        if self.folder.is_symlink() or not self.folder.is_dir():
-            return not os.path.lexists(self.folder)
-        names = os.listdir(self.folder)
-        return not names or LOCK in names
+        try:
+            names = os.listdir(self.folder)
+        except FileNotFoundError:
+            names = []
+        except NotADirectoryError:
+            return False
+        return not self.folder.is_symlink() and (not names or LOCK in names)
 
     def share(self) -> None:
         """Let other hosts hold the part too. Raises BusyError if one of them keeps it for itself."""

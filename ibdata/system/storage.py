@@ -150,8 +150,11 @@ class Remote(Storage):
     def names(self, folder: str) -> list[str]:
         from pyarrow.fs import FileSelector
 
-        with plain_errors():
-            found = self._files.get_file_info(FileSelector(f"{self._base}/{folder}", allow_not_found=True))
+        try:
+            with plain_errors():
+                found = self._files.get_file_info(FileSelector(f"{self._base}/{folder}", allow_not_found=True))
+        except OSError as error:
+            raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
         return sorted(info.base_name + "/" * (not info.is_file) for info in found)
 
     def sizes(self) -> dict[str, int]:

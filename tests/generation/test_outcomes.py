@@ -12,6 +12,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
 from ibdata.generation import make_shard
 from ibdata.generation.estimate import estimate
+from ibdata.writing.edited import sealed
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -40,6 +41,10 @@ def dataset(experiment=TINY):
 def with_file(path):
     """A dataset, in which a file has been replaced or added."""
     return lambda: (dataset(), Path("out", path).write_text("mine"))
+
+
+def with_report():
+    return dataset(), Path("out", manifest.REPORT).write_bytes(sealed(b"a page"))
 
 
 def without(path):
@@ -72,7 +77,7 @@ STATES = {  # how each is made, and the outcome without options, with --resume, 
     "a folder": (foreign, FOREIGN, FOREIGN, FOREIGN),
     "the dataset": (dataset, "there", "there", "replaced"),
     "a link to it": (linked, "there", "there", "replaced"),
-    "with a report": (with_file(manifest.REPORT), "there", "there", "replaced"),
+    "with a report": (with_report, "there", "there", "replaced"),
     "with a note": (with_file("notes.txt"), "there", "there", NOTE),
     "with another manifest": (with_file(manifest.PATH), DAMAGED, DAMAGED, DAMAGED),
     "without a manifest": (without(manifest.PATH), FOREIGN, FOREIGN, FOREIGN),
