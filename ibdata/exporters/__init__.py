@@ -67,7 +67,7 @@ def export(
         split: Only this split; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
-        overwrite: Whether to replace a file, or a folder with the files of such an export, at `out`.
+        overwrite: Whether to replace an export, a file or a folder, at `out`; nothing else is replaced.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         view: What is seen and rewarded, as the options of a view (docs/views.md), such as
             {"observe": "markov", "reward_scale": 0.01}.

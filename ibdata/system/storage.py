@@ -152,7 +152,9 @@ class Remote(Storage):
 
         try:
             with plain_errors():
-                found = self._files.get_file_info(FileSelector(f"{self._base}/{folder}", allow_not_found=True))
+                found = self._files.get_file_info(
+                    FileSelector(f"{self._base}/{folder}", allow_not_found=True)
+                )
         except OSError as error:
             raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
         return sorted(info.base_name + "/" * (not info.is_file) for info in found)

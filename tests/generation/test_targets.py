@@ -144,7 +144,9 @@ def test_a_folder_that_ibdata_did_not_make_is_no_part_of_a_run():
     Path(".new.part/mine").write_text("mine")
     before = contents()
     for write in WRITERS.values():
-        with pytest.raises(UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it away"):
+        with pytest.raises(
+            UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it away"
+        ):
             write("new")
     assert contents() == before
     shutil.rmtree(".new.part")

@@ -47,7 +47,9 @@ WAYS = {
 def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, lose, write):
     with monkeypatch.context() as broken:
         lose(broken)
-        with pytest.raises(IbdataError, match="^out: 1 of 4 shards are missing or damaged: 2; .*--resume") as e:
+        with pytest.raises(
+            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; .*--resume"
+        ) as e:
             write()
     assert (e.value.exit_code, Path("out").exists()) == (1, False)
     assert len(list((part_of("out") / "dataset/data").iterdir())) == 4
@@ -67,7 +69,7 @@ def test_receipts_that_cannot_be_listed_are_not_none(monkeypatch):
 
     with monkeypatch.context() as broken:
         broken.setattr("ibdata.system.part.os.listdir", failing)
-        with pytest.raises(IbdataError, match="^out: cannot be written: Stale file handle"):
+        with pytest.raises(IbdataError, match=r"^out: cannot be written: Stale file handle"):
             ibdata.generate(TINY, "out", workers=1, resume=True)
     assert len(list((part_of("out") / "receipts").iterdir())) == 2
 
@@ -81,7 +83,9 @@ def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, ti
         with pytest.raises(IbdataError, match="--resume tries again"):
             made(url)
     next(Path("cache/dataset/data").iterdir()).unlink()
-    with pytest.raises(IbdataError, match=r"data/part-0.* was lost before .*; the same command makes it again"):
+    with pytest.raises(
+        IbdataError, match=r"data/part-0.* was lost before .*; the same command makes it again"
+    ):
         made(url, resume=True)
     assert not Path("there").exists()
     made(url, resume=True)
