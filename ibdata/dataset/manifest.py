@@ -170,7 +170,7 @@ def refuse_inside(out: Path) -> None:
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
 
 
-def refuse_partition(parts: Iterable[str], out: Path | str) -> None:
+def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
     """Raise UsageError if readers would take one of these names of folders for the values of a column."""
     if column := next((part for part in parts if PARTITION.match(part)), None):
         raise UsageError(

@@ -7,9 +7,11 @@ common make these twice, without harm: each file has a name of its own, and the 
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, load
@@ -28,7 +30,7 @@ from ibdata.generation.run import (
     rows_of,
     unfinished,
 )
-from ibdata.generation.target import is_free, refuse_taken
+from ibdata.generation.target import is_free, refuse_incomplete, refuse_taken, size_in
 from ibdata.generation.worker import process_for
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.storage import refuse_url
@@ -121,6 +123,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
             raise UsageError(
                 f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
             )
+        refuse_incomplete(manifest.read(target), partial(size_in, target), place)
         return Dataset(place)
     with locked_part(target, place) as part:
         settle(part)

@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
@@ -17,7 +18,7 @@ from ibdata.generation import origin, receipt
 from ibdata.generation.engine import Run
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
-from ibdata.generation.target import TakenError, present
+from ibdata.generation.target import TakenError, present, refuse_incomplete, size_in
 from ibdata.generation.worker import Process, process_for
 from ibdata.system.part import Part, locked_part
 from ibdata.system.progress import Advance, bar
@@ -68,6 +69,7 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
     listed = present(target, place, experiment, overwrite)
     if listed is None:
         return False
+    refuse_incomplete(listed, partial(size_in, target), place)
     names = changed_here(DatasetSpec.of(experiment), listed.code)
     if names and not resume:
         raise TakenError(

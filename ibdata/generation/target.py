@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ibdata.dataset import manifest
@@ -27,8 +27,8 @@ def refuse_place(target: Path, place: Path) -> None:
         target: The place without links.
         place: Its name in messages.
     """
-    manifest.refuse_inside(place)
-    refuse_file_name(place.name, place)
+    manifest.refuse_inside(target)
+    refuse_name(place.parts, place)
     here = Path.cwd()
     if target == here or target in here.parents:
         raise UsageError(f"{place}: is the current folder or around it; choose another --out")
@@ -40,13 +40,30 @@ def refuse_place(target: Path, place: Path) -> None:
         raise UsageError(f"{place}: {where} a file, not a folder; choose another --out")
 
 
-def refuse_file_name(name: str, place: Path | str) -> None:
-    """Raise UsageError for a name that readers take for a single Parquet file."""
-    if name.lower().endswith(".parquet"):
+def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
+    """Raise UsageError for a place whose name readers take for a column, or for a single Parquet file."""
+    manifest.refuse_partition(parts, place)
+    if parts and parts[-1].lower().endswith(".parquet"):
         raise UsageError(
             f"{place}: found the ending .parquet, but a dataset is a folder; leave .parquet out (read its "
             "files at data/*.parquet)"
         )
+
+
+def refuse_incomplete(listed: Manifest, size_of: Callable[[str], int | None], place: Path | str) -> None:
+    """Raise DatasetError if a file that a manifest lists is missing or has another size."""
+    for path, entry in listed.entries().items():
+        if size_of(path) != entry.bytes:
+            raise DatasetError(
+                f"{place}/{path}: missing or not whole, but the dataset is finished; ibdata repair makes the "
+                "file again, --overwrite the dataset"
+            )
+
+
+def size_in(folder: Path, path: str) -> int | None:
+    """The bytes of a file in a folder; None if there is none."""
+    file = folder / path
+    return file.stat().st_size if file.is_file() else None
 
 
 def is_free(target: Path, place: Path) -> bool:

@@ -52,8 +52,8 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         The paths of the files that were made again, or whose entries in the manifest were mended.
 
     Raises:
-        DatasetError: There is no manifest, weights are lost, a shard that was made again differs, or `validate` still
-            finds a problem.
+        DatasetError: There is no manifest, weights are lost, a shard that was made again differs, or
+            a problem is left that `validate` finds.
         UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
     refuse_workers(workers)

@@ -18,7 +18,6 @@ from ibdata.policies.tensors import written
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept
 from ibdata.system.files import write
 from ibdata.system.part import refusals
-from ibdata.system.storage import local
 
 ACTIVATIONS = {"ReLU": "relu", "Tanh": "tanh"}
 KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linear, ReLU and Tanh"
@@ -87,7 +86,7 @@ def save_network(
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
     _refuse_other_actions(model, actor, weights)
-    target = local(path).absolute()
+    target = Path(os.path.expanduser(path)).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
     return weights.sha256

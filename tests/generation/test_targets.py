@@ -136,6 +136,10 @@ def test_urls_that_mislead_readers_are_refused(here, monkeypatch, scheme, name, 
         monkeypatch.setattr("ibdata.system.storage.Remote.folder", None)
     with pytest.raises(UsageError, match=line):
         WRITERS["generate"](f"{here.as_uri()}/{name}")
+    with pytest.raises(UsageError, match=line):
+        ibdata.estimate(TINY, f"{here.as_uri()}/{name}")
+    with pytest.raises(UsageError, match=line):
+        ibdata.generate("siemens-offline", out=name)
     assert not any(here.glob("**/*safe*"))
 
 

@@ -11,6 +11,7 @@ from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import IbdataError
+from ibdata.errors import DatasetError
 from ibdata.generation import receipt, upload
 from ibdata.system.storage import Remote
 
@@ -83,10 +84,22 @@ def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, ti
         with pytest.raises(IbdataError, match="--resume tries again"):
             made(url)
     next(Path("cache/dataset/data").iterdir()).unlink()
-    with pytest.raises(
-        IbdataError, match=r"data/part-0.* was lost before .*; the same command makes it again"
-    ):
-        made(url, resume=True)
-    assert not Path("there").exists()
     made(url, resume=True)
     assert files("there") == files(tiny[0].path)
+
+
+def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    url = f"{tmp_path.as_uri()}/there"
+    made(url)
+    next(Path("there/data").glob("part-00002-*")).unlink()
+    for call in (
+        lambda: made(url),
+        lambda: made("there"),
+        lambda: made("there", shards="1/2"),
+        lambda: ibdata.finalize("there"),
+    ):
+        with pytest.raises(DatasetError, match=r"there/data/part-00002-.*: missing or not whole, but"):
+            call()
+    assert ibdata.repair("there") != []
+    assert made(url).content_root == made("there").content_root
