@@ -41,7 +41,7 @@ def find(config: str | os.PathLike[str]) -> Path:
         return path
     known = {**shipped(), **suites()}
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
-    if name not in known and os.path.isdir(path):
+    if name and name not in known and os.path.isdir(path):
         raise UsageError(
             f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
             "files, each an experiment; ibdata init makes a first one"
