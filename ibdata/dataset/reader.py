@@ -51,8 +51,8 @@ class Dataset(Shards):
             data/, so that the name of a shipped experiment finds its dataset.
 
     Attributes:
-        path: The folder; UsageError at a URL.
-        place: The folder, or the URL without credentials, as a text.
+        path: The folder, from the root; UsageError at a URL.
+        place: The folder as it was given, or the URL without credentials, as a text.
 
     Raises:
         DatasetError: There is no finished dataset, or its manifest is damaged.

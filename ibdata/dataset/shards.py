@@ -23,7 +23,7 @@ class Shards(Contents):
         """The rows of a shard, counted from 0, as an Arrow table. Raises DatasetError if it is damaged."""
         shard = self._shard(number)
         with self._unreplaced():
-            return parquet.read(self.storage, shard.path, columns, shard.rows)
+            return parquet.read(self.storage, shard.path, self._types(columns), shard.rows)
 
     @public
     def shard_batches(
@@ -32,7 +32,13 @@ class Shards(Contents):
         """Rows start … stop - 1 of a shard, at most `batch_rows` at a time; else as `read_shard`."""
         shard = self._shard(number)
         with self._unreplaced():
-            yield from parquet.batches(self.storage, shard.path, columns, batch_rows, shard.rows, start, stop)
+            types = self._types(columns)
+            yield from parquet.batches(self.storage, shard.path, types, batch_rows, shard.rows, start, stop)
+
+    def _types(self, columns: Columns) -> dict[str, str]:
+        """The types of these columns, or of all."""
+        types: dict[str, str] = {column.name: column.dtype for column in self.info_model.columns}
+        return types if columns is None else {name: types.get(name, "none") for name in columns}
 
     def _shard(self, number: int) -> ShardEntry:
         shards = self.manifest_model.shards

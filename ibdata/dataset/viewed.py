@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ibdata.dataset.stored_windows import Sizes, in_folder, in_memory
 from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
 from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import local
 from ibdata.views.options import ViewOptions
 
 Array = npt.NDArray[Any]
@@ -97,13 +96,12 @@ def windows_of(
     if folder is None:
         stored = in_memory(sizes, blocks)
     else:
-        refuse_url(folder)
         description = {
             "content_root": content_root,
             "episodes": identity(episodes),
             "view": options.plain(info.drifting),
         }
-        stored = in_folder(Path(folder), description, sizes, blocks)
+        stored = in_folder(local(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
 
 

@@ -131,7 +131,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
 
 
 def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
-    text = os.fspath(given)
+    text = os.path.expanduser(given)
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):

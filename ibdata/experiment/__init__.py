@@ -87,7 +87,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         line, column = document.place(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _overridden(document.data, overrides, seed, path.parent, place)
+    return _overridden(document.data, overrides, seed, path.parent.absolute(), place)
 
 
 def _overridden(

@@ -6,7 +6,6 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
@@ -19,7 +18,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.worker import process_for
-from ibdata.system.storage import existing, refuse_url, storage
+from ibdata.system.storage import existing, local, storage
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -51,8 +50,7 @@ def reproduce(
         DatasetError: There is no finished dataset, or it is of another data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
-    refuse_url(folder)
-    path = Path(existing(folder))
+    path = local(existing(folder))
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
     refuse_other_plan(spec, listed)

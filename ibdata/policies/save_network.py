@@ -91,7 +91,7 @@ def save_network(
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
     _refuse_other_actions(model, actor, weights)
-    target = Path(path).absolute()
+    target = Path(os.path.expanduser(path)).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:

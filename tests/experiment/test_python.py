@@ -51,7 +51,7 @@ def test_every_form_makes_the_same_dataset():
 
 
 def test_a_single_experiment_that_is_no_file_goes_to_data():
-    assert ibdata.generate(PLAIN, workers=1).path == Path("data/x")
+    assert ibdata.generate(PLAIN, workers=1).place == "data/x"
     assert estimate({**PLAIN, "name": "y"})["out"] == "data/y"
 
 
