@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.evaluation.policies import Acting, loaded, policy_of
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
@@ -24,6 +25,7 @@ FEW = 100  # draws, below which a share says little
 CERTAIN = 6.0  # standard errors
 
 
+@public
 def check_policy(policy: Any, histories: Float32s | None = None, history: int = 1) -> None:
     """Check that a policy returns valid actions and densities and is a pure function.
 

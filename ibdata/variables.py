@@ -72,7 +72,7 @@ def rows(*names: str) -> tuple[int, ...]:
     """The rows of variables in a `State`.
 
     >>> rows("setpoint", "velocity", "domain")
-    (0, 1, 27)
+    (0, 1, 28)
     """
     return tuple(map(ROWS.index, names))
 

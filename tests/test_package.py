@@ -21,8 +21,8 @@ from ibdata.errors import ConfigError, Interrupted, missing
 from ibdata.views.options import ViewOptions
 
 PACKAGE = ROOT / "ibdata"
-LONGEST = 310  # lines; most files have fewer than 200, and the reader of datasets is one of docstrings
-AT_THE_ROOT = {"__init__", "__main__", "errors", "report", "testing", "variables", "version"}
+LONGEST = 350  # lines; most files have fewer than 200
+AT_THE_ROOT = {"__init__", "__main__", "arguments", "errors", "report", "testing", "variables", "version"}
 NAMES = """
 Dataset Experiment IbdataError __version__ baselines compile_all difference estimate evaluate export finalize
 generate importance load merge noise_floor open quality repair reproduce save_network score_model split

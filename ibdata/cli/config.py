@@ -90,7 +90,7 @@ def show(config: str, overrides: tuple[str, ...], seed: int | None) -> Printed:
     text = as_yaml(experiment).decode()
     if any(printable(line) != line for line in text.splitlines()):
         text = as_yaml(experiment, ascii=True).decode()
-    return Printed({"experiment": experiment.plain()}, text)
+    return Printed(experiment.plain(), text)
 
 
 @command.command("schema")

@@ -112,7 +112,7 @@ def _only_one(argument: str | None, option: str | None) -> str:
 
 def _suite(found: Mapping[str, Dataset], seconds: float) -> Printed:
     datasets = list(found.values())
-    folder, rows = str(datasets[0].path.parent), sum(map(len, datasets))
+    folder, rows = str(Path(datasets[0].place).parent), sum(map(len, datasets))
     lines = [f"{d.place}: {counted(len(d), 'row')}, content root {d.content_root}" for d in datasets]
     total = [
         ("datasets", f"{len(datasets)} in {folder}"),

@@ -20,14 +20,11 @@ def command(folder: Path, workers: int | None, allow_code: bool) -> Printed:
     \b
     ibdata repair data/random
     """
-    from ibdata.dataset import manifest
     from ibdata.dataset.reader import Dataset
     from ibdata.maintenance.repair import repair
 
     repaired = repair(folder, workers, allow_code)
     root = Dataset(folder).content_root
-    lines = [f"repaired {path}" for path in repaired if path != manifest.REPORT]
-    if manifest.REPORT in repaired:
-        lines.append(f"removed {manifest.REPORT}; ibdata card {folder} makes it again")
+    lines = [f"repaired {path}" for path in repaired]
     lines.append(f"{folder}: {counted(len(repaired), 'file')} repaired, content root {root}")
     return Printed({"path": str(folder), "repaired": repaired, "content_root": root}, "\n".join(lines))

@@ -127,9 +127,9 @@ def _splits(dataset: Dataset, taken_away: Mapping[str, list[str]]) -> Printed:
         kind = "whole files" if made["declared"] else "labels"
         lines.append(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
     if not splits:
-        lines.append(f"{dataset.path}: no splits")
+        lines.append(f"{dataset.place}: no splits")
     plain = {
-        "path": str(dataset.path),
+        "path": dataset.place,
         "splits": splits,
         "content_root": dataset.content_root,
         "taken_away": taken_away,

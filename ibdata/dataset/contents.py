@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Info, SplitEntry
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 class Contents:
     """What the files in `meta/` say of a dataset; `Dataset` adds the rows."""
 
+    @public
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.storage = storage(existing(path))
         self.place = self.storage.name
@@ -115,6 +117,7 @@ class Contents:
         digests: list[bytes] = self.episode_table["digest"].to_pylist()
         return digests
 
+    @public
     def returns(self) -> Returns:
         """The undiscounted returns of the behaviour, by policy and setpoint.
 
@@ -126,6 +129,7 @@ class Contents:
         """
         return behaviour_returns(self.episode_table, self.info_model)
 
+    @public
     def selected(self, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Mask:
         """Whether each episode is in a split, at these setpoints and of these policies.
 
@@ -134,10 +138,9 @@ class Contents:
         runs = None if split is None else runs_of(split, self.split_entry(split), self.manifest_model)
         return selected(self.episode_table, runs, setpoint, policy)
 
+    @public
     def split_entry(self, split: str) -> SplitEntry:
         """The description of a split. Raises UsageError if the dataset does not have it."""
-        if not isinstance(split, str):
-            raise UsageError(f"split: found {split!r}, expected the name of one split")
         if not self.split_entries:
             raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
         [name] = known_of("split", split, list(self.split_entries))

@@ -7,9 +7,11 @@ from typing import Any
 
 import pyarrow as pa
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset, Place, opened
 
 
+@public
 def difference(a: Place, b: Place) -> list[str]:
     """Compare the content of two datasets.
 

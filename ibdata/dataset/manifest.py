@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +14,8 @@ from typing import Any, Final
 from ibdata.dataset.models import Manifest, Parsed, parse
 from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
 from ibdata.system.configs import shipped
-from ibdata.system.storage import Storage, damaged, reason, storage
+from ibdata.system.part import Part, resolved
+from ibdata.system.storage import Storage, damaged, local, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -25,7 +26,9 @@ FORMAT: Final = "ibdata-manifest"
 VERSION: Final = 1
 DATA_VERSION: Final = 3  # raised whenever some experiment gives other rows
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
-PARTITION = re.compile(r"(episode|step|policy|reward|terminated|truncated|(action|obs|act|next|latent)_\w+)=")
+PARTITION = re.compile(
+    r"(episode|step|policy|reward|terminated|truncated|(action|obs|act|next|latent)_\w+)=", re.IGNORECASE
+)
 
 
 class NoDatasetError(DatasetError):
@@ -56,7 +59,11 @@ def _remedy(files: Storage) -> str:
     """The command that makes a shipped dataset of this name, or a similar name beside it or in data/."""
     if files.url is not None:
         return ""
-    folder = files.path
+    for folder in (files.path, Path("data", files.name)):
+        if progress := Part(resolved(folder)).progress:
+            shards = "{} of {} shards".format(*progress)
+            return f"; an unfinished run has {shards} here, and the same command with --resume goes on"
+    folder = Path(files.name)
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():
         return f"; ibdata generate {name} makes data/{name}"
@@ -80,7 +87,8 @@ def _parsed(data: bytes) -> Manifest:
         if found.get(key) != expected:
             shown = printable(repr(found.get(key)))[:60]
             name = key.replace("_", " ")
-            todo = "make the dataset again with this ibdata"
+            newer = isinstance(found.get(key), int) and found[key] > expected
+            todo = "update ibdata" if newer else "make the dataset again with this ibdata"
             raise ValueError(f"found {name} {shown}, expected {expected}; {todo}")
     if found.get("checksum") != checksum(found):
         raise ValueError("found content that does not fit its checksum; the file has been changed")
@@ -155,15 +163,20 @@ def refuse_inside(out: Path) -> None:
     """
     if "\0" in str(out):
         raise UsageError(f"--out: found {str(out)!r}, expected a path without NUL")
-    place = Path(os.path.realpath(out))
-    if column := next((part for part in place.parts if PARTITION.match(part)), None):
+    given, place = local(out), Path(os.path.realpath(local(out)))
+    refuse_partition([*given.absolute().parts, *place.parts], out)
+    for folder in place.parents:
+        if os.path.isfile(folder / PATH):
+            raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
+
+
+def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
+    """Raise UsageError if readers would take one of these names of folders for the values of a column."""
+    if column := next((part for part in parts if PARTITION.match(part)), None):
         raise UsageError(
             f"{out}: found the folder {column}, from whose name some readers would take the values of "
             "a column; choose another name, without ="
         )
-    for folder in place.parents:
-        if os.path.isfile(folder / PATH):
-            raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
 
 
 def sealed(listed: Manifest) -> Manifest:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import accumulate
 from typing import Any
@@ -10,23 +10,25 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.errors import DatasetError
+from ibdata.errors import DatasetError, printable
 from ibdata.system.storage import damaged, reason, storage
 
+Names = Sequence[str] | Mapping[str, str]
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
 def read(
     place: Any,
     path: str,
-    names: Sequence[str] | None = None,
+    names: Names | None = None,
     rows: int | None = None,
     data: bytes | None = None,
 ) -> pa.Table:
     """Read these columns, or all, of a file at a place: a dataset, its folder or its URL.
 
-    `data` are the bytes of the file, if they were read already. Raises DatasetError if the file cannot be
-    read, lacks a column, or has another number of rows than expected.
+    `names` may be a mapping to the types of the columns, as dataset.json spells them. `data` are the bytes of
+    the file, if they were read already. Raises DatasetError if the file cannot be read, lacks a column, has
+    one of another type, or has another number of rows than expected.
     """
     with opened(place, path, data, names, rows) as file:
         return file.read(columns=None if names is None else list(names))
@@ -41,7 +43,7 @@ def described(place: Any, path: str) -> tuple[pa.Schema, int]:
 def batches(
     place: Any,
     path: str,
-    names: Sequence[str] | None,
+    names: Names | None,
     most: int,
     rows: int | None = None,
     start: int = 0,
@@ -72,11 +74,12 @@ def opened(
     place: Any,
     path: str,
     data: bytes | None = None,
-    names: Sequence[str] | None = None,
+    names: Names | None = None,
     rows: int | None = None,
 ) -> Iterator[pq.ParquetFile]:
     """A context with an open file. Arguments and errors are those of `read`."""
     files = storage(place)
+    errors = READ_ERRORS if files.url is None else Exception  # a plug-in for URLs may raise anything
     try:
         with (
             files.open(path) if data is None else pa.BufferReader(data) as source,
@@ -90,11 +93,28 @@ def opened(
             found = file.metadata.num_rows
             if rows is not None and found != rows:
                 raise damaged(files, path, f"found {found} rows, expected {rows}; see ibdata validate")
-            missing = [name for name in names or () if name not in file.schema_arrow.names]
-            if missing:
-                raise damaged(files, path, f"{missing[0]}: missing, expected a column; see ibdata validate")
+            if problem := _other_columns(file.schema_arrow, names or ()):
+                raise damaged(files, path, f"{problem}; see ibdata validate")
             yield file
     except DatasetError:
         raise
-    except READ_ERRORS as error:
+    except errors as error:
         raise damaged(files, path, f"cannot be read, see ibdata validate: {reason(error)}") from None
+
+
+def _other_columns(schema: pa.Schema, names: Names) -> str | None:
+    """The first column that is missing or of another type than expected, in words."""
+    for name in names:
+        if name not in schema.names:
+            return f"{name}: missing, expected a column"
+        found = plain_type(schema.field(name).type)
+        if isinstance(names, Mapping) and found != names[name]:
+            return f"{name}: found a column of {found}, expected {names[name]}"
+    return None
+
+
+def plain_type(kind: pa.DataType) -> str:
+    """The type of a column as dataset.json spells it."""
+    if pa.types.is_dictionary(kind):
+        return "string"
+    return {"float": "float32", "double": "float64"}.get(str(kind), printable(str(kind))[:60])

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Statistics
 from ibdata.dataset.selection import Columns, Policy, Setpoint, Split, rows_in
@@ -50,13 +51,14 @@ class Dataset(Shards):
             data/, so that the name of a shipped experiment finds its dataset.
 
     Attributes:
-        path: The folder; UsageError at a URL.
-        place: The folder, or the URL without credentials, as a text.
+        path: The folder, from the root; UsageError at a URL.
+        place: The folder as it was given, or the URL without credentials, as a text.
 
     Raises:
         DatasetError: There is no finished dataset, or its manifest is damaged.
     """
 
+    @public
     def table(
         self,
         columns: Columns = None,
@@ -100,6 +102,7 @@ class Dataset(Shards):
             return self.read_shard(0, names).slice(0, 0)
         return pa.concat_tables(parts).unify_dictionaries()
 
+    @public
     def to_pandas(
         self,
         columns: Columns = None,
@@ -123,6 +126,7 @@ class Dataset(Shards):
             frame.index = np.flatnonzero(inside)
         return frame
 
+    @public
     def head(
         self,
         rows: int = 5,
@@ -159,6 +163,7 @@ class Dataset(Shards):
                 break
         return pa.Table.from_batches(parts)
 
+    @public
     def iter_batches(
         self,
         columns: Columns = None,
@@ -175,8 +180,7 @@ class Dataset(Shards):
 
         Raises UsageError if batch_rows is below 1.
         """
-        if batch_rows < 1:
-            raise UsageError(f"batch_rows: found {batch_rows}, expected at least 1")
+        checked_length(batch_rows, "batch_rows")
         if view is not None:
             _refuse_columns(columns)
             options = view_of(view)
@@ -186,6 +190,7 @@ class Dataset(Shards):
         parts = (rows_in(self.shard_batches(number, names, batch_rows), runs) for number, runs in shards)
         return chain.from_iterable(parts)
 
+    @public
     def arrays(
         self,
         history: int = 1,
@@ -224,6 +229,7 @@ class Dataset(Shards):
         table = self.table(names, split, setpoint=setpoint, policy=policy)
         return arrays_of(table, self.info_model, options, history, drop, more)
 
+    @public
     def windows(
         self,
         history: int = 1,
@@ -259,6 +265,7 @@ class Dataset(Shards):
         root = self.content_root
         return windows_of(blocks, episodes, self.info_model, options, root, folder, history, drop)
 
+    @public
     def statistics(self, split: Split = None) -> dict[str, Any]:
         """Statistics of the float columns. Those of a later split are computed from its rows.
 

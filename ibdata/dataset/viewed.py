@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from numbers import Integral
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,21 +17,21 @@ from ibdata.dataset.stored_windows import Sizes, in_folder, in_memory
 from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
 from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import local
 from ibdata.views.options import ViewOptions
 
 Array = npt.NDArray[Any]
 BLOCK_ROWS = 65_536
 
 
-def checked_length(length: Any, name: str = "history") -> int:
+def checked_length(length: int, name: str = "history") -> int:
     """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
-    if isinstance(length, bool) or not isinstance(length, Integral) or length < 1:
+    if length < 1:
         raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
-    return int(length)
+    return length
 
 
-def checked_history(history: Any, pad: Any) -> bool:
+def checked_history(history: int, pad: str) -> bool:
     """Check both arguments of `Dataset.arrays`; return whether rows without a full history are dropped.
 
     Raises UsageError if one is invalid.
@@ -41,7 +39,7 @@ def checked_history(history: Any, pad: Any) -> bool:
     checked_length(history)
     if pad not in ("repeat", "drop"):
         raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
-    return bool(pad == "drop")
+    return pad == "drop"
 
 
 def arrays_of(
@@ -98,13 +96,12 @@ def windows_of(
     if folder is None:
         stored = in_memory(sizes, blocks)
     else:
-        refuse_url(folder)
         description = {
             "content_root": content_root,
             "episodes": identity(episodes),
             "view": options.plain(info.drifting),
         }
-        stored = in_folder(Path(folder), description, sizes, blocks)
+        stored = in_folder(local(folder), description, sizes, blocks)
     return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
 
 

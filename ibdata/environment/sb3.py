@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.simulation import Float32s
+from ibdata.environment.streams import refuse_negative
 from ibdata.environment.vector import SAME_STEP, Flags, IndustrialBenchmarkVectorEnv
 from ibdata.errors import missing
 
@@ -39,10 +41,18 @@ class IndustrialBenchmarkVecEnv(VecEnv):
         UsageError: another argument or an action is invalid.
     """
 
+    @public
     def __init__(self, num_envs: int = 1, max_episode_steps: int | None = STEPS, **settings: Any) -> None:
         self._env = IndustrialBenchmarkVectorEnv(num_envs, max_episode_steps, SAME_STEP, **settings)
         self._lanes = [_Lane(self._env, number) for number in range(num_envs)]
         super().__init__(num_envs, self._env.single_observation_space, self._env.single_action_space)
+
+    @public
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Keep the seeds of the next `reset`: this one and those after it, or random ones. Returns them."""
+        refuse_negative([seed])
+        seeds: Sequence[int | None] = super().seed(seed)
+        return seeds
 
     def reset(self) -> Float32s:
         """Begin an episode in every lane, with the seeds of `seed` and the options of `set_options`."""

@@ -6,8 +6,7 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
-
+from ibdata.arguments import public
 from ibdata.dataset.viewed import checked_length
 from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
@@ -33,12 +32,13 @@ class Settings:
     discrete_actions: bool
 
 
+@public
 def settings(
     setpoint: Any = 70.0,
     dynamics: Any = "siemens",
     start: Any = "default",
-    history: Any = 1,
-    discrete_actions: Any = False,
+    history: int = 1,
+    discrete_actions: bool = False,
     view: View = None,
 ) -> Settings:
     """Check the settings of an environment.
@@ -53,13 +53,11 @@ def settings(
     first, *others = scenario.points
     if others:
         raise UsageError(f"setpoint: found {excerpt(setpoint)}, expected one, or one that moves")
-    if not isinstance(discrete_actions, bool | np.bool_):
-        raise UsageError(f"discrete_actions: found {discrete_actions!r}, expected True or False")
     world, options = scenario.world, view_of(view)
     for name in options.columns(world.drifting):
         if VARIABLES[variable_of(name)].role == "drift" and not world.drifting:
             raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")
-    return Settings(world, first, checked_length(history), options, bool(discrete_actions))
+    return Settings(world, first, checked_length(history), options, discrete_actions)
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_action, discrete_action
 from ibdata.environment.lane import Lane
@@ -14,6 +15,7 @@ from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Indices
 from ibdata.environment.spaces import spaces
+from ibdata.environment.streams import refuse_negative
 from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose
@@ -51,6 +53,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
+    @public
     def __init__(self, render_mode: str | None = None, **options: Any) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
@@ -63,6 +66,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         self._began = False
         self._seen: list[dict[str, float]] = []  # of the episode, for the picture
 
+    @public
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
@@ -79,6 +83,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             UsageError: There is no such episode, or `dynamics` or `setpoint` do not fit it.
             DatasetError: This ibdata cannot simulate the dataset again.
         """
+        refuse_negative([seed])
         replay = Replay.asked_for(options, self._lane.settings, 1)
         super().reset(seed=seed)
         self._replayed = None

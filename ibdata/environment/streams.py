@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ibdata.environment.replayed import Noise
 from ibdata.environment.simulation import Indices
+from ibdata.errors import UsageError
 from ibdata.numerics.philox import Raw
 from ibdata.numerics.random import Purpose
 
 AHEAD = 512  # integers
+
+
+def refuse_negative(seeds: Sequence[int | None]) -> None:
+    """Raise UsageError for a seed below 0."""
+    for seed in seeds:
+        if seed is not None and seed < 0:
+            raise UsageError(f"seed: found {seed}, expected a whole number of at least 0")
 
 
 class Streams:

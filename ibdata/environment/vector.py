@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.viewed import checked_length
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_actions, discrete_actions
@@ -16,7 +17,7 @@ from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Float32s, Indices, Simulation
 from ibdata.environment.spaces import spaces
-from ibdata.environment.streams import Streams
+from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.addresses import within
 from ibdata.numerics.philox import Raw
@@ -55,6 +56,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         UsageError: another argument or an action is invalid.
     """
 
+    @public
     def __init__(
         self,
         num_envs: int = 1,
@@ -65,8 +67,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         mode = getattr(autoreset_mode, "value", autoreset_mode)
         if mode not in MODES:
             raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
-        if num_envs < 1:
-            raise UsageError(f"num_envs: found {num_envs}, expected at least 1")
+        checked_length(num_envs, "num_envs")
         self._limit = math.inf
         if max_episode_steps is not None:
             self._limit = checked_length(max_episode_steps, "max_episode_steps")
@@ -94,6 +95,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         sources: list[Any] = [generator.bit_generator for generator in self._streams.generators]
         return tuple(source.seed_seq.entropy for source in sources)
 
+    @public
     def reset(
         self,
         *,
@@ -114,11 +116,13 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         """
         mask = self._mask((options or {}).get("reset_mask"))
         replay = Replay.asked_for(options, self._simulation.settings, self.num_envs)
-        if isinstance(seed, Sequence) and len(seed) != self.num_envs:
-            raise UsageError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
+        first = 0 if seed is None else seed
+        seeds = first if isinstance(first, Sequence) else range(first, first + self.num_envs)
+        if len(seeds) != self.num_envs:
+            raise UsageError(f"seed: found {len(seeds)} seeds, expected {self.num_envs}")
+        refuse_negative(seeds)
         which = np.flatnonzero(mask)
         if seed is not None:
-            seeds = seed if isinstance(seed, Sequence) else range(seed, seed + self.num_envs)
             for lane in which.tolist():
                 self._streams.seed(lane, seeds[lane])
         if replay is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ibdata.arguments import public
 from ibdata.errors import UsageError
 from ibdata.evaluation.against import baselines_of, compared
 from ibdata.evaluation.baselines import SETTINGS
@@ -15,7 +16,6 @@ from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.evaluation.results import differences_of, results_of
 from ibdata.evaluation.scores import SCALE, notes, scores, with_references
-from ibdata.experiment.plain import plain
 from ibdata.experiment.scenario import scenario_of
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
@@ -24,6 +24,7 @@ from ibdata.views.options import View, view_of
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
+@public
 def evaluate(
     policy: Any,
     setpoint: float | Sequence[float] | str | dict[str, Any] = 70.0,
@@ -94,8 +95,7 @@ def evaluate(
         episodes = 100 if against is None else SETTINGS["episodes"]
     classic = options.reward.kind == "classic"
     played, references = with_references([*policies.values()]) if classic else ([*policies.values()], [])
-    if isinstance(plain(episodes), int):
-        refuse_too_much("episodes", RETURN_BYTES * len(played) * episodes)
+    refuse_too_much("episodes", RETURN_BYTES * len(played) * episodes)
     scenario = scenario_of(
         setpoint=setpoint, steps=steps, episodes=episodes, start=start, dynamics=dynamics, seed=seed
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.numerics.confidence import estimate
 
@@ -92,6 +93,7 @@ def shipped_baselines(file: Path = FILE) -> list[Baseline]:
     return [Baseline.model_validate_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
+@public
 def baselines(published: bool = False) -> pd.DataFrame:
     """Results of offline algorithms on shipped experiments: one row per set, algorithm and seed.
 

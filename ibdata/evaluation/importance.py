@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
@@ -19,14 +20,13 @@ from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.recorded import parts_of, recorded_in
 from ibdata.evaluation.states import Source
 from ibdata.experiment.code import consented_spec, customs_in, refuse_changed
-from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.numerics.confidence import estimate
 from ibdata.simulation.episodes import Ints
 
 Floats = npt.NDArray[np.float64]
-LEAST_EFFECTIVE = 100.0  # episodes, below which the result has a warning
-METHODS = ("ordinary", "per decision", "weighted")
+LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning
+METHODS = ("weighted", "per decision", "ordinary")
+FARTHEST = 2.0  # from the weighted estimate, in standard errors of another one, which else has a warning
 
 
 class Estimated(NamedTuple):
@@ -48,11 +48,11 @@ class Estimated(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Importance(Tabular):
-    """Estimates of a policy's return from the data of others, and the weights behind them.
+    """Estimates of a policy's return from the data of others, the most reliable first, and their weights.
 
     `ratios` are those of the densities of the target and the behaviour, `weights` their products from the
     start of the episode, and `rewards` are discounted. `effective` is the effective number of episodes,
-    (Σw)²/Σw², of each step. `notes` warn of what makes the estimates doubtful, a line for each reason.
+    (Σw)²/Σw², of each step. `notes` warn of what makes estimates doubtful, a line for each reason.
     """
 
     policy: str
@@ -76,6 +76,7 @@ class Importance(Tabular):
         return {"policy": self.policy, "discount": self.discount, "results": results, "notes": self.notes}
 
 
+@public
 def importance(
     ds: Place,
     target: Any,
@@ -92,12 +93,12 @@ def importance(
 
     With w_t = Π_{k ≤ t} π(a_k)/β(a_k), the weight of step t, and T the last step, over the episodes:
 
-        ordinary       mean of w_T Σ_t γᵗ r_t
-        per decision   mean of Σ_t γᵗ w_t r_t
         weighted       Σ_t γᵗ mean of w_t r_t / mean of w_t
+        per decision   mean of Σ_t γᵗ w_t r_t
+        ordinary       mean of w_T Σ_t γᵗ r_t
 
-    The first two are unbiased, the third has a little bias and much less variance. Sources: Precup, Sutton
-    and Singh 2000, Eligibility traces for off-policy policy evaluation; for the third, which is also known as
+    The last two are unbiased, the first has a little bias and much less variance. Sources: Precup, Sutton
+    and Singh 2000, Eligibility traces for off-policy policy evaluation; for the first, which is also known as
     consistent weighted per-decision importance sampling, Thomas 2015, Safe reinforcement learning.
 
     The densities of the behaviour, β, are the `action_log_prob` of the data, whose policies must be able to
@@ -151,9 +152,9 @@ def importance(
     return of_ratios(wanted.label, ratios, rewards, discount)
 
 
-def _horizon(given: Any, lengths: Ints) -> int:
+def _horizon(steps: int | None, lengths: Ints) -> int:
     """How many steps of each episode count."""
-    steps, shortest, longest = plain(given), int(lengths.min()), int(lengths.max())
+    shortest, longest = int(lengths.min()), int(lengths.max())
     if steps is None:
         if shortest < longest:
             raise UsageError(
@@ -161,8 +162,8 @@ def _horizon(given: Any, lengths: Ints) -> int:
                 f"steps, at most {shortest}"
             )
         return shortest
-    if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= shortest:
-        raise UsageError(f"steps: found {shown(steps)}, expected a whole number from 1 to {shortest}")
+    if not 1 <= steps <= shortest:
+        raise UsageError(f"steps: found {steps}, expected a whole number from 1 to {shortest}")
     return steps
 
 
@@ -176,30 +177,48 @@ def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> I
     squares = (relative**2).sum(axis=0)
     effective = np.divide(relative.sum(axis=0) ** 2, squares, out=np.zeros(len(squares)), where=squares > 0.0)
     estimates = (
-        estimate([weights[:, -1] * paid.sum(axis=1)]),
-        estimate([(weights * paid).sum(axis=1)]),
         _weighted(relative, paid),
+        estimate([(weights * paid).sum(axis=1)]),
+        estimate([weights[:, -1] * paid.sum(axis=1)]),
     )
     mean, error, _ = estimate([weights[:, -1]])
-    found = [
+    results = [
         Estimated(method, *values, mean, error, float(effective[-1]))
         for method, values in zip(METHODS, estimates, strict=True)
     ]
-    notes = [*_notes_on_effective(effective), *notes_on_mean_weights(ratios, weights)]
-    return Importance(label, found, np.exp(ratios.recorded), weights, paid, effective, discount, notes)
+    notes = [
+        *_notes_on_effective(effective),
+        *notes_on_mean_weights(ratios, weights),
+        *_notes_on_distance(*results),
+    ]
+    return Importance(label, results, np.exp(ratios.recorded), weights, paid, effective, discount, notes)
 
 
 def _notes_on_effective(effective: Floats) -> Iterator[str]:
-    if effective[-1] < LEAST_EFFECTIVE:
-        yield (
-            f"warning: {effective[-1]:,.1f} effective episodes are fewer than {LEAST_EFFECTIVE:g}; trust "
-            "neither estimates nor intervals"
-        )
     if not effective[-1]:
         yield (
-            f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so the ordinary "
-            "estimate is 0, and the one per decision leaves out the rewards from there on"
+            f"warning: all weights are 0 from step {int((effective == 0.0).argmax())} on, so there is no "
+            "weighted estimate, the ordinary one is 0, and the one per decision leaves out the rewards from "
+            "there on"
         )
+    elif effective[-1] < LEAST_EFFECTIVE:
+        yield (
+            f"warning: weighted rests on {effective[-1]:,.1f} effective episodes, fewer than "
+            f"{LEAST_EFFECTIVE:g}; trust neither its estimate nor its interval"
+        )
+
+
+def _notes_on_distance(weighted: Estimated, *others: Estimated) -> Iterator[str]:
+    """A warning for each estimate far from the weighted one, on which the mean weight has less influence."""
+    for other in others:
+        if weighted.mean_return is None or other.mean_return is None or not other.standard_error:
+            continue
+        distance = abs(other.mean_return - weighted.mean_return) / other.standard_error
+        if distance > FARTHEST:
+            yield (
+                f"warning: {other.method} is {distance:.1f} of its standard errors from weighted, more than "
+                f"{FARTHEST:g}; trust neither its estimate nor its interval"
+            )
 
 
 def _weighted(weights: Floats, paid: Floats) -> tuple[float | None, float | None, tuple[float, float] | None]:

@@ -9,7 +9,8 @@ import numpy as np
 from ibdata.evaluation.overlap import Ratios
 from ibdata.simulation.episodes import Floats
 
-ERRORS = 8.0  # from 1; chance alone goes so far in less than one of 1,000 calls
+WRONG = 8.0  # errors from 1; if the densities are right, less than one of 1,000 calls goes so far
+LACKING = 4.0  # errors from 1, beyond which the weighted estimate has a warning
 TOLERANCE = 1e-3  # more than float32 changes in the recorded log densities of 1,000 steps
 FEWEST = 100  # episodes that are looked at; fewer have a warning anyway
 # A weight above this share of the episodes has too few like it for a standard error. By π, which no weight of
@@ -21,25 +22,31 @@ def notes_on_mean_weights(ratios: Ratios, weights: Floats) -> list[str]:
     """A warning for the first step whose mean weight is not 1.
 
     Heavy tails make a mean fall short of 1 by many of its estimated errors, although nothing is wrong. So
-    the test is of `without_large` weights, whose mean is 1 too. If they pass it where the weights do not,
-    the data lack episodes.
+    the test of the densities is of `without_large` weights, whose mean is 1 too. If they pass it, the weights
+    themselves tell whether the data lack episodes.
     """
     if len(weights) < FEWEST:
         return []
     kept, large = without_large(ratios)
-    for tested, reason in (
-        (kept + large, "further from 1 than chance allows: one of the densities is wrong"),
-        (weights, "expected 1: {:.0%} of the expectation comes from episodes too rare for these data"),
-    ):
-        mean, error = tested.mean(axis=0), tested.std(axis=0, ddof=1) / np.sqrt(len(tested))
-        far = np.abs(mean - 1.0) > ERRORS * error + TOLERANCE
-        if far.any():
-            step = int(far.argmax())
-            reason = reason.format(min(large[:, step].mean(), 1.0))
-            return [
-                f"warning: the mean weight of step {step} is {mean[step]:.3g} ± {error[step]:.2g}, {reason}"
-            ]
+    if far := _first_far(kept + large, WRONG):
+        return [f"{far[1]}, further from 1 than chance allows: one of the densities is wrong"]
+    if far := _first_far(weights, LACKING):
+        step, place = far
+        return [
+            f"{place}, more than {LACKING:g} errors from 1; weighted may miss episodes too rare for these "
+            f"data, from which {min(large[:, step].mean(), 1.0):.0%} of the expectation comes"
+        ]
     return []
+
+
+def _first_far(weights: Floats, errors: float) -> tuple[int, str] | None:
+    """The first step whose mean weight is more than so many errors from 1, and how a warning of it begins."""
+    mean, error = weights.mean(axis=0), weights.std(axis=0, ddof=1) / np.sqrt(len(weights))
+    far = np.abs(mean - 1.0) > errors * error + TOLERANCE
+    if not far.any():
+        return None
+    step = int(far.argmax())
+    return step, f"warning: the mean weight of step {step} is {mean[step]:.3g} ± {error[step]:.2g}"
 
 
 def without_large(ratios: Ratios) -> tuple[Floats, Floats]:

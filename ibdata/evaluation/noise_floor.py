@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
@@ -57,6 +58,7 @@ class NoiseFloor(Tabular):
         return {"rows": len(self.mean), "results": [result._asdict() for result in self.results]}
 
 
+@public
 def noise_floor(
     ds: Place,
     split: str | None = None,

@@ -11,14 +11,17 @@ from ibdata.errors import UsageError
 from ibdata.evaluation.recorded import Recorded
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of
+from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import Distribution
-from ibdata.simulation.episodes import Float32s, Floats, Ints
+from ibdata.simulation.episodes import Float32s, Floats, Ints, draw_uniforms
 from ibdata.simulation.replay import Rows, replay
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
+NEVER_EPISODES = 0.001  # the share that may have an action which the data never have
+LOG_NEVER = -1e9  # for the log of a density of 0, finite so that sums of it are numbers
 
 
 class Ratios(NamedTuple):
@@ -71,7 +74,7 @@ def log_ratios(
         return Ratios(ratio, np.zeros_like(ratio))
     had = _of_behaviour(experiment, numbers, recorded, actions)
     never = (wanted.drawn_atoms & ~had.drawn_atoms).any(axis=2) | (had.drawn == -np.inf)
-    drawn = wanted.drawn - np.where(never, -np.inf, had.drawn)
+    drawn = wanted.drawn - np.where(never, LOG_NEVER, had.drawn)
     rare = wanted.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
     _refuse_lack(target.label, behaviour.label, actions, never, rare, rows)
     return Ratios(np.where((wanted.atoms == had.atoms).all(axis=2), ratio, -np.inf), drawn)
@@ -80,13 +83,13 @@ def log_ratios(
 def _refuse_lack(
     target: str, behaviour: str, actions: Float32s, never: Bools, rare: Bools, rows: int
 ) -> None:
-    """Raise UsageError if the behaviour never takes an action of the target, or too many point masses rarely.
+    """Raise UsageError if the behaviour never takes too many actions of the target, or point masses rarely.
 
     A point mass is rare if the target takes it more than `rows` times as often: so many rows have it less
     than once.
     """
     lacking = never | rare
-    if not never.any() and lacking.any(axis=1).mean() <= RARE_EPISODES:
+    if never.any(axis=1).mean() <= NEVER_EPISODES and lacking.any(axis=1).mean() <= RARE_EPISODES:
         return
     episode, step = np.argwhere(lacking)[0]
     example = f"such as {actions[episode, step].tolist()} at step {step}"
@@ -110,10 +113,12 @@ def _of_target(
     experiment: Experiment, numbers: Ints, recorded: Recorded, target: Policy
 ) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
-    episodes, random = episodes_of(experiment, numbers).played_by(target), np.random.default_rng(0)
+    episodes, steps = episodes_of(experiment, numbers).played_by(target), recorded.actions.shape[1]
+    draws, purpose = target.needs.step_draws, Purpose.TRIAL
+    uniforms = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, draws).swapaxes(0, 1)
 
-    def question(distribution: Distribution, observed: Observed, rows: Rows) -> Floats:
-        drawn = applied(distribution.sample(random.random(observed.uniforms.shape)))
+    def question(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
+        drawn = applied(distribution.sample(rows(uniforms)))
         return np.column_stack([_asked(distribution, rows(recorded.actions), drawn), drawn])
 
     found = replay(episodes, *recorded, question)

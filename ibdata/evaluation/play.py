@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +10,6 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import Acting, loaded, notes_on
-from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
 from ibdata.policies import POLICIES, Observed, Policy
@@ -43,13 +40,11 @@ class Played(NamedTuple):
         return Played._make(part[:count] for part in self)
 
 
-def checked_discount(given: Any) -> float:
-    """The discount factor as a float. Raises UsageError if it is not a number in [0, 1]."""
-    number = plain(given)
-    is_number = isinstance(number, Real) and not isinstance(number, bool)
-    if not is_number or not 0 <= number <= 1:
-        raise UsageError(f"discount: found {shown(number)}, expected a number in [0, 1]")
-    return float(number)
+def checked_discount(discount: float) -> float:
+    """The discount factor as a float. Raises UsageError if it is not in [0, 1]."""
+    if not 0 <= discount <= 1:
+        raise UsageError(f"discount: found {discount}, expected a number in [0, 1]")
+    return float(discount)
 
 
 def play(

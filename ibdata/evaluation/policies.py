@@ -15,7 +15,6 @@ from ibdata.errors import ConfigError, UsageError, say, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
-from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
 from ibdata.policies.base import refuse_density
@@ -59,10 +58,9 @@ def policies_of(
     A user gives what `policy_of` takes, a mapping of labels to that, or a list of both, and the history for
     all or by label.
     """
-    history = plain(history)
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
     for name, length in {"": common, **lengths}.items():
-        if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+        if length < 1:
             where = f"history: {name}" if name else "history"
             raise UsageError(f"{where}: found {length!r}, expected a whole number of at least 1")
     found: dict[str, Policy] = {}
@@ -111,6 +109,8 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
+    if history < 1:
+        raise UsageError(f"history: found {history}, expected a whole number of at least 1")
     if isinstance(given, Policy):
         return given
     if isinstance(given, Mapping):
@@ -131,7 +131,7 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
 
 
 def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
-    text = os.fspath(given)
+    text = os.path.expanduser(given)
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):

@@ -36,14 +36,13 @@ class Part(NamedTuple):
 
 
 def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
-    """Divide episodes (n,) into parts of bounded memory."""
+    """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
     most = max(1, PART_ROWS // steps)
     for experiment, own, numbers in source.by_experiment(episodes):
         per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
         for policy in np.unique(numbers // per_policy):
             same = np.flatnonzero(numbers // per_policy == policy)
-            for i in range(0, len(same), most):
-                some = same[i : i + most]
+            for some in np.array_split(same, -(-len(same) // most)):
                 yield Part(experiment, numbers[some], own[some])
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
@@ -56,6 +57,7 @@ class ModelScores(Tabular):
         return {"results": [result._asdict() for result in self.results]}
 
 
+@public
 def score_model(
     ds: Place,
     model: Callable[..., Any],

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
@@ -25,6 +26,7 @@ from ibdata.simulation.variables import Table
 BATCH_ROWS = 65_536
 
 
+@public
 def state_at(ds: Place, rows: Any) -> State:
     """The exact states from which rows of a dataset began.
 

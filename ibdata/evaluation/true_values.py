@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
@@ -15,7 +16,6 @@ from ibdata.evaluation.branching import branch_returns, branches_at
 from ibdata.evaluation.play import Floats, checked_discount
 from ibdata.evaluation.policies import loaded, policies_of
 from ibdata.evaluation.states import Source
-from ibdata.experiment.plain import plain
 from ibdata.experiment.scenario import scenario_of
 from ibdata.numerics.confidence import estimate
 from ibdata.policies.actions import clip_and_round
@@ -65,6 +65,7 @@ class TrueValues(Tabular):
         return {"results": [result._asdict() for result in self.results]}
 
 
+@public
 def true_values(
     ds: Place,
     rows: Any,
@@ -118,9 +119,7 @@ def true_values(
     [acting] = policies
     numbers, times = source.places(rows)
     first = None if actions is None else _applied(actions, len(numbers))
-    steps, episodes, seed = plain([steps, episodes, seed])
-    if isinstance(episodes, int):
-        refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
+    refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     settings = scenario_of(steps=steps, episodes=episodes, seed=seed)
     found = np.empty((len(numbers), settings.episodes))
     with loaded([acting]):

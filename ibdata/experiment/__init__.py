@@ -5,12 +5,15 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ruamel.yaml import YAML
 
+from ibdata.arguments import public
 from ibdata.errors import ConfigError, UsageError
+from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.overrides import Overrides, override_all
@@ -19,9 +22,15 @@ from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import Document, StrictYamlError
 
 # What gives an experiment: a path or a shipped name, a mapping, or an Experiment itself.
-Config = str | os.PathLike[str] | Mapping[str, Any] | Experiment
+Config = Annotated[
+    str | os.PathLike[str] | Mapping[str, Any] | Experiment,
+    "a file, the name of a shipped experiment, a mapping or an Experiment",
+]
+
+KEYS = (*Experiment.model_fields, *(f"output.{name}" for name in Output.model_fields))
 
 __all__ = [
+    "KEYS",
     "Config",
     "Experiment",
     "Overrides",
@@ -35,6 +44,7 @@ __all__ = [
 ]
 
 
+@partial(public, keys=KEYS)
 def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> Experiment:
     """Read and check an experiment.
 
@@ -77,7 +87,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         line, column = document.place(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _overridden(document.data, overrides, seed, path.parent, place)
+    return _overridden(document.data, overrides, seed, path.parent.absolute(), place)
 
 
 def _overridden(

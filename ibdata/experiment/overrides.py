@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from ibdata.errors import Loc, UsageError
 from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 
-Overrides = Sequence[str] | Mapping[str, Any]
+Overrides = Annotated[Sequence[str] | Mapping[str, Any], "a list of texts key=value, or a mapping"]
 
 
 def override_all(data: Any, overrides: Overrides) -> set[Loc]:
@@ -18,8 +18,6 @@ def override_all(data: Any, overrides: Overrides) -> set[Loc]:
 
     Raises UsageError for an override that is none, or for which there is no place in the data.
     """
-    if isinstance(overrides, str) or not isinstance(overrides, Sequence | Mapping):
-        raise UsageError(f"overrides: found {overrides!r}, expected a list of texts key=value, or a mapping")
     return {_put(data, key, value) for key, value in _values(overrides)}
 
 
@@ -29,7 +27,7 @@ def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
         yield from ((str(key), plain(value)) for key, value in overrides.items())
         return
     for override in overrides:
-        key, equals, text = override.partition("=") if isinstance(override, str) else ("", "", "")
+        key, equals, text = override.partition("=")
         if not equals:
             raise UsageError(f"override: found {override!r}, expected key=value")
         try:

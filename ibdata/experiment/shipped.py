@@ -31,16 +31,16 @@ def find(config: str | os.PathLike[str]) -> Path:
 
     A folder without configs is ignored. Raises UsageError if there is no match.
     """
-    if not isinstance(config, str | os.PathLike):
-        raise UsageError(
-            f"config: found {config!r}, expected a file, the name of a shipped experiment, a mapping, or an "
-            "Experiment"
-        )
-    path = Path(config)
+    path = Path(os.path.expanduser(config))
     if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for an invalid name
         return path
     known = {**shipped(), **suites()}
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
+    if name and name not in known and os.path.isdir(path):
+        raise UsageError(
+            f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
+            "files, each an experiment; ibdata init makes a first one"
+        )
     if name not in known:
         raise UsageError(
             f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(_short(known))}"

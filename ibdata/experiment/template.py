@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.scalars import FileName
 from ibdata.numerics.naming import yaml_name
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import local
 
 TEXT = """\
 # An experiment of ibdata, which determines the contents of a dataset.
@@ -58,8 +57,7 @@ def template(name: str) -> str:
 
 def write_template(file: str | os.PathLike[str]) -> None:
     """Write the experiment, named after the file. Raises UsageError if the file exists, or IbdataError."""
-    refuse_url(file)
-    path = Path(file)
+    path = local(file)
     try:
         name = TypeAdapter(FileName).validate_python(path.stem)
     except ValidationError:

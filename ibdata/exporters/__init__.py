@@ -21,6 +21,8 @@ from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ibdata.arguments import public
+
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Place
     from ibdata.exporters._view import View as View
@@ -42,6 +44,7 @@ class Exported(NamedTuple):
     left_out: int  # transitions whose next frame is not in the dataset
 
 
+@public
 def export(
     dataset: Place,
     to: str,
@@ -67,7 +70,7 @@ def export(
         split: Only this split; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
-        overwrite: Whether to replace a file, or a folder with the files of such an export, at `out`.
+        overwrite: Whether to replace an export, a file or a folder, at `out`; nothing else is replaced.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         view: What is seen and rewarded, as the options of a view (docs/views.md), such as
             {"observe": "markov", "reward_scale": 0.01}.
@@ -87,10 +90,10 @@ def export(
     from ibdata.errors import UsageError
     from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
-    from ibdata.system.storage import refuse_url
+    from ibdata.system.storage import local
     from ibdata.views.options import view_of
 
-    refuse_url(out)
+    out = local(out)
     format = _format(to)
     if history is None:
         history = getattr(format, "HISTORY", 1)
@@ -102,7 +105,7 @@ def export(
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-    target = Path(format.place(shown, Path(out), **more) if hasattr(format, "place") else out)
+    target = Path(format.place(shown, out, **more) if hasattr(format, "place") else out)
     with whole(target, overwrite) as path:
         snippet = format.export(shown, path, target, **more)
     return Exported(

@@ -11,6 +11,7 @@ from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
+from ibdata.exporters._own import is_export
 from ibdata.system import disk, signals
 from ibdata.system.part import locked_part, resolved
 
@@ -52,6 +53,9 @@ def _refuse(target: Path, overwrite: bool) -> None:
         )
     if os.path.exists(target / manifest.PATH):
         raise UsageError(f"{target}: is a dataset, which no export replaces; choose another --out")
+    for file in (target, target / "arrays.parquet"):
+        if file.is_file() and not is_export(file):
+            raise UsageError(f"{file}: found no export of ibdata; move it away, or choose another --out")
 
 
 def _refuse_others(place: Path, made: Path) -> None:

@@ -7,11 +7,14 @@ common make these twice, without harm: each file has a name of its own, and the 
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from ibdata.arguments import public
+from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -22,20 +25,19 @@ from ibdata.generation.publish import publish, settle
 from ibdata.generation.run import (
     already_there,
     counted_if_stopped,
-    finished,
+    drop_others,
     make,
     prepare,
     rows_of,
     unfinished,
 )
-from ibdata.generation.target import is_free, refuse_taken
+from ibdata.generation.target import is_free, refuse_incomplete, refuse_taken, size_in
 from ibdata.generation.worker import process_for
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.storage import refuse_url
 from ibdata.writing.finish import finish
 
 MAX_PARTS = 100_000
-MOST = 8  # numbers of shards in a message
 
 
 class Range(NamedTuple):
@@ -102,6 +104,7 @@ def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:
         raise unfinished(place, other, resume=True)
 
 
+@public
 def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """Complete a dataset whose parts `generate` has made with `shards`: check them, write the manifest.
 
@@ -122,6 +125,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
             raise UsageError(
                 f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
             )
+        refuse_incomplete(manifest.read(target), partial(size_in, target), place)
         return Dataset(place)
     with locked_part(target, place) as part:
         settle(part)
@@ -134,14 +138,8 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
 def _finish(part: Part, begun: Origin, place: Path) -> None:
     refuse_taken(part.target, place)
     spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
-    found = {shard.number: receipt.get(part.folder, shard) for shard in spec.shards}
-    missing = [n for n, each in found.items() if each is None or not receipt.is_whole(part.folder, each)]
-    if missing:
-        more = f" and {len(missing) - MOST} more" if len(missing) > MOST else ""
-        raise IbdataError(
-            f"{place}: {len(missing)} of {len(spec.shards)} shards are missing: "
-            f"{', '.join(map(str, missing[:MOST]))}{more}; make them with the same command, or with "
-            "--resume in place of --shards"
-        )
-    finish(spec, finished(spec, part), part.folder / receipt.DATASET, begun.reproducible, begun.code)
+    todo = "make them with the same command, or with --resume in place of --shards"
+    written = receipt.all_of(part.folder, spec.shards, place, todo, receipt.is_whole)
+    drop_others(part, written)
+    finish(spec, written, part.folder / receipt.DATASET, begun.reproducible, begun.code)
     publish(part)

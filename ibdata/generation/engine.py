@@ -41,5 +41,5 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Run:
 
 def refuse_workers(workers: int | None) -> None:
     """Raise UsageError for a number of workers that is out of range; None chooses it by the work."""
-    if workers is not None and not (isinstance(workers, int) and 1 <= workers <= MAX_WORKERS):
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
         raise UsageError(f"workers: found {workers!r}, expected a whole number in [1, {MAX_WORKERS}]")

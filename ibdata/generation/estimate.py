@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import os
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ibdata.arguments import public
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.experiment import Config, Experiment, Overrides, load_all
+from ibdata.experiment import KEYS, Config, Experiment, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
@@ -42,6 +44,7 @@ class Estimate(Tabular, dict[str, Any]):
         return [Table(list(rows[0]), [list(row.values()) for row in rows])]
 
 
+@partial(public, keys=KEYS)
 def estimate(
     config: Config,
     out: str | os.PathLike[str] | None = None,

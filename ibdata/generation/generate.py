@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError, printable
-from ibdata.experiment import Config, Experiment, Overrides, find, load_all
+from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.shipped import is_suite, shipped_name
@@ -18,10 +20,12 @@ from ibdata.generation import upload
 from ibdata.generation.array_job import Range, make_range
 from ibdata.generation.engine import Run, select_engine
 from ibdata.generation.run import already_there, make_dataset, refuse_both, settle_left
+from ibdata.generation.target import refuse_name
 from ibdata.system.part import resolved
-from ibdata.system.storage import is_url, url_of
+from ibdata.system.storage import is_url, local, url_of
 
 
+@partial(public, keys=KEYS)
 def generate(
     config: Config,
     out: str | os.PathLike[str] | None = None,
@@ -108,6 +112,8 @@ def places_of(
 
     Raises UsageError if `out` cannot hold the datasets of a folder.
     """
+    if out is not None:
+        refuse_name(os.fspath(out).rstrip("/").split("/"), out)
     path = None if isinstance(config, Mapping | Experiment) else find(config)
     if path is None or not is_suite(path):
         if out is not None:
@@ -116,7 +122,7 @@ def places_of(
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path("data", path.resolve().name) if out is None else Path(out)
-    if os.path.lexists(root) and not root.is_dir():
+    if os.path.lexists(local(root)) and not local(root).is_dir():
         raise UsageError(f"{root}: is a file, not a folder; choose another --out")
     return [root / file.stem for file in sorted(path.glob("*.yaml"))]
 
@@ -127,6 +133,7 @@ def _generate_one(
     if isinstance(place, str):
         work, remote = upload.places(place, experiment)
         if not upload.is_there(remote, experiment, work, resume, overwrite):
+            upload.drop_damaged(work)
             make_dataset(experiment, work, Path(remote.name), run, resume, not resume, progress)
             upload.upload(remote, work)
         return Dataset(place)

@@ -18,9 +18,10 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.warm_up import known_answer, play_custom, warm_up
 from ibdata.policies.custom import LIVE
 from ibdata.system.files import plain_bytes, write, write_new
+from ibdata.system.part import NOTE
 from ibdata.writing.metadata import as_json
 
-PATH, EXPERIMENT = "run.json", "experiment.yaml"  # in a part
+PATH, EXPERIMENT = NOTE, "experiment.yaml"  # in a part
 MAX_BYTES = 2**20
 
 
@@ -29,6 +30,7 @@ class Origin(JsonObject):
 
     data_version: Count
     known_answer: Sha256  # of the machine's self-check
+    shards: Count
     code: list[Code]
     manifest: Sha256 | None = None
 
@@ -44,7 +46,12 @@ def observe(spec: DatasetSpec) -> Origin:
 
     What a user should know about custom policies is said on stderr.
     """
-    origin = Origin(data_version=manifest.DATA_VERSION, code=_code(spec), known_answer=known_answer())
+    origin = Origin(
+        data_version=manifest.DATA_VERSION,
+        shards=len(spec.shards),
+        code=_code(spec),
+        known_answer=known_answer(),
+    )
     if customs(spec):
         for experiment in spec.experiments:
             play_custom(experiment)

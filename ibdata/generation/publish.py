@@ -6,17 +6,16 @@ the part. Every reader finds the old dataset or the new one.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, printable
+from ibdata.errors import DatasetError
 from ibdata.generation import origin
 from ibdata.generation.receipt import DATASET
-from ibdata.system.files import keep_access, sync_folder, write, write_new
+from ibdata.system.files import keep_access, sync_folder, write
 from ibdata.system.part import Part
 from ibdata.system.signals import held, ignore
-from ibdata.writing.card import is_edited
+from ibdata.writing.edited import keep_all
 from ibdata.writing.metadata import as_json
 
 
@@ -61,15 +60,7 @@ def _checksum(folder: Path) -> str | None:
 
 
 def _keep(old: Path, new: Path) -> None:
-    """Keep the mode and the group of a folder that is replaced, and a card that somebody has edited."""
-    keep_access(old, new)
-    for folder in ("data", "meta"):
-        keep_access(old / folder, new / folder)
-        for file in (new / folder).iterdir():
-            keep_access(old / manifest.PATH, file)
-    card, kept = old / manifest.CARD, f"{manifest.CARD}.old"
-    if is_edited(card):
-        write_new(new, kept, card.read_bytes())
-        print(printable(f"ibdata: {card}: was edited, and is now {kept}"), file=sys.stderr, flush=True)
-    elif (old / kept).is_file():
-        write_new(new, kept, (old / kept).read_bytes())
+    """Keep the mode and the group of a folder that is replaced, and what somebody has edited in it."""
+    for path in [new, *new.rglob("*")]:
+        keep_access(old / path.relative_to(new) if path.is_dir() else old / manifest.PATH, path)
+    keep_all(old, new)

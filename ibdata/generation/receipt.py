@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import secrets
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dataset.statistics import Moments
+from ibdata.errors import IbdataError
 from ibdata.experiment.plan import Shard
 from ibdata.system.files import FileEntry, file_sha256, new_file
 from ibdata.system.part import RECEIPTS
@@ -21,6 +23,7 @@ from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import ShardSummary
 
 DATASET = "dataset"  # the folder of a part that holds the dataset
+MOST = 8  # numbers of shards in a message
 
 
 def path_of(root: Path, shard: Shard) -> Path:
@@ -64,3 +67,31 @@ def get(root: Path, shard: Shard) -> WrittenShard | None:
 def is_whole(root: Path, written: WrittenShard) -> bool:
     """Whether the file of a shard is the one that its receipt says."""
     return file_sha256(root / DATASET / written.entry.path) == written.entry.sha256
+
+
+def has_size(root: Path, written: WrittenShard) -> bool:
+    """Whether the file of a shard has the size that its receipt says; of one that was just written."""
+    path = root / DATASET / written.entry.path
+    return path.is_file() and path.stat().st_size == written.entry.bytes
+
+
+def all_of(
+    root: Path,
+    shards: Sequence[Shard],
+    place: Path,
+    todo: str,
+    is_right: Callable[[Path, WrittenShard], bool] = has_size,
+) -> list[WrittenShard]:
+    """All these shards, from their receipts.
+
+    Raises IbdataError if the receipt of one cannot be read, or does not fit its file; `todo` is the remedy.
+    """
+    found = [get(root, shard) for shard in shards]
+    whole = [each for each in found if each is not None and is_right(root, each)]
+    if len(whole) < len(shards):
+        known = {each.shard.number for each in whole}
+        lost = [str(shard.number) for shard in shards if shard.number not in known]
+        more = f" and {len(lost) - MOST} more" if len(lost) > MOST else ""
+        count = f"{len(lost)} of {len(shards)} shards are missing or damaged"
+        raise IbdataError(f"{place}: {count}: {', '.join(lost[:MOST])}{more}; {todo}")
+    return whole

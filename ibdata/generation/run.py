@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
@@ -17,7 +18,7 @@ from ibdata.generation import origin, receipt
 from ibdata.generation.engine import Run
 from ibdata.generation.origin import Origin
 from ibdata.generation.publish import publish, settle
-from ibdata.generation.target import TakenError, present
+from ibdata.generation.target import TakenError, present, refuse_incomplete, size_in
 from ibdata.generation.worker import Process, process_for
 from ibdata.system.part import Part, locked_part
 from ibdata.system.progress import Advance, bar
@@ -47,7 +48,8 @@ def make_dataset(
                 return
             prepare(part, spec, here, place, resume, overwrite)
             make(process, spec.shards, part, run, progress)
-            written = finished(spec, part)
+            written = receipt.all_of(part.folder, spec.shards, place, "--resume makes them again")
+            drop_others(part, written)
             finish(spec, written, part.folder / receipt.DATASET, here.reproducible, here.code)
             present(target, place, experiment, overwrite)  # somebody may have put files there meanwhile
             publish(part)
@@ -67,6 +69,7 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
     listed = present(target, place, experiment, overwrite)
     if listed is None:
         return False
+    refuse_incomplete(listed, partial(size_in, target), place)
     names = changed_here(DatasetSpec.of(experiment), listed.code)
     if names and not resume:
         raise TakenError(
@@ -139,15 +142,12 @@ def rows_of(spec: DatasetSpec, shards: list[Shard]) -> int:
     return sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
 
 
-def finished(spec: DatasetSpec, part: Part) -> list[WrittenShard]:
-    """The shards that are finished in a part, from their receipts; all other files in `data` go."""
-    found = [receipt.get(part.folder, shard) for shard in spec.shards]
-    written = [each for each in found if each is not None]
+def drop_others(part: Part, written: list[WrittenShard]) -> None:
+    """Remove the files in `data` that are none of a dataset's: its shards that were made twice."""
     known = {each.entry.path for each in written}
     for path in (part.folder / receipt.DATASET / "data").iterdir():
         if f"data/{path.name}" not in known:
             path.unlink()
-    return written
 
 
 @contextmanager

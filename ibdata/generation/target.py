@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.policies.custom import without_runs
 from ibdata.system.files import part_of
 from ibdata.system.part import refusals
-
-USERS = {manifest.CARD, f"{manifest.CARD}.old", manifest.REPORT}  # files at the top that a user may edit
+from ibdata.writing.edited import EDITABLE, is_users
 
 
 class TakenError(UsageError):
@@ -28,6 +28,7 @@ def refuse_place(target: Path, place: Path) -> None:
         place: Its name in messages.
     """
     manifest.refuse_inside(target)
+    refuse_name(place.parts, place)
     here = Path.cwd()
     if target == here or target in here.parents:
         raise UsageError(f"{place}: is the current folder or around it; choose another --out")
@@ -37,6 +38,32 @@ def refuse_place(target: Path, place: Path) -> None:
     if not there.is_dir():
         where = "is" if there == target else "lies in"
         raise UsageError(f"{place}: {where} a file, not a folder; choose another --out")
+
+
+def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
+    """Raise UsageError for a place whose name readers take for a column, or for a single Parquet file."""
+    manifest.refuse_partition(parts, place)
+    if parts and parts[-1].lower().endswith(".parquet"):
+        raise UsageError(
+            f"{place}: found the ending .parquet, but a dataset is a folder; leave .parquet out (read its "
+            "files at data/*.parquet)"
+        )
+
+
+def refuse_incomplete(listed: Manifest, size_of: Callable[[str], int | None], place: Path | str) -> None:
+    """Raise DatasetError if a file that a manifest lists is missing or has another size."""
+    for path, entry in listed.entries().items():
+        if size_of(path) != entry.bytes:
+            raise DatasetError(
+                f"{place}/{path}: missing or not whole, but the dataset is finished; ibdata repair makes the "
+                "file again, --overwrite the dataset"
+            )
+
+
+def size_in(folder: Path, path: str) -> int | None:
+    """The bytes of a file in a folder; None if there is none."""
+    file = folder / path
+    return file.stat().st_size if file.is_file() else None
 
 
 def is_free(target: Path, place: Path) -> bool:
@@ -76,6 +103,11 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
         same = False  # a merged dataset
     else:
         same = manifest.listed_content(target, listed, manifest.EXPERIMENT) == as_yaml(experiment)
+    if not same and [without_runs(each) for each in listed.experiments] == [without_runs(experiment.plain())]:
+        raise TakenError(
+            f"{place}: holds the dataset of another object of this Python session, or of the same before it "
+            "changed; --overwrite to make it with this one, or choose another --out"
+        )
     if not same:
         raise TakenError(f"{place}: holds the dataset of another experiment; --overwrite to replace it")
     return listed
@@ -93,10 +125,10 @@ def _refuse_irreplaceable(target: Path, listed: Manifest) -> None:
 
 def strangers(target: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
-    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *USERS}
+    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *EDITABLE}
     known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
     for path in sorted(target.iterdir()):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)
-        elif path.name not in known:
+        elif path.name not in known and not is_users(path.name):
             yield path

@@ -14,9 +14,10 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.generation.target import refuse_incomplete, refuse_name
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
-from ibdata.system.storage import Remote, reason
+from ibdata.system.storage import Remote, Storage, reason
 
 
 def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
@@ -32,10 +33,11 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
     Raises UsageError if other files are there; those of an upload that failed are allowed with `resume`.
     """
     refuse_overwrite(remote.name, overwrite)
+    refuse_name(remote.parts, remote.name)
     if remote.folder is not None:
         manifest.refuse_inside(remote.folder)
     try:
-        found = set(remote.sizes())
+        found = remote.sizes()
     except OSError as error:
         raise DatasetError(f"{remote.name}: cannot be read: {reason(error)}") from None
     listed = _manifest(remote, resume) if manifest.PATH in found else None
@@ -43,8 +45,9 @@ def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, o
         recorded = listed.entries().get(manifest.EXPERIMENT)
         if recorded is None or recorded.sha256 != hashlib.sha256(as_yaml(experiment)).hexdigest():
             raise UsageError(f"{remote.name}: holds the dataset of another experiment; choose another --out")
+        refuse_incomplete(listed, found.get, remote.name)
         return True
-    if found and not (resume and found <= _files(work)):
+    if found and not (resume and found.keys() <= _files(work)):
         raise UsageError(
             f"{remote.name}: holds files, but no finished dataset, such as {min(found)}; --resume repeats an "
             "upload that failed on this machine; otherwise remove them, or choose another --out"
@@ -74,12 +77,22 @@ def _files(work: Path) -> set[str]:
     return {str(path.relative_to(work)) for path in work.rglob("*")}
 
 
+def drop_damaged(work: Path) -> None:
+    """Remove a dataset that waits for its upload if it is no longer whole, so that it is made again."""
+    try:
+        entries, files = manifest.read(work).entries(), Storage(work)
+    except DatasetError:
+        return
+    is_whole = (work / manifest.SPLITS).is_file()
+    if not is_whole or any(files.entry(path) != entry for path, entry in entries.items()):
+        shutil.rmtree(work)
+
+
 def upload(remote: Remote, work: Path) -> None:
     """Upload the finished dataset in a folder, the manifest last, and remove the folder."""
-    paths = sorted(_files(work) - {manifest.PATH})
     try:
         with stoppable():
-            for path in [*paths, manifest.PATH]:
+            for path in [*sorted(_files(work) - {manifest.PATH}), manifest.PATH]:
                 if (work / path).is_file():
                     remote.put(work / path, path)
                 check()

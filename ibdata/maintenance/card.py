@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import printable
@@ -16,19 +16,20 @@ from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
-from ibdata.system.storage import existing, refuse_url
+from ibdata.system.storage import existing, local
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
-from ibdata.writing.card import is_edited
+from ibdata.writing.edited import keep_edited, sealed
 from ibdata.writing.metadata import unread_shards
 from ibdata.writing.planned import refuse_other_plan
 
 
+@public
 def card(folder: str | os.PathLike[str]) -> list[Path]:
     """Write the card README.md and the report report.html of a dataset.
 
     The report shows pictures, returns, statistics, experiment and provenance in one file that needs no
-    network. The same dataset gives the same bytes. A card that somebody has edited is kept as README.md.old.
+    network. The same dataset gives the same bytes. What somebody has edited is kept, as README.md.old.
     Without matplotlib only README.md is written, and a line on stderr says what to install.
 
     Args:
@@ -42,8 +43,7 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
-    refuse_url(folder)
-    path = Path(existing(folder))
+    path = local(existing(folder))
     dataset = Dataset(path)
     listed = dataset.manifest_model
     spec = spec_in(path, listed)
@@ -60,14 +60,11 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     )
     with locked_part(resolved(path), path):
         manifest.refuse_replaced(path, listed)
-        if is_edited(path / manifest.CARD):
-            kept = f"{manifest.CARD}.old"
-            shutil.copy(path / manifest.CARD, path / kept)
-            told = f"ibdata: {path / manifest.CARD}: was edited, and is now {kept}"
-            print(printable(told), file=sys.stderr, flush=True)
+        keep_edited(manifest.CARD, path, path)
         write(path, manifest.CARD, made)
         if report is None:
             print(f"ibdata: {manifest.REPORT} is not written: {why}", file=sys.stderr, flush=True)
             return [path / manifest.CARD]
-        write(path, manifest.REPORT, report)
+        keep_edited(manifest.REPORT, path, path)
+        write(path, manifest.REPORT, sealed(report))
     return [path / manifest.CARD, path / manifest.REPORT]

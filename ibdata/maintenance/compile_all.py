@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ibdata.arguments import public
 from ibdata.environment.lane import Lane
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Simulation
@@ -43,6 +44,7 @@ class Compiled(NamedTuple):
     seconds: float
 
 
+@public
 def compile_all() -> Compiled:
     """Compile the simulator for every policy and option, and for the environments.
 

@@ -15,7 +15,7 @@ from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation import origin
 from ibdata.numerics.naming import counted
 from ibdata.system.part import Part
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import local
 
 
 class Listed(NamedTuple):
@@ -50,8 +50,7 @@ def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
     Raises:
         UsageError: There is no such folder.
     """
-    refuse_url(folder)
-    root = Path(folder)
+    root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
     return sorted(_listed(root))
@@ -97,7 +96,8 @@ def _unfinished(part: Part) -> Listed:
         spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
     except IbdataError:
         return Listed(part.target, "unfinished, damaged", None, None, [], [], _size(part.folder), None)
-    state = f"unfinished, {len(part.receipts)} of {counted(len(spec.shards), 'shard')}"
+    done, shards = part.progress or (0, len(spec.shards))
+    state = f"unfinished, {done} of {counted(shards, 'shard')}"
     return _of(part.target, spec, state, None, None, _size(part.folder))
 
 

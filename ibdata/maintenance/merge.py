@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
@@ -17,6 +18,7 @@ from ibdata.numerics.naming import counted, exact
 from ibdata.policies.base import NAME_PATTERN
 
 
+@public
 def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> Dataset:
     """Merge datasets into a new one, with all their splits.
 
@@ -32,8 +34,6 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
             beginning of one, so that data could leak from one split into another.
         DatasetError: A dataset does not match its manifest.
     """
-    if isinstance(folders, str | os.PathLike):
-        raise UsageError(f"merge: found {os.fspath(folders)!r}, expected a list of folders")
     if len(folders) < 2:
         raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]

@@ -6,6 +6,7 @@ import os
 import sys
 from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
@@ -21,10 +22,11 @@ from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, wri
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
-from ibdata.system.storage import existing, refuse_url, storage
+from ibdata.system.storage import existing, local, storage
 from ibdata.validation.derived import splits_problems
 from ibdata.validation.files import unlisted_files
 from ibdata.validation.rows import check_shard
+from ibdata.validation.validate import validate
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan
@@ -35,6 +37,7 @@ NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
 REPAIR = "repair"  # the folder of a part in which shards are made again
 
 
+@public
 def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_code: bool = False) -> list[str]:
     """Make the broken and missing files of a dataset again, and only them.
 
@@ -51,12 +54,12 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         The paths of the files that were made again, or whose entries in the manifest were mended.
 
     Raises:
-        DatasetError: There is no manifest, weights are lost, or a shard that was made again differs.
+        DatasetError: There is no manifest, weights are lost, a shard that was made again differs, or
+            a problem is left that `validate` finds.
         UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
-    refuse_url(folder)
     refuse_workers(workers)
-    place = Path(existing(folder))
+    place = local(existing(folder))
     listed = _manifest(place)
     for problem in unlisted_files(storage(place), listed):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
@@ -67,13 +70,24 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         return []
     with locked_part(resolved(place), place) as part:
         manifest.refuse_replaced(part.target, listed)
+        missing = [path for path in broken if not os.path.lexists(part.target / path)]
         try:
             entries = _repaired(part, spec, listed, broken, workers, allow_code)
+            for path in missing:
+                keep_access(part.target / manifest.PATH, part.target / path)
         finally:
             remove(part.folder / REPAIR)
         if entries != listed.entries():
             write(part.target, manifest.PATH, rewritten_manifest(listed, entries))
+        _refuse_broken(place)
     return broken
+
+
+def _refuse_broken(place: Path) -> None:
+    """Raise DatasetError where `validate` still finds a problem, so that nothing else is called repaired."""
+    for problem in validate(place):
+        again = f"found after all was made again: {problem.message}"
+        raise DatasetError(f"{place / problem.path}: {again}; make the dataset again with generate")
 
 
 def _manifest(place: Path) -> Manifest:
@@ -162,16 +176,15 @@ def _made_again(
     with process_for(spec) as process:
         process.call(_warm_up)
         list(run(process, wrong, root, workers, lambda number, rows: unseen(rows)))
-    made = [receipt.get(root, shard) for shard in wrong]
-    found = [each for each in made if each is not None]
-    for each in found:
+    made = receipt.all_of(root, wrong, folder, "no shard was changed; repair again")
+    for each in made:
         one = listed.shards[each.shard.number]
         if content_of(each.content.digests) != one.content:
             raise DatasetError(
                 f"{folder / one.path}: found other content when made again, expected the content that the "
                 "manifest lists; no shard was changed"
             )
-    return found
+    return made
 
 
 def _warm_up(spec: DatasetSpec) -> None:

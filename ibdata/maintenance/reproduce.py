@@ -6,8 +6,8 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.episodes import read_episodes
@@ -18,7 +18,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.worker import process_for
-from ibdata.system.storage import existing, refuse_url, storage
+from ibdata.system.storage import existing, local, storage
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -27,6 +27,7 @@ from ibdata.writing.planned import refuse_other_plan
 from ibdata.writing.summary import simulated
 
 
+@public
 def reproduce(
     folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
 ) -> tuple[int, list[Problem]]:
@@ -49,8 +50,7 @@ def reproduce(
         DatasetError: There is no finished dataset, or it is of another data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
-    refuse_url(folder)
-    path = Path(existing(folder))
+    path = local(existing(folder))
     listed = manifest.read(path)
     spec = consented_spec(path, listed, allow_code)
     refuse_other_plan(spec, listed)

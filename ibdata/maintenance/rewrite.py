@@ -123,7 +123,7 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     refuse_url(dataset)
     listed = dataset.manifest_model
     refuse_other_plan(spec, listed)
-    with locked_part(resolved(dataset.path), dataset.path):
-        manifest.refuse_replaced(dataset.path, listed)
+    with locked_part(resolved(dataset.path), dataset.place):
+        manifest.refuse_replaced(dataset, listed)
         write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
-    return Dataset(dataset.path)
+    return Dataset(dataset)

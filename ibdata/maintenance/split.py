@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset, Place, opened
 from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
@@ -19,6 +20,7 @@ from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, property_of, refuse_unused
 
 
+@public
 def split(
     folder: Place,
     by: str | None = None,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
@@ -59,6 +60,7 @@ class Quality(Tabular):
         return dataclasses.asdict(self)
 
 
+@public
 def quality(
     ds: Place,
     split: str | None = None,

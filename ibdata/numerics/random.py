@@ -32,6 +32,7 @@ class Purpose(IntEnum):
     BURN_IN_POLICY = 6
     EPISODE_POLICY = 7  # once for an episode
     MEASUREMENT = 8
+    TRIAL = 9  # of a policy at recorded observations, which is not simulated
 
 
 def stream_key(seed: int, cell_digest: bytes) -> Raw:

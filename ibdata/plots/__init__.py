@@ -10,8 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ibdata.arguments import public
 from ibdata.errors import IbdataError, UsageError
-from ibdata.system.storage import refuse_url
+from ibdata.system.storage import local
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset, Place
@@ -43,6 +44,7 @@ def plots() -> list[str]:
     return _modules("dataset")
 
 
+@public
 def figure(
     name: str,
     out: str | os.PathLike[str] | None = None,
@@ -67,8 +69,7 @@ def figure(
         ImportError: matplotlib is not installed.
         IbdataError: the file cannot be written.
     """
-    refuse_url(out)
-    path = Path(FOLDER, f"{name}.png") if out is None else Path(out)
+    path = Path(FOLDER, f"{name}.png") if out is None else local(out)
     form = path.suffix[1:].lower()
     _one_of("figure", name, names())
     _one_of("dynamics", dynamics, DYNAMICS)
@@ -85,6 +86,7 @@ def figure(
     return path
 
 
+@public
 def plot(
     dataset: Place,
     out: str | os.PathLike[str] | None = None,
@@ -116,11 +118,10 @@ def plot(
     """
     from ibdata.dataset.reader import opened
 
-    refuse_url(out)
     _one_of("form", form, FORMS)
     shown = opened(dataset)
     name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
-    folder = Path(FOLDER, name) if out is None else Path(out)
+    folder = Path(FOLDER, name) if out is None else local(out)
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
     for path in paths.values():
         _refuse_existing(path, overwrite)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.arguments import public
 from ibdata.errors import UsageError, say
 from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.libraries import environment_note
@@ -27,6 +28,7 @@ KNOWN = "a Stable-Baselines3 or d3rlpy algorithm, or a torch Sequential of Linea
 INPUTS, DEVIATION, TOLERANCE = 256, 4.0, 1e-3
 
 
+@public
 def save_network(
     path: str | os.PathLike[str],
     model: Any,
@@ -89,7 +91,7 @@ def save_network(
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
     _refuse_other_actions(model, actor, weights)
-    target = Path(path).absolute()
+    target = Path(os.path.expanduser(path)).absolute()
     with refusals(target):
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:

@@ -7,6 +7,7 @@ made of what a dataset lists, without the path from which they came.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -130,7 +131,7 @@ def find(file: str, sha256: str | None, folder: Path | None) -> Weights:
     if sha256 in _known and file == name_of(sha256):
         return _known[sha256]
     shipped = [path.stem for path in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
-    path = (folder or Path()) / file
+    path = (folder or Path()) / os.path.expanduser(file)
     if file.removesuffix(SUFFIX) in shipped and not path.is_file():
         path = SHIPPED / f"{file.removesuffix(SUFFIX)}{SUFFIX}"
     try:

@@ -109,14 +109,17 @@ def part_of(target: Path) -> Path:
 
 
 def keep_access(old: Path, new: Path) -> None:
-    """Give a file or folder the mode and the group of another, as far as it exists and the system allows."""
+    """Give a file or folder the mode and the group of another, as far as it exists and the system allows.
+
+    Its owner may read it in any case.
+    """
     if not old.exists():
         return
     status = old.stat()
     with suppress(OSError):
         os.chown(new, -1, status.st_gid)
     with suppress(OSError):
-        new.chmod(stat.S_IMODE(status.st_mode))
+        new.chmod(stat.S_IMODE(status.st_mode) | stat.S_IRUSR)
 
 
 def file_sha256(path: Path) -> str | None:

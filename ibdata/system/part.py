@@ -6,6 +6,7 @@ rename. It stays after a process that failed only if it has receipts, with which
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from ibdata.system.files import part_of, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
-LOCK, RECEIPTS, OLD = "lock", "receipts", "old"
+LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
@@ -40,7 +41,31 @@ class Part:
     @property
     def receipts(self) -> list[Path]:
         """The receipts of what is finished in it, in order."""
-        return sorted((self.folder / RECEIPTS).glob("*"))
+        folder = self.folder / RECEIPTS
+        try:
+            return sorted(folder / name for name in os.listdir(folder))
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+
+    @property
+    def progress(self) -> tuple[int, int] | None:
+        """How many shards of a run are finished in it, and how many the run has; None if there is no run."""
+        try:
+            note = json.loads((self.folder / NOTE).read_bytes())
+            return len(self.receipts), int(note["shards"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    @property
+    def is_own(self) -> bool:
+        """Whether its place is free, or ibdata made what is there, which has the lock as long as anything."""
+        try:
+            names = os.listdir(self.folder)
+        except FileNotFoundError:
+            names = []
+        except NotADirectoryError:
+            return False
+        return not self.folder.is_symlink() and (not names or LOCK in names)
 
     def share(self) -> None:
         """Let other hosts hold the part too. Raises BusyError if one of them keeps it for itself."""
@@ -80,7 +105,7 @@ def resolved(out: str | os.PathLike[str]) -> Path:
     """The place of an output without links, which may lead to another disk."""
     if "\0" in os.fspath(out):
         raise UsageError(f"--out: found {os.fspath(out)!r}, expected a path without NUL")
-    return Path(os.path.realpath(out))
+    return Path(os.path.realpath(os.path.expanduser(out)))
 
 
 @contextmanager
@@ -115,8 +140,8 @@ def locked_part(
 
 
 def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
-    if part.folder.is_symlink():
-        raise UsageError(f"{part.folder}: found a link, expected a folder of ibdata's own; remove it")
+    if not part.is_own:
+        raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
     path = part.folder / LOCK
     try:
         return stack.enter_context(locked(path, patience, place=name))

@@ -12,10 +12,12 @@ import os
 import re
 import shutil
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ibdata.errors import DatasetError, UsageError, hidden, missing, printable
+from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
 from ibdata.system.files import FileEntry
 
 if TYPE_CHECKING:
@@ -28,14 +30,15 @@ BLOCK = 2**23
 class Storage:
     """The files in a folder of this machine, by their paths in it. `Remote` is the same at a URL.
 
-    Methods raise OSError if a file cannot be read. `name` is the place for messages; `url` is None.
+    Methods raise OSError if a file cannot be read. `name` is the place as it was given, for messages; the
+    files stay those of the folder that it names now, wherever the process goes. `url` is None.
     """
 
     url: str | None = None
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._path = Path(path)
-        self.name = str(self._path)
+        self._path = local(path).absolute()
+        self.name = str(Path(path))
 
     @property
     def path(self) -> Path:
@@ -44,7 +47,7 @@ class Storage:
 
     def where(self, path: str) -> str:
         """The name of a file, for messages."""
-        return str(self._path / path)
+        return os.path.join(self.name, path)
 
     def open(self, path: str) -> pa.NativeFile:
         """Open a regular file for reading anywhere in it."""
@@ -124,37 +127,74 @@ class Remote(Storage):
     def where(self, path: str) -> str:
         return f"{self.name}/{path}"
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of the folders in which the files are, and of their own."""
+        return tuple(self._base.split("/"))
+
     def open(self, path: str) -> pa.NativeFile:
-        return self._files.open_input_file(f"{self._base}/{path}")
+        with plain_errors():
+            return self._files.open_input_file(f"{self._base}/{path}")
+
+    def read(self, path: str) -> bytes:
+        with plain_errors():
+            return super().read(path)
+
+    def entry(self, path: str) -> FileEntry | None:
+        try:
+            with plain_errors():
+                return super().entry(path)
+        except OSError:
+            return None
 
     def names(self, folder: str) -> list[str]:
         from pyarrow.fs import FileSelector
 
-        found = self._files.get_file_info(FileSelector(f"{self._base}/{folder}", allow_not_found=True))
+        try:
+            with plain_errors():
+                found = self._files.get_file_info(
+                    FileSelector(f"{self._base}/{folder}", allow_not_found=True)
+                )
+        except OSError as error:
+            raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
         return sorted(info.base_name + "/" * (not info.is_file) for info in found)
 
     def sizes(self) -> dict[str, int]:
         """The bytes of every file at the URL, by its path."""
         from pyarrow.fs import FileSelector
 
-        found = self._files.get_file_info(FileSelector(self._base, allow_not_found=True, recursive=True))
+        with plain_errors():
+            found = self._files.get_file_info(FileSelector(self._base, allow_not_found=True, recursive=True))
         base = self._base.strip("/")
         return {info.path.strip("/")[len(base) + 1 :]: info.size for info in found if info.is_file}
 
     def put(self, source: Path, path: str) -> None:
         """Upload a file. If that fails, part of it may be there."""
         target = f"{self._base}/{path}"
-        try:
-            stream = self._files.open_output_stream(target)
-        except FileNotFoundError:  # a file system with folders
-            self._files.create_dir(target.rpartition("/")[0], recursive=True)
-            stream = self._files.open_output_stream(target)
-        with source.open("rb") as file, stream:
-            shutil.copyfileobj(file, stream, BLOCK)
+        with plain_errors():
+            try:
+                stream = self._files.open_output_stream(target)
+            except FileNotFoundError:  # a file system with folders
+                self._files.create_dir(target.rpartition("/")[0], recursive=True)
+                stream = self._files.open_output_stream(target)
+            with source.open("rb") as file, stream:
+                shutil.copyfileobj(file, stream, BLOCK)
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        self._files.delete_file(f"{self._base}/{path}")
+        with plain_errors():
+            self._files.delete_file(f"{self._base}/{path}")
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Turn what a plug-in for URLs raises, which may be anything, into an OSError."""
+    try:
+        yield
+    except (OSError, IbdataError, MemoryError):
+        raise
+    except Exception as error:
+        raise OSError(errno.EIO, reason(error)) from error
 
 
 def storage(place: Any) -> Storage:
@@ -179,9 +219,15 @@ def is_url(place: Any) -> bool:
     return url_of(place) is not None
 
 
+def local(place: Any) -> Path:
+    """The path of a place on this machine, whose ~ is the user's folder. Raises UsageError for a URL."""
+    refuse_url(place)
+    return Path(os.path.expanduser(place))
+
+
 def existing(place: Any) -> Any:
     """A place, or the folder below data/ where only that exists."""
-    if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(place):
+    if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(local(place)):
         return place
     below = os.path.join("data", place)
     return below if os.path.lexists(below) else place
@@ -233,6 +279,6 @@ def _file_system(url: str) -> tuple[Any, str]:
         files, path = fsspec.core.url_to_fs(url)
     except ImportError as error:
         raise UsageError(f"{scheme} needs a plug-in of fsspec: {reason(error)}") from None
-    except (ValueError, TypeError, OSError) as error:
+    except Exception as error:  # whatever a plug-in raises
         raise UsageError(f"{printable(url)}: {reason(error)}") from None
     return PyFileSystem(FSSpecHandler(files)), path

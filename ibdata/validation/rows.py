@@ -140,14 +140,8 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
     """Describe the first column whose name or type is not the expected one, if there is one."""
     pairs = zip_longest(
-        [(field.name, _plain_type(field.type)) for field in found], [(c.name, c.dtype) for c in expected]
+        [(field.name, parquet.plain_type(field.type)) for field in found],
+        [(c.name, c.dtype) for c in expected],
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
     return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
-
-
-def _plain_type(kind: pa.DataType) -> str:
-    """The type of a column as dataset.json spells it."""
-    if pa.types.is_dictionary(kind):
-        return "string"
-    return {"float": "float32", "double": "float64"}.get(str(kind), str(kind))

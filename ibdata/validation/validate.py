@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
+from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
@@ -21,6 +22,7 @@ from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import content_of
 
 
+@public
 def validate(
     folder: str | os.PathLike[str], quick: bool = False, *, progress: bool | None = False
 ) -> Findings:

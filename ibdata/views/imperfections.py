@@ -11,13 +11,13 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import UsageError, suggestion
+from ibdata.arguments import public
+from ibdata.errors import UsageError
 from ibdata.variables import of_role, variable_of
 
 Array = npt.NDArray[Any]
@@ -33,7 +33,7 @@ KINDS = {
     "quantise": (1e-30, sys.float_info.max, "a step of at least 1e-30"),
     "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
 }
-KEYS = (*KINDS, "mask", "seed")
+NOTHING: Mapping[str, Any] = {}
 ADDRESSED = of_role("observation", "latent", "drift", "derived")  # their places are parts of the addresses
 
 
@@ -133,33 +133,29 @@ class Measurement:
         return normals_of(table[:, 2 * self._slots]), table[:, 2 * self._slots + 1]
 
 
-def imperfections_of(given: Any) -> Imperfections:
+def imperfections_of(given: Mapping[str, Any] | None) -> Imperfections:
     """Check imperfections as users give them. Raises UsageError if they are none."""
-    if given is None:
-        return NONE
-    if not isinstance(given, Mapping):
-        expected = "a mapping such as {delay: {obs_fatigue: 3}}"
-        raise UsageError(f"imperfections: found {given!r}, expected {expected}")
-    for key in given:
-        if key not in KEYS:
-            near = suggestion(str(key), KEYS)
-            raise UsageError(f"imperfections: found {key!r}, expected {', '.join(KEYS)}{near}")
-    kinds = {kind: _numbers(kind, given[kind]) for kind in KINDS if kind in given}
-    mask, seed = given.get("mask", False), given.get("seed", 0)
-    if not isinstance(mask, bool):
-        raise UsageError(f"imperfections: mask: found {mask!r}, expected true or false")
-    if isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**64:
-        raise UsageError(f"imperfections: seed: found {seed!r}, expected a whole number in [0, 2^64)")
-    return Imperfections(**kinds, mask=mask, seed=int(seed))
+    try:
+        return NONE if given is None else _checked(**{str(name): value for name, value in given.items()})
+    except UsageError as error:
+        raise UsageError(f"imperfections: {error}") from None
 
 
-def _numbers(kind: str, given: Any) -> dict[str, Any]:
-    """The numbers of a kind by column."""
-    if not isinstance(given, Mapping):
-        raise UsageError(f"imperfections: {kind}: found {given!r}, expected a mapping of columns to numbers")
-    least, most, expected = KINDS[kind]
-    number = Integral if kind == "delay" else Real
-    for name, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, number) or not least <= float(value) <= most:
-            raise UsageError(f"imperfections: {kind}: {name}: found {value!r}, expected {expected}")
-    return {str(name): int(value) if kind == "delay" else float(value) for name, value in given.items()}
+@public
+def _checked(
+    delay: Mapping[str, int] = NOTHING,
+    noise: Mapping[str, float] = NOTHING,
+    quantise: Mapping[str, float] = NOTHING,
+    missing: Mapping[str, float] = NOTHING,
+    mask: bool = False,
+    seed: int = 0,
+) -> Imperfections:
+    kinds = (delay, noise, quantise, missing)
+    for (name, (least, most, expected)), numbers in zip(KINDS.items(), kinds, strict=True):
+        for column, number in numbers.items():
+            if not least <= number <= most:
+                raise UsageError(f"{name}: {column}: found {number}, expected {expected}")
+    if not 0 <= seed < 2**64:
+        raise UsageError(f"seed: found {seed}, expected a whole number in [0, 2^64)")
+    noise, quantise, missing = ({name: float(x) for name, x in kind.items()} for kind in kinds[1:])
+    return Imperfections(delay, noise, quantise, missing, mask, seed)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from numbers import Real
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from ibdata.errors import UsageError, excerpt, suggestion
+from ibdata.arguments import public
+from ibdata.errors import UsageError, suggestion
 from ibdata.variables import VARIABLES, of_role, variable_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
 from ibdata.views.rewards import CLASSIC, Reward, reward_of
@@ -20,7 +20,8 @@ EXPECTED = "classic, markov or a list of columns"
 COLUMNS = (*OBSERVED, *(f"latent_{name}" for name in of_role("latent", "drift", "derived")))
 
 
-View = Mapping[str, Any] | None  # the options of a view by name, see `view_options`; None: the plain view
+# The options of a view by name, see `view_options`; None: the plain view.
+View = Annotated[Mapping[str, Any] | None, "a mapping such as {'observe': 'markov'}"]
 
 
 @dataclass(frozen=True)
@@ -87,19 +88,11 @@ PLAIN = ViewOptions()
 
 
 def view_of(view: View) -> ViewOptions:
-    """Check the argument `view`. Raises UsageError if it is no mapping of options of a view."""
-    known = [field.name for field in fields(ViewOptions)]
-    if view is None:
-        return PLAIN
-    if not isinstance(view, Mapping):
-        raise UsageError(f"view: found {excerpt(view)}, expected a mapping such as {{'observe': 'markov'}}")
-    for name in view:
-        if name not in known:
-            near = suggestion(str(name), known)
-            raise UsageError(f"view: found {name!r}, expected one of {', '.join(known)}{near}")
-    return view_options(**view)
+    """Check the argument `view`. Raises UsageError if an option is none of a view, or invalid."""
+    return PLAIN if view is None else view_options(**{str(name): value for name, value in view.items()})
 
 
+@public
 def view_options(
     observe: str | Sequence[str] = "classic",
     actions: bool = False,
@@ -122,10 +115,7 @@ def view_options(
     Raises:
         UsageError: an option is invalid.
     """
-    if not isinstance(actions, bool):
-        raise UsageError(f"actions: found {actions!r}, expected True or False")
-    is_number = isinstance(reward_scale, Real) and not isinstance(reward_scale, bool)
-    if not is_number or not 0 < reward_scale <= sys.float_info.max:
+    if not 0 < reward_scale <= sys.float_info.max:
         raise UsageError(f"reward_scale: found {reward_scale!r}, expected a finite number above 0")
     given = (
         _observed(observe),
@@ -143,12 +133,12 @@ def view_options(
     return options
 
 
-def _observed(observe: Any) -> str | tuple[str, ...]:
+def _observed(observe: str | Sequence[str]) -> str | tuple[str, ...]:
     if isinstance(observe, str) and observe in NAMED:
         return observe
     if isinstance(observe, str):
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}{suggestion(observe, NAMED)}")
-    names = tuple(map(str, observe)) if isinstance(observe, Iterable) else ()
+    names = tuple(observe)
     if not names or len(set(names)) < len(names):
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
     for name in names:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -81,6 +80,6 @@ def _weights(given: Mapping[Any, Any]) -> Reward:
         if name not in COSTS:
             near = suggestion(str(name), COSTS)
             raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{near}")
-        if isinstance(weight, bool) or not isinstance(weight, Real) or not math.isfinite(weight):
+        if not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
     return Reward("weights", *(float(given.get(name, 0.0)) for name in COSTS))

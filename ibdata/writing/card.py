@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import pyarrow as pa
 
@@ -19,6 +17,7 @@ from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.citation import bibtex
+from ibdata.writing.edited import sealed
 from ibdata.writing.licences import front_matter
 from ibdata.writing.metadata import info, splits
 from ibdata.writing.shard_writer import WrittenShard
@@ -28,7 +27,6 @@ SOURCES = {
     "paper": "the equations as the paper prints them",
 }
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
-SEAL = b"\n<!-- SHA-256 of the text above: "
 CITE = """\
 Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
 dataset."""
@@ -41,20 +39,6 @@ SIZES = (
     (10**8, "10M<n<100M"),
     (10**9, "100M<n<1B"),
 )
-
-
-def is_edited(path: Path) -> bool:
-    """Whether somebody has written or edited the text in the place of the card."""
-    try:
-        text, mark, _ = path.read_bytes().rpartition(SEAL)
-    except OSError:
-        return False
-    return not mark or path.read_bytes() != sealed(text)
-
-
-def sealed(text: bytes) -> bytes:
-    """A card with its hash in a comment at the end, by which it is known as ibdata's own."""
-    return text + SEAL + hashlib.sha256(text).hexdigest().encode() + b" -->\n"
 
 
 def card(

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -22,6 +23,13 @@ def data(transfer, run, tmp_path):
 
 
 REPORTS = ["info DATA", "head DATA", "stats DATA", "config validate random", "config show random"]
+
+
+@pytest.mark.parametrize("form", [[], ["--json"]], ids=str)
+def test_what_config_shows_can_be_generated(run, form):
+    Path("shown.yaml").write_text(run("config", "show", "random", "--set", "steps=3", *form)[1])
+    assert run("generate", "shown.yaml", "--out", "x")[0] == 0
+    assert ibdata.open("x").manifest["experiments"][0] == ibdata.load("random", ["steps=3"]).plain()
 
 
 @pytest.mark.parametrize("line", REPORTS)

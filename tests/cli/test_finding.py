@@ -44,6 +44,10 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert "unfinished, 1 of 4 shards" in out
     assert "unfinished, damaged" in out
+    for words in (["info", "x/begun"], ["stats", "x/begun"]):
+        code, _, err = run(*words)
+        assert code == 3
+        assert "an unfinished run has 1 of 4 shards here, and the same command with --resume goes on" in err
     assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
 
 

@@ -148,7 +148,10 @@ HISTORY = "history: found {}, expected a whole number of at least 1"
 @pytest.mark.parametrize(
     ("read", "line"),
     [
-        (lambda d: list(d.iter_batches(batch_rows=0)), "batch_rows: found 0, expected at least 1"),
+        (
+            lambda d: list(d.iter_batches(batch_rows=0)),
+            "batch_rows: found 0, expected a whole number",
+        ),
         (lambda d: d.arrays(0), HISTORY.format(0)),
         (lambda d: d.arrays(-3), HISTORY.format(-3)),
         (lambda d: d.arrays(2, pad="zero"), "pad: found 'zero', expected repeat or drop"),

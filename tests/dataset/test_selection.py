@@ -76,7 +76,7 @@ def test_moving_setpoints_count_by_their_first_value(moving):
         ({"setpoint": [20, 7]}, "setpoint: found 7, expected one of 20, 70; did you mean '70'?"),
         ({"policy": "clam"}, "policy: found 'clam', expected one of random, calm; did you mean 'calm'?"),
         ({"split": "sorce"}, "split: found 'sorce', expected one of source, target, random, calm; did you"),
-        ({"split": ["source"]}, "split: found ['source'], expected the name of one split"),
+        ({"split": ["source"]}, "split: found ['source'], expected a text or None"),
         ({"columns": ["rewards"]}, "column: found 'rewards', expected one of episode, "),
     ],
 )

@@ -20,6 +20,7 @@ from ibdata.environment.settings import (
     frame_bounds,
     settings,
 )
+from ibdata.environment.streams import refuse_negative
 from ibdata.errors import UsageError
 
 WRONG = {
@@ -33,7 +34,7 @@ WRONG = {
     "start": {"anywhere": "found 'anywhere', expected one of default, uniform"},
     "history": {
         0: "found 0, expected a whole number of at least 1",
-        True: "found True, expected a whole number of at least 1",
+        True: "found True, expected a whole number",
     },
 }
 
@@ -148,6 +149,13 @@ def test_the_setting_of_discrete_actions_is_true_or_false():
     assert settings(discrete_actions=np.True_).discrete_actions is True
     with pytest.raises(UsageError, match="discrete_actions: found 1, expected True or False"):
         settings(discrete_actions=1)
+
+
+@pytest.mark.parametrize("seeds", [[-1], [0, None, -1]], ids=["one", "several"])
+def test_a_negative_seed_is_refused_in_one_line(seeds):
+    refuse_negative([None, 0, 2**70])
+    with pytest.raises(UsageError, match=r"^seed: found -1, expected a whole number of at least 0$"):
+        refuse_negative(seeds)
 
 
 def test_inexact_measurements_have_no_bounds():

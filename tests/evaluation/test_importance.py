@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from itertools import product
+
 import numpy as np
 import pytest
-from helpers.weighing import POLICY, Data
+from helpers.weighing import POLICY, Data, policy_of
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.evaluation.importance import of_ratios
-from ibdata.evaluation.overlap import Ratios
+from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
 from ibdata.policies import Decision, Distribution, Needs
 
@@ -32,7 +35,7 @@ def of_logs(logs, rewards, discount):
 def test_the_estimates_are_those_of_the_equations():
     ratios, rewards = np.array([[2.0, 0.5], [1.0, 3.0]]), np.array([[-1.0, -2.0], [-4.0, -8.0]])
     found = of_logs(np.log(ratios), rewards, 0.5)
-    ordinary, per_decision, weighted = found.results
+    weighted, per_decision, ordinary = found.results
     assert ordinary.mean_return == pytest.approx((1.0 * -2.0 + 3.0 * -8.0) / 2)
     assert per_decision.mean_return == pytest.approx((2.0 * -1.0 + 1.0 * -1.0 + 1.0 * -4.0 + 3.0 * -4.0) / 2)
     assert weighted.mean_return == pytest.approx((2.0 * -1.0 + 1.0 * -4.0) / 3 + (-1.0 + 3.0 * -4.0) / 4)
@@ -40,27 +43,27 @@ def test_the_estimates_are_those_of_the_equations():
     assert found.effective == pytest.approx([9 / 5, 16 / 10])
     assert ordinary.interval[0] < ordinary.mean_return < ordinary.interval[1]
     (note,) = found.notes
-    assert note.startswith("warning: 1.6 effective episodes are fewer than 100")
+    assert note.startswith("warning: weighted rests on 1.6 effective episodes, fewer than 100")
     assert note in repr(found)
     assert "mean_weight" in repr(found)
     for plain in found.plain()["results"]:
         assert (plain["mean_weight"], plain["weight_error"]) == pytest.approx((2.0, 1.0))
         assert plain["effective"] == pytest.approx(1.6)
-    assert list(found.to_pandas()["method"]) == ["ordinary", "per decision", "weighted"]
+    assert list(found.to_pandas()["method"]) == ["weighted", "per decision", "ordinary"]
 
 
 def test_steps_from_which_all_weights_are_0_are_named():
     ratios = np.array([[0.0, -np.inf, 0.0, 0.0], [0.0, 0.0, -np.inf, 0.0]])
     found = of_logs(ratios, np.ones((2, 4)), 1.0)
     assert found.effective.tolist() == [2.0, 1.0, 0.0, 0.0]
-    assert "are 0 from step 2 on" in found.notes[1]
-    assert [each.mean_return for each in found.results] == [0.0, 1.5, None]
+    assert "are 0 from step 2 on, so there is no weighted estimate" in found.notes[0]
+    assert [each.mean_return for each in found.results] == [None, 1.5, 0.0]
 
 
 def test_weights_of_long_episodes_may_underflow():
     found = of_logs(np.array([[-1000.0], [-1000.0 - np.log(3.0)]]), np.array([[-4.0], [-8.0]]), 1.0)
     assert found.weights.tolist() == [[0.0], [0.0]]
-    assert found.results[2].mean_return == pytest.approx(-5.0)
+    assert found.results[0].mean_return == pytest.approx(-5.0)
     assert found.effective == pytest.approx([1.6])
 
 
@@ -78,6 +81,43 @@ def test_errors_equal_the_jackknife():
         assert found.standard_error == pytest.approx(error, rel=near), found.method
 
 
+def warned_of(found):
+    """The methods whose estimates have a warning of their own."""
+    return [
+        each.method for each in found.results if re.search(f"(: |; ){each.method} ", "\n".join(found.notes))
+    ]
+
+
+def test_an_estimate_that_lacks_rare_episodes_is_named():
+    """A mean weight of 0.71 ± 0.05: the truth, of 40,000 episodes of the target, is -580.7 ± 2."""
+    low = {"kind": "sampled", "base": {"kind": "network", "file": "neorl-low"}, "share": 1.0}
+    data = Data(policy_of(low), 3000, steps=2, setpoints=50, seed=3)
+    found = data.importance(POLICY["random"], discount=1.0)
+    off = [abs(each.mean_return + 580.7) / each.standard_error for each in found.results]
+    assert found.effective[-1] > 100.0
+    assert off[0] < 2.0
+    assert min(off[1:]) > 4.0
+    assert {"per decision", "ordinary"} <= set(warned_of(found))
+    assert "per decision is 3.7 of its standard errors from weighted, more than 2" in repr(found)
+
+
+def test_estimates_far_off_have_a_warning_and_near_ones_none():
+    """Of normal actions, with the target's mean 1 or 3 standard deviations away."""
+    warned = {True: [], False: []}
+    for seed, shift in product(range(60), (1.0, 3.0)):
+        rng = np.random.default_rng(seed)
+        recorded, drawn = rng.normal(size=(500, 1)), rng.normal(shift, size=(500, 1))
+        ratios = Ratios(*(shift * action - shift**2 / 2.0 for action in (recorded, drawn)))
+        found = of_ratios("x", ratios, -100.0 + 3.0 * recorded + rng.normal(0.0, 10.0, (500, 1)), 1.0)
+        for each in found.results[1:]:
+            off = abs(each.mean_return - (-100.0 + 3.0 * shift)) / each.standard_error
+            if not 2.0 < off <= 4.0:
+                warned[off > 4.0].append(each.method in warned_of(found))
+    assert np.mean(warned[True]) >= 0.95
+    assert np.mean(warned[False]) <= 0.05
+    assert min(len(of) for of in warned.values()) > 20
+
+
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
     """Two policies at two setpoints, in three shards, after a burn-in, with a split of scattered episodes."""
@@ -87,6 +127,35 @@ def dataset(tmp_path_factory):
         splits={"some": {"episodes": {"start": 3, "stop": 11}}},
     )  # fmt: skip
     return ibdata.generate(experiment, tmp_path_factory.mktemp("importance") / "x", workers=1)
+
+
+@pytest.mark.parametrize("base", ["bad", "expert"])  # which remembers nothing, and what it saw
+def test_each_episode_has_its_own_trial_draws(base):
+    """In whatever part of the data it is read: parts with the same draws would err in the same way."""
+    behaviour, target = (
+        policy_of({"kind": "gaussian", "base": {"kind": base}, "scale": scale}) for scale in (0.5, 0.4)
+    )
+    data = Data(behaviour, 30)
+    whole = data.ratios(target).drawn
+    assert len(np.unique(whole)) > 0.8 * whole.size
+    parts = [data.ratios(target, part).drawn for part in (slice(0, 10), slice(10, 30))]
+    assert np.concatenate(parts) == pytest.approx(whole, rel=1e-12)
+
+
+def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
+    """A small rest could be refused for one rare action."""
+    whole, sizes = ibdata.importance(dataset, "random"), []
+
+    def counted(experiment, numbers, *others):
+        sizes.append(len(numbers))
+        return log_ratios(experiment, numbers, *others)
+
+    monkeypatch.setattr("ibdata.evaluation.recorded.PART_ROWS", 6 * 15)
+    monkeypatch.setattr("ibdata.evaluation.importance.log_ratios", counted)
+    in_parts = ibdata.importance(dataset, "random")
+    assert sizes == [14, 13, 13] * 2
+    assert in_parts.ratios == pytest.approx(whole.ratios, rel=1e-12)
+    assert in_parts.notes == whole.notes
 
 
 def test_selected_episodes_keep_their_weights(dataset):
@@ -146,7 +215,7 @@ class Corner:
 def test_an_object_is_tried_too(dataset):
     found = ibdata.importance(dataset, Corner(), policy="random")
     assert set(np.unique(found.ratios.round(4))) == {0.0, 8.0}
-    assert found.notes[0].startswith("warning: 0.0 effective episodes")
+    assert found.notes[0].startswith("warning: all weights are 0 from step ")
 
 
 class Anywhere(Distribution):

@@ -51,7 +51,7 @@ def test_every_form_makes_the_same_dataset():
 
 
 def test_a_single_experiment_that_is_no_file_goes_to_data():
-    assert ibdata.generate(PLAIN, workers=1).path == Path("data/x")
+    assert ibdata.generate(PLAIN, workers=1).place == "data/x"
     assert estimate({**PLAIN, "name": "y"})["out"] == "data/y"
 
 
@@ -117,7 +117,7 @@ def test_an_override_replaces_all_of_a_block_and_no_other():
         ({}, {"output": {"dtyp": 1}}, "override output.dtyp: no such option; did you mean 'dtype'?"),
         ({}, {"a..b": 1}, "override: found the key 'a..b', expected names joined by dots"),
         ({}, "steps=1", "overrides: found 'steps=1', expected a list of texts key=value, or a mapping"),
-        ({}, [1], "override: found 1, expected key=value"),
+        ({}, [1], "overrides: found [1], expected a list of texts key=value"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_its_key(given, overrides, line):

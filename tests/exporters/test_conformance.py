@@ -124,8 +124,8 @@ REFUSED = {
     "format": ({"to": "mnari"}, "format: found 'mnari', expected one of csv, .*did you mean 'minari'"),
     "history": ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
     "scale": ({"view": {"reward_scale": 0.0}}, "reward_scale: found 0.0, expected a finite number above 0"),
-    "view": ({"view": {"obsreve": 1}}, "view: found 'obsreve', expected one of .*did you mean 'observe'"),
-    "word": ({"view": "markov"}, "view: found 'markov', expected a mapping such as {'observe': 'markov'"),
+    "view": ({"view": {"obsreve": 1}}, "obsreve: no such option; did you mean 'observe'"),
+    "word": ({"view": "markov"}, "view: found 'markov', expected a mapping or None"),
     "id": ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
     "memory": ({"history": 10**9}, "made: out of memory; use a smaller --history, or --split"),
 }

@@ -8,6 +8,8 @@ from helpers.python import python
 
 import ibdata
 from ibdata.errors import IbdataError, UsageError
+from ibdata.exporters import FORMATS
+from ibdata.exporters._own import is_export
 
 RUN = """
 import os, resource, signal, sys
@@ -97,9 +99,41 @@ def test_only_an_export_is_replaced(dataset, tmp_path):
     assert files(tmp_path) == before
 
 
+USERS = {
+    "notes.csv": b"step,note\n1,mine\n",
+    "mine.npz": b"PK\x05\x06" + bytes(18),
+    "mine.h5": b"\x89HDF\r\n\x1a\nmine",
+    "mine.parquet": b"PAR1mine",
+    "mine/arrays.parquet": b"mine",
+}
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_a_file_that_is_no_export_is_not_replaced(dataset, tmp_path, name):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(USERS[name])
+    out = path.parent if path.name == "arrays.parquet" else path
+    for to in ("csv", "npz", "rllib"):
+        with pytest.raises(UsageError, match=r"found (no export of ibdata|arrays.parquet, which is not)"):
+            ibdata.export(dataset, to, out, overwrite=True)
+    assert path.read_bytes() == USERS[name]
+
+
+@pytest.mark.parametrize("view", [None, {"observe": "markov"}], ids=str)
+@pytest.mark.parametrize("to", [*(each for each in FORMATS if each != "minari"), "csv.gz"])
+def test_an_export_is_known_as_one(dataset, tmp_path, to, view):
+    needs = {"d4rl": "h5py", "d3rlpy": "h5py"}
+    pytest.importorskip(needs.get(to, "pyarrow"))
+    to, _, ending = to.partition(".")
+    out = tmp_path / {"rllib": "x.parquet"}.get(to, f"x.{ending}")
+    ibdata.export(dataset, to, out, split=one_setpoint(to), view=view)
+    assert is_export(out)
+
+
 def test_a_file_or_what_a_link_points_to_is_replaced(dataset, tmp_path):
     (tmp_path / "scratch").mkdir()
-    (tmp_path / "scratch" / "x").write_text("old")
+    (tmp_path / "scratch" / "x").write_text("")
     (tmp_path / "link").symlink_to("scratch/x")
     made = ibdata.export(dataset, "npz", tmp_path / "link", overwrite=True)
     assert (tmp_path / "link").is_symlink()

@@ -116,7 +116,9 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     make("1/3")
     Path(part_of("out"), "dataset", shard_file(part_of("out") / "dataset", 1)).write_bytes(b"damaged")
     before = contents()
-    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing: 1, 3, 4, .*; make") as error:
+    with pytest.raises(
+        IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; make"
+    ) as error:
         ibdata.finalize("out")
     assert (error.value.exit_code, contents()) == (1, before)
     make("1/3", "2/3", "3/3")

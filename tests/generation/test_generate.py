@@ -20,7 +20,7 @@ from ibdata.generation.estimate import estimate
 @pytest.mark.parametrize("name", ["random", "random.yaml"])
 def test_a_shipped_name_is_enough(name):
     made = ibdata.generate(name, overrides=["steps=2", "policies.0.name=mine"], workers=1)
-    assert (made.path, len(made)) == (Path("data/random"), 20)
+    assert (made.place, len(made)) == ("data/random", 20)
     assert made.episodes["policy"].unique().tolist() == ["mine"]
 
 
@@ -52,7 +52,7 @@ WORKERS = "workers: found {}, expected a whole number in [1, 1024]"
     [
         ("no-such.yaml", {}, "config: found 'no-such.yaml', expected a file or one of"),
         (TINY, {"overrides": {"steps": 0}}, "override steps: found 0, expected"),
-        (TINY, {"workers": "2"}, WORKERS.format("'2'")),
+        (TINY, {"workers": "2"}, "workers: found '2', expected a whole number or None"),
         (TINY, {"workers": 10**6}, WORKERS.format(10**6)),
         (TINY, {"engine": "ray", "workers": 0}, WORKERS.format(0)),
         (TINY, {"engine": "dask"}, "engine: found 'dask', expected one of local, ray"),
@@ -97,7 +97,7 @@ def test_a_shipped_suite_makes_valid_datasets(suite):
     assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
     for name, dataset in made.items():
         experiment = ibdata.load(f"{suite}/{name}")
-        assert dataset.path == Path("data") / suite / name
+        assert dataset.place == f"data/{suite}/{name}"
         assert ibdata.validate(dataset.path) == []
         assert len(dataset) == 20 * len(experiment.cells)
         assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
@@ -124,8 +124,8 @@ def test_each_experiment_is_made_as_alone(two, resume):
     made = ibdata.generate(two, "out", workers=1, seed=3, resume=resume)
     assert list(made) == ["a", "b"]
     assert made["a"].manifest == done.manifest
-    assert (made["b"].path, made["b"].content_root) == (Path("out/b"), alone.content_root)
-    assert ibdata.generate(two / "a.yaml", workers=1).path == Path("data/set-a")
+    assert (made["b"].place, made["b"].content_root) == ("out/b", alone.content_root)
+    assert ibdata.generate(two / "a.yaml", workers=1).place == "data/set-a"
 
 
 def test_all_are_checked_before_the_first_is_made(two):

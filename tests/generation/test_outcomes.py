@@ -12,6 +12,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
 from ibdata.generation import make_shard
 from ibdata.generation.estimate import estimate
+from ibdata.writing.edited import sealed
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -42,8 +43,12 @@ def with_file(path):
     return lambda: (dataset(), Path("out", path).write_text("mine"))
 
 
+def with_report():
+    return dataset(), Path("out", manifest.REPORT).write_bytes(sealed(b"a page"))
+
+
 def without(path):
-    return lambda: (dataset(), Path("out", path).unlink())
+    return lambda: (dataset(), *(file.unlink() for file in Path("out").glob(path)))
 
 
 def foreign():
@@ -65,6 +70,7 @@ FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose 
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing; run ibdata repair "
+HALF = "out/data/part-00001-"
 STATES = {  # how each is made, and the outcome without options, with --resume, with --overwrite
     "nothing": (lambda: None, "made", "made", "made"),
     "an empty folder": (lambda: Path("out").mkdir(), "made", "made", "made"),
@@ -72,11 +78,12 @@ STATES = {  # how each is made, and the outcome without options, with --resume, 
     "a folder": (foreign, FOREIGN, FOREIGN, FOREIGN),
     "the dataset": (dataset, "there", "there", "replaced"),
     "a link to it": (linked, "there", "there", "replaced"),
-    "with a report": (with_file(manifest.REPORT), "there", "there", "replaced"),
+    "with a report": (with_report, "there", "there", "replaced"),
     "with a note": (with_file("notes.txt"), "there", "there", NOTE),
     "with another manifest": (with_file(manifest.PATH), DAMAGED, DAMAGED, DAMAGED),
     "without a manifest": (without(manifest.PATH), FOREIGN, FOREIGN, FOREIGN),
     "without its experiment": (without(manifest.EXPERIMENT), LOST, LOST, "replaced"),
+    "without a shard": (without("data/part-00001-*"), HALF, HALF, "replaced"),
     "another dataset": (lambda: dataset(OTHER), REPLACE, REPLACE, "replaced"),
     "begun": (begun, BEGUN, "goes on", "goes on"),
     "begun in vain": (without_a_shard, "made", "made", "made"),
@@ -159,7 +166,7 @@ def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, state, op
             ibdata.generate(TINY, "out", workers=1, **options)
         assert outcome in str(error.value)
         assert outcome in said
-        assert error.value.exit_code == (3 if outcome == LOST else 2)
+        assert error.value.exit_code == (3 if outcome in (LOST, HALF) else 2)
         assert (made, contents()) == ([], before)
         return
     assert said == PREVIEWS[outcome]

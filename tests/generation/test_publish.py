@@ -56,6 +56,38 @@ def test_an_edited_card_is_kept_beside_the_new_one(capsys):
     assert ibdata.validate("out") == []
 
 
+@pytest.mark.parametrize("name", ["README.md", "report.html"])
+def test_what_was_edited_twice_is_kept_twice(capsys, name):
+    for text in ("first", "second"):
+        Path("out", name).write_text(text)
+        replace(OTHER)
+    replace(OTHER)
+    found = [Path("out", f"{name}{ending}").read_text() for ending in (".old", ".old-2")]
+    assert found == ["first", "second"]
+    assert len(list(Path("out").glob(f"{name}.*"))) == 2
+    assert capsys.readouterr().err.endswith(f"out/{name}: was edited, and is now {name}.old-2\n")
+    assert ibdata.validate("out") == []
+
+
+def test_a_card_that_cannot_be_read_is_not_lost():
+    Path("out/README.md").unlink()
+    Path("out/README.md").mkdir()
+    Path("out/README.md/mine").write_text("mine")
+    with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: Is a directory$"):
+        replace()
+    assert Path("out/README.md/mine").read_text() == "mine"
+
+
+def test_all_files_keep_their_mode_under_another_umask():
+    before = os.umask(0o077)
+    try:
+        made = replace().path
+    finally:
+        os.umask(before)
+    modes = {stat.S_IMODE(path.stat().st_mode) for path in made.rglob("*") if path.is_file()}
+    assert modes == {0o666 & ~before}
+
+
 @pytest.fixture
 def events(monkeypatch):
     """What is synced, renamed and exchanged, in order, by paths."""

@@ -26,6 +26,9 @@ REFUSED = {
     "folder": ("folder", "not a dataset of ibdata, left as it is|exists already"),
     "in a link": ("linked/more", "lies within the dataset .*a; choose a place outside"),
     "column": ("runs/policy=safe", "found the folder policy=safe, .*; choose another name"),
+    "Column": ("runs/Policy=safe/x", "found the folder Policy=safe, .*; choose another name"),
+    "column's link": ("STEP=1", "found the folder STEP=1, .*; choose another name"),
+    "one file": ("runs/x.Parquet", r"found the ending .parquet, but a dataset is a folder"),
     "NUL": ("a\0b", "expected a path without NUL"),
 }
 
@@ -46,6 +49,8 @@ def others():
     Path("file").write_text("mine")
     Path("linked").symlink_to("../a/meta")
     Path("folder").mkdir()
+    Path("scratch").mkdir()
+    Path("STEP=1").symlink_to("scratch")
     Path("folder/mine").write_text("mine")
 
 
@@ -116,3 +121,46 @@ def test_what_appears_at_the_place_meanwhile_stays(monkeypatch, name, write, out
     with pytest.raises(UsageError, match=f"{out}.*: (not a dataset|found a file that is not|exists already)"):
         write(out)
     assert Path(out, "mine").read_text() == "mine"
+
+
+URLS = {
+    "a column": ("Policy=safe/x", "found the folder Policy=safe, from whose name"),
+    "a file": ("x.parquet", "found the ending .parquet, but a dataset is a folder"),
+}
+
+
+@pytest.mark.parametrize(("name", "line"), URLS.values(), ids=URLS)
+@pytest.mark.parametrize("scheme", ["file", "memory"])
+def test_urls_that_mislead_readers_are_refused(here, monkeypatch, scheme, name, line):
+    if scheme == "memory":  # as a file system without folders of this machine
+        monkeypatch.setattr("ibdata.system.storage.Remote.folder", None)
+    with pytest.raises(UsageError, match=line):
+        WRITERS["generate"](f"{here.as_uri()}/{name}")
+    with pytest.raises(UsageError, match=line):
+        ibdata.estimate(TINY, f"{here.as_uri()}/{name}")
+    with pytest.raises(UsageError, match=line):
+        ibdata.generate("siemens-offline", out=name)
+    assert not any(here.glob("**/*safe*"))
+
+
+def test_a_folder_that_ibdata_did_not_make_is_no_part_of_a_run():
+    Path(".new.part").mkdir()
+    Path(".new.part/mine").write_text("mine")
+    before = contents()
+    for write in WRITERS.values():
+        with pytest.raises(
+            UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it away"
+        ):
+            write("new")
+    assert contents() == before
+    shutil.rmtree(".new.part")
+    Path(".new.part").write_text("mine")
+    with pytest.raises(UsageError, match="found what ibdata did not make"):
+        WRITERS["generate"]("new")
+    assert Path(".new.part").read_text() == "mine"
+
+
+def test_a_folder_without_experiments_is_named():
+    Path("empty").mkdir()
+    with pytest.raises(UsageError, match=r"config: found the folder 'empty' without a file \*\.yaml"):
+        ibdata.generate("empty")

@@ -45,32 +45,34 @@ POLICY = {name: policy_of(block) for name, block in BLOCKS.items()}
 class Data:
     """The episodes of a behaviour in memory."""
 
-    def __init__(self, policy, episodes=FEW):
-        plain = {"name": "x", "setpoints": 70, "episodes": episodes, "steps": STEPS, "start": "uniform"}
-        self.experiment = Experiment(**plain, policies=[policy])
+    def __init__(self, policy, episodes=FEW, **settings):
+        usual = {"name": "x", "setpoints": 70, "episodes": episodes, "steps": STEPS, "start": "uniform"}
+        self.experiment = Experiment(**{**usual, **settings}, policies=[policy])
         columns = rollout(self.experiment, 0, episodes)
-        found = dict(zip(columns.names, columns.table, strict=True))
+        by_name = dict(zip(columns.names, columns.table, strict=True))
+        shape = (episodes, self.experiment.steps)
 
         def grid(prefix):
             names = [name for name in columns.names if name.startswith(prefix)]
-            return np.stack([found[name] for name in names], axis=1).reshape(episodes, STEPS, -1)
+            return np.stack([by_name[name] for name in names], axis=1).reshape(*shape, -1)
 
         self.observations, self.actions = (grid(role).astype(np.float32) for role in ("obs_", "act_"))
         self.log_prob, self.rewards = (
-            found[name].astype(np.float64).reshape(episodes, STEPS) for name in ("action_log_prob", "reward")
+            by_name[name].astype(np.float64).reshape(shape) for name in ("action_log_prob", "reward")
         )
 
-    def ratios(self, target):
-        """The logarithms of the ratios."""
+    def ratios(self, target, episodes=slice(None)):
+        """The logarithms of the ratios, of all episodes or of a slice."""
         if target.form() != self.experiment.policies[0].form():
             refuse_remembered_draws(target)
-        numbers = np.arange(len(self.actions))
-        recorded, rows = Recorded(self.observations, self.actions), self.log_prob.size
-        return log_ratios(self.experiment, numbers, recorded, self.log_prob, target, rows)
+        numbers = np.arange(len(self.actions))[episodes]
+        recorded = Recorded(self.observations[episodes], self.actions[episodes])
+        log_prob, rows = self.log_prob[episodes], self.log_prob.size
+        return log_ratios(self.experiment, numbers, recorded, log_prob, target, rows)
 
-    def importance(self, target):
+    def importance(self, target, discount=0.97):
         """The estimates."""
-        return of_ratios(target.label, self.ratios(target), self.rewards, 0.97)
+        return of_ratios(target.label, self.ratios(target), self.rewards, discount)
 
 
 @functools.cache
@@ -79,10 +81,10 @@ def few(name):
     return Data(POLICY[name], FEW)
 
 
-def supported(name, target):
+def supported(data, target):
     """Whether the target is not refused; other messages are errors."""
     try:
-        few(name).ratios(target)
+        data.ratios(target)
     except UsageError as error:
         expected = ("expected data of a policy", "found no log density", "remembers its random numbers")
         if not any(said in str(error) for said in expected):

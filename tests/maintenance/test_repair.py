@@ -16,9 +16,10 @@ from helpers.tiny import PLAIN
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.maintenance.repair import repair
 from ibdata.validation.validate import validate
+from ibdata.writing.arrow import writer_options
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +96,69 @@ def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monk
     assert {name for name in after if after[name] != before[name]} == {str(copied / manifest.PATH)}
     assert ibdata.open(copied).content_root == root
     assert validate(copied) == []
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_shard_that_is_encoded_otherwise_gets_its_new_entry(copied, file, monkeypatch, workers):
+    """As by another pyarrow than the one that made the dataset."""
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # all in this process
+    other = lambda described: {**writer_options(described), "compression": "zstd"}  # noqa: E731
+    monkeypatch.setattr("ibdata.writing.shard_writer.writer_options", other)
+    before, path = ibdata.open(copied), file("shard 1")
+    damage(copied / path, "cut")
+    assert repair(copied, workers=workers) == [path]
+    after = ibdata.open(copied)
+    old, new = before.manifest_model.entries(), after.manifest_model.entries()
+    assert {name for name in old if old[name] != new[name]} == {path}
+    assert (copied / path).stat().st_size == new[path].bytes
+    assert after.content_root == before.content_root
+    assert after.table().equals(before.table())
+    assert validate(copied) == []
+
+
+def test_a_shard_that_its_owner_could_not_read_is_readable(copied, file):
+    path = file("shard 1")
+    damage(copied / path, "cut")
+    (copied / path).chmod(0o040)
+    assert repair(copied, workers=1) == [path]
+    assert stat.S_IMODE((copied / path).stat().st_mode) == 0o440
+
+
+def test_a_missing_file_gets_the_mode_of_the_others(copied, file):
+    path, mode = file("shard 1"), (copied / manifest.PATH).stat().st_mode
+    for lost in (path, manifest.EXPERIMENT):
+        damage(copied / lost, "missing")
+    before = os.umask(0o077)
+    try:
+        repair(copied, workers=1)
+    finally:
+        os.umask(before)
+    assert [(copied / lost).stat().st_mode for lost in (path, manifest.EXPERIMENT)] == [mode, mode]
+
+
+def test_what_validate_refuses_is_not_repaired(copied, file):
+    """Here a row that breaks a rule, under the right hashes, beside a file that can be made again."""
+    rewritten(
+        copied / file("shard 1"), lambda table: table.set_column(0, "episode", table["step"].cast("int64"))
+    )
+    seal(copied)
+    damage(copied / "meta/dataset.json", "cut")
+    with pytest.raises(DatasetError, match=r"part-00001-.*: found after all was made again: .*; make the"):
+        repair(copied, workers=1)
+
+
+def test_a_shard_whose_receipt_is_lost_is_not_repaired(copied, file, monkeypatch):
+    path = file("shard 1")
+    damage(copied / path, "cut")
+    before = contents(copied)
+    with monkeypatch.context() as broken:
+        broken.setattr("ibdata.generation.receipt.get", lambda root, shard: None)
+        with pytest.raises(
+            IbdataError, match="1 of 1 shards are missing or damaged: 1; no shard was changed"
+        ):
+            repair(copied, workers=1)
+    assert contents(copied) == before
+    assert repair(copied, workers=1) == [path]
 
 
 @pytest.mark.parametrize("column", ["episode", "latent_mu_v"])

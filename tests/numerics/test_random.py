@@ -88,10 +88,11 @@ def test_the_key_and_the_integers_of_an_address_never_change():
 
 def test_the_numbers_of_the_purposes_never_change():
     names = (
-        "DYNAMICS DRIFT POLICY START BURN_IN_DYNAMICS BURN_IN_DRIFT BURN_IN_POLICY EPISODE_POLICY MEASUREMENT"
+        "DYNAMICS DRIFT POLICY START BURN_IN_DYNAMICS BURN_IN_DRIFT BURN_IN_POLICY EPISODE_POLICY "
+        "MEASUREMENT TRIAL"
     )
     assert [purpose.name for purpose in sorted(Purpose)] == names.split()
-    assert sorted(Purpose) == list(range(9))
+    assert sorted(Purpose) == list(range(10))
 
 
 @examples

@@ -72,7 +72,7 @@ def test_without_locks_nothing_is_written_but_a_dataset_is_read(monkeypatch, nam
     assert ibdata.validate("b") == []
     assert len(ibdata.open("b").table()) == 20
     assert ibdata.reproduce("b")[1] == []
-    assert ibdata.generate(OTHER, "b", workers=1).path == Path("b")
+    assert ibdata.generate(OTHER, "b", workers=1).place == "b"
 
 
 def test_of_several_threads_one_at_a_time_has_the_lock():

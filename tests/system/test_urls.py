@@ -7,12 +7,14 @@ import pickle
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 from helpers.at_url import made
 from helpers.folders import contents
 from helpers.tiny import FOUR_SHARDS as TINY
+from pyarrow import PythonFile
 from pyarrow.fs import FileSystem
 
 import ibdata
@@ -162,3 +164,61 @@ def test_functions_that_take_no_url_say_so(url):
     with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; make"):
         ibdata.merge([url, url], "merged")
     assert contents() == before
+
+
+# --- plug-ins, which may raise anything
+
+
+class Broken:
+    """A file system of which one method raises what no library promises."""
+
+    def __init__(self, real, method):
+        self._real, self._method = real, method
+
+    def __getattr__(self, name):
+        return self._raise if name == self._method else getattr(self._real, name)
+
+    def _raise(self, *args, **options):
+        raise RuntimeError("the plug-in failed\nin many lines")
+
+
+class Torn:
+    """A file that can be opened but not read."""
+
+    closed, readable = False, lambda self: True
+    close = flush = lambda self: None
+    seek = tell = size = read = lambda self, *args: Broken(None, "")._raise()
+
+
+BROKEN = {
+    "open": ("open_input_file", lambda url: ibdata.open(url)),
+    "read": ("torn", lambda url: ibdata.open(url)),
+    "rows": ("torn rows", lambda url: ibdata.open(url).table()),
+    "list": ("get_file_info", lambda url: ibdata.validate(url)),
+    "write": ("open_output_stream", lambda url: made(f"{url}-new")),
+    "list before writing": ("get_file_info", lambda url: made(f"{url}-new")),
+}
+
+
+@pytest.mark.parametrize(("method", "call"), BROKEN.values(), ids=BROKEN)
+def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
+    made(url)
+    files, base = FileSystem.from_uri(url)
+    broken = Broken(files, method)
+    if method.startswith("torn"):
+        rows = method == "torn rows"
+        broken.open_input_file = lambda path: (
+            PythonFile(Torn(), "r") if path.endswith(".parquet") or not rows else files.open_input_file(path)
+        )
+    found = lambda given: (broken, given.removeprefix(url).join([base, ""]))  # noqa: E731
+    monkeypatch.setattr(storage, "_file_system", found)
+    with pytest.raises(IbdataError, match=r"^file://.*: .*the plug-in failed(;|$)") as error:
+        call(url)
+    assert "\n" not in str(error.value)
+
+
+def test_a_plug_in_that_cannot_be_begun_is_one_line(monkeypatch):
+    failing = SimpleNamespace(core=SimpleNamespace(url_to_fs=Broken(None, "")._raise))
+    monkeypatch.setitem(sys.modules, "fsspec", failing)
+    with pytest.raises(UsageError, match=r"^odd://x/y: the plug-in failed$"):
+        ibdata.open("odd://x/y")

@@ -18,7 +18,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNorm
 
 import ibdata
 from ibdata.evaluation.policies import policy_of
+from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
+from ibdata.policies.checked import distribution_of
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled
 
@@ -111,7 +113,8 @@ def test_draws_have_the_density_of_stable_baselines(file, history, algorithm):
     model = of_sb3(algorithm, net=SMALL)
     policy = Sampled(base=saved(file, model, **SCALING), share=1.0)
     given = at_start(history, policy.needs, np.random.default_rng(1).random((len(history), 4)))
-    action = np.clip(np.asarray(policy.decide(given).actions), -1.0, 1.0).astype(np.float32)
+    distribution, _ = distribution_of(policy, given)
+    action = applied(distribution.sample(given.uniforms))
     inside = (np.abs(action) < 0.99).all(axis=1)
     seen, done = (torch.as_tensor(x[inside]) for x in (scaled(history), action))
     with torch.no_grad():
@@ -122,7 +125,7 @@ def test_draws_have_the_density_of_stable_baselines(file, history, algorithm):
             expected = (normal.log_prob(before) - torch.log(1.0 - done.double() ** 2)).sum(dim=1)
         else:
             expected = model.policy.get_distribution(seen).log_prob(done)
-    found = policy.log_density(given.apply(lambda x: x[inside]), action[inside])
+    found = distribution.log_density(action)[inside]
     assert inside.sum() > 10
     np.testing.assert_allclose(found, expected.numpy(), rtol=1e-3, atol=1e-3)
 

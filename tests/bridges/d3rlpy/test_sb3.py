@@ -18,6 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMoni
 
 import ibdata
 from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
+from ibdata.errors import UsageError
 from ibdata.policies.libraries import HARMLESS, environment_note
 from ibdata.views.options import view_of
 
@@ -102,6 +103,17 @@ def test_attributes_and_methods_of_lanes():
     check_infos(*([info for _, info in each] for each in begun))
     np.testing.assert_array_equal(begun[0][0][0], begun[1][0][0])
     check_alike(a, b, actions_for(a))
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint8, np.array])
+def test_a_seed_of_numpy_is_that_of_python(kind):
+    """SB3 adds the lanes' numbers to it; a sum of 8 bits would begin again at 0."""
+    env = IndustrialBenchmarkVecEnv(np.int64(LANES), np.int64(STEPS))
+    assert env.seed(kind(255)) == [255, 256, 257]
+    for wrong in (-1, True, "1"):
+        with pytest.raises(UsageError, match=f"^seed: found {wrong!r}, expected a whole number"):
+            env.seed(wrong)
+    assert len(set(env.seed(None))) == LANES
 
 
 def test_options_replay_episodes_and_hold_for_one_reset(tmp_path):

@@ -115,10 +115,11 @@ def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):
     assert (line.key, line.sha256, line.content_root) == (one, target.sha256, small.content_root)
     truth = ibdata.evaluate(target, setpoint=70, episodes=100).results[0]
     assert (line.value.mean_return, line.value.interval) == (truth.mean_return, truth.interval)
-    found = estimators.by_importance(small, target)
-    assert line.estimates["weighted"].mean_return == found.results[2].mean_return
-    assert line.estimates["per decision"].interval == found.results[1].interval
-    assert line.effective["3"] == found.effective[2]
+    importance = estimators.by_importance(small, target)
+    weighted, per_decision, _ = importance.results
+    assert line.estimates["weighted"].mean_return == weighted.mean_return
+    assert line.estimates["per decision"].interval == per_decision.interval
+    assert line.effective["3"] == importance.effective[2]
     assert list(line.estimates) == list(ESTIMATORS)
     assert line.estimates["FQE"].mean_return == estimators.by_fqe(offline.rows_of(small), target)
     assert list(line.cpu_seconds) == ["true value", "importance sampling", "FQE", "model"]

@@ -61,6 +61,14 @@ def test_the_first_episode_of_seed_0_stays_as_it_is():
     assert rewards[-1] == float.fromhex("-0x1.b60903b4b479ap+7")
 
 
+@pytest.mark.parametrize("kind", [np.int64, np.uint8, np.array, float])
+def test_a_seed_of_numpy_is_that_of_python(kind):
+    env = gymnasium.make(ID, setpoint=70)
+    first = [(env.reset(seed=seed), env.step(np.zeros(3)))[1][0].tolist() for seed in (3, kind(3))]
+    assert first[0] == first[1]
+    env.reset(seed=2**70)
+
+
 def begun():
     env = IndustrialBenchmarkEnv()
     env.reset(seed=0)
@@ -69,6 +77,17 @@ def begun():
 
 REFUSED = {
     "a setpoint": (lambda: gymnasium.make(ID, setpoint=170), ConfigError, "setpoint: found 170, expected"),
+    "a name": (lambda: gymnasium.make(ID, setpoints=70), UsageError, "setpoints: no such option; did you"),
+    "a negative seed": (
+        lambda: begun().reset(seed=-1),
+        UsageError,
+        "seed: found -1, expected a whole number",
+    ),
+    "a seed of text": (
+        lambda: begun().reset(seed="1"),
+        UsageError,
+        "seed: found '1', expected a whole number",
+    ),
     "an action": (lambda: begun().step([0, 0]), UsageError, "action: found .*, expected three finite"),
     "a step too early": (
         lambda: IndustrialBenchmarkEnv().step(np.zeros(3)),

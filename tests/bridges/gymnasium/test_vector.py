@@ -73,12 +73,32 @@ def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
         same(*pair)
 
 
+SEEDS = [np.uint8(254), np.array(254), np.arange(254, 257), (254, np.int64(255), 256), range(254, 257)]
+
+
+@pytest.mark.parametrize("seed", SEEDS, ids=["uint8", "array", "seeds", "tuple", "range"])
+def test_seeds_of_numpy_are_those_of_python(seed):
+    env = gymnasium.make_vec(ID, num_envs=np.int64(LANES))
+    first = [(env.reset(seed=each), env.step(np.zeros((LANES, 3))))[1][0].tolist() for each in (254, seed)]
+    assert first[0] == first[1]
+    env.reset(seed=[None, 2**70, 5])
+
+
 STATE = ibdata.dynamics.initial_state([70.0])
 MASK = r"reset_mask: found .*, expected a boolean array of shape \(3,\) that is true for some lane$"
 LANES_LEFT = "lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"
 REFUSED = {
     "a mode": (lambda env: made("next"), "autoreset_mode: found 'next', expected one of NextStep, SameStep"),
     "two seeds": (lambda env: env.reset(seed=[1, 2]), "seed: found 2 seeds, expected 3$"),
+    "a negative seed": (lambda env: env.reset(seed=[1, 2, -3]), "seed: found -3, expected a whole number"),
+    "seeds of text": (
+        lambda env: env.reset(seed="123"),
+        "seed: found '123', expected a whole number, a list",
+    ),
+    "no lanes": (
+        lambda env: gymnasium.make_vec(ID, num_envs=0),
+        "num_envs: found 0, expected a whole number of at",
+    ),
     "two actions": (
         lambda env: env.step(np.zeros((2, 3))),
         r"action: found .*, expected \(3, 3\) finite numbers",

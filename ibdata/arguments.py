@@ -1,0 +1,145 @@
+"""The arguments of public functions, checked by their annotations before the function is called."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, wraps
+from numbers import Real
+from types import SimpleNamespace, UnionType
+from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ibdata.errors import UsageError, excerpt, nearest
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+WORDS = {  # for types by name; lists of numbers or texts have the words of one
+    "Callable": "a function",
+    "Mapping": "a mapping",
+    "NoneType": "None",
+    "PathLike": "a path",
+    "bool": "True or False",
+    "dict": "a mapping",
+    "float": "a number",
+    "int": "a whole number",
+    "ndarray": "an array",
+    "str": "a text",
+}
+OTHERS = "**"  # the name that stands for further options
+WRONG = object()  # in place of a value of another type
+
+
+def public(function: Callable[P, R], keys: Iterable[str] = ()) -> Callable[P, R]:
+    """Check the arguments of each call: UsageError for an unknown name, or another type than the annotated.
+
+    Numbers and arrays of numpy become numbers and lists of Python. True and False are no numbers. A type that
+    is imported for type checkers only is not checked. The text in an `Annotated` type is what is expected.
+
+    The argument `overrides` of the function, if it has one, takes the keys.
+    """
+
+    @wraps(function)
+    def checked(*args: P.args, **options: P.kwargs) -> R:
+        types = _types(function)
+        for name, value in options.items():
+            if name not in types and OTHERS not in types:
+                raise UsageError(f"{name}: no such option{_meant(name, value, types, keys)}")
+        given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
+        named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
+        return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]
+
+    return checked
+
+
+@cache
+def _types(function: Callable[..., Any]) -> dict[str, Any]:
+    """The types of the parameters of a function, in their order."""
+    types = {}
+    for each in inspect.signature(function).parameters.values():
+        annotation = Any if each.annotation is each.empty else each.annotation  # empty for `self`
+        hint = SimpleNamespace(__annotations__={"type": annotation})
+        name = OTHERS if each.kind == each.VAR_KEYWORD else each.name
+        try:
+            types[name] = get_type_hints(hint, function.__globals__, include_extras=True)["type"]
+        except NameError:  # imported for type checkers only
+            types[name] = Any
+    return types
+
+
+def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> str:
+    """What a user may have meant by an unknown name."""
+    overrides = {key.rpartition(".")[2]: key for key in keys if key not in known}
+    names = [each for each in known if each != "self"]
+    near = name if name in overrides else nearest(name, [*names, *overrides])
+    if near in overrides:
+        return f"; did you mean overrides={{{overrides[near]!r}: {excerpt(value)}}}?"
+    return f"; did you mean {near!r}?" if near else f"; expected {', '.join(names) or 'none'}"
+
+
+def _taken(name: str, value: Any, kind: Any) -> Any:
+    """A value in a type, or in one of a union. Raises UsageError if it is of none."""
+    found = _as(name, value, kind)
+    if found is WRONG:
+        words = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
+        *others, last = words or dict.fromkeys(_words(*each) for each in _kinds(kind))
+        expected = f"{', '.join(others)} or {last}" if others else last
+        raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
+    return found
+
+
+def _words(kind: Any, inner: tuple[Any, ...]) -> str:
+    name = kind.__name__
+    if name in ("Sequence", "tuple"):
+        parts = [_words(*each).partition(" ")[2] for each in _kinds(inner[0])]
+        return f"a list of {' or '.join(f'{part}s' for part in parts if part)}"
+    return WORDS.get(name) or f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
+
+
+@cache
+def _kinds(kind: Any) -> tuple[tuple[Any, tuple[Any, ...]], ...]:
+    """The types of a union, or the one type, each with its arguments; none if any value will do."""
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    union = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if any(each is Any or getattr(get_origin(each), "_is_protocol", False) for each in union):
+        return ()  # as for array-likes
+    return tuple((get_origin(each) or each, get_args(each)) for each in union)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and arrays of numpy, pandas and torch as those of Python."""
+    as_list = getattr(value, "tolist", None)
+    return as_list() if callable(as_list) and not isinstance(value, type) else value
+
+
+def _as(name: str, value: Any, kind: Any) -> Any:
+    """A value in a type, or in one of a union; WRONG if it is of none."""
+    kinds = _kinds(kind)
+    if (type(value), ()) in kinds:  # as most are
+        return value
+    if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
+        value = _plain(value)
+    for each, inner in kinds:
+        if (found := _as_one(name, value, each, inner)) is not WRONG:
+            return found
+    return WRONG if kinds else value
+
+
+def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
+    if isinstance(value, bool):
+        return value if kind is bool else WRONG
+    if kind in (int, float):
+        if not isinstance(value, Real) or (kind is int and value % 1 != 0):
+            return WRONG
+        return math.floor(value) if kind is int else value
+    if kind in (Sequence, tuple):
+        if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
+            return WRONG
+        values = [_as(name, each, inner[0]) for each in value]
+        return WRONG if any(each is WRONG for each in values) else values
+    if not isinstance(value, kind):
+        return WRONG
+    if kind is Mapping:
+        return {key: _taken(f"{name}: {key}", each, inner[1]) for key, each in value.items()}
+    return value

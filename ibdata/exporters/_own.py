@@ -1,0 +1,35 @@
+"""Whether a file is an export of ibdata, by what each format says of itself in it."""
+
+from __future__ import annotations
+
+import gzip
+import zipfile
+from pathlib import Path
+
+HEAD = 8  # bytes
+CSV = b'"episode","step"'
+PARQUET = ["episode", "step", "observation", "action", "reward"]
+
+
+def is_export(path: Path) -> bool:
+    """Whether a file is one that `export` has written, or holds nothing."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    try:
+        if head.startswith(b"PK"):
+            with zipfile.ZipFile(path) as archive:
+                return b'"content_root"' in archive.comment
+        if head.startswith(b"\x89HDF"):
+            import h5py
+
+            with h5py.File(path) as hdf5:
+                return "content_root" in str(hdf5.attrs["view"])
+        if head.startswith(b"PAR1"):
+            import pyarrow.parquet as pq
+
+            return bool(pq.read_schema(path).names[: len(PARQUET)] == PARQUET)
+        opened = gzip.open if head.startswith(b"\x1f\x8b") else Path.open
+        with opened(path, "rb") as text:
+            return not head or text.read(len(CSV)) == CSV
+    except Exception:  # whatever the libraries raise for other bytes
+        return False

@@ -1,0 +1,115 @@
+"""A place is where it was when it was opened, and ~ is the user's folder, wherever a path is given."""
+
+import os
+import pickle
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.tiny import FOUR_SHARDS as TINY
+
+import ibdata
+from ibdata.cli import main
+from ibdata.errors import DatasetError
+from ibdata.experiment.template import write_template
+from ibdata.maintenance.listing import datasets_in
+
+READS = {
+    "rows": lambda ds: len(ds.table()),
+    "splits": lambda ds: ds.splits,
+    "statistics": lambda ds: ds.statistics(),
+    "episodes": lambda ds: len(ds.episodes),
+    "arrays": lambda ds: ds.arrays()["rewards"].sum(),
+    "windows": lambda ds: len(ds.windows()),
+    "pickle": lambda ds: len(pickle.loads(pickle.dumps(ds)).table()),
+    "validate": lambda ds: ibdata.validate(ds),
+    "repair": lambda ds: ibdata.repair(ds),
+    "path": lambda ds: sorted(os.listdir(ds.path)),
+    "split": lambda ds: ibdata.split(ds, "episode", fractions=(0.5, 0.5)).place,
+}
+
+
+@pytest.fixture(autouse=True)
+def home(tiny, tmp_path, monkeypatch):
+    """An empty current folder, beside the user's folder with a dataset."""
+    shutil.copytree(tiny[0].path, tmp_path / "home/d")
+    (tmp_path / "here").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "home"
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+def test_a_dataset_stays_where_it_was_opened(home, monkeypatch, read):
+    monkeypatch.chdir(home)
+    before = read(ibdata.open("d"))
+    dataset = ibdata.open("d")
+    monkeypatch.chdir("..")
+    assert read(dataset) == before
+    assert dataset.place == "d"
+
+
+def test_errors_name_a_place_as_it_was_given(home):
+    dataset = ibdata.open("~/d")
+    (home / "d/meta/statistics.json").unlink()
+    with pytest.raises(DatasetError, match=r"^~/d/meta/statistics.json: missing; run ibdata repair ~/d$"):
+        dataset.statistics()
+
+
+WRITES = {  # and a file that each makes in the user's folder
+    "generate": (lambda out: ibdata.generate(TINY, out, workers=1), "x/README.md"),
+    "overwrite": (lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True), "x/README.md"),
+    "shards": (
+        lambda out: (ibdata.generate(TINY, out, workers=1, shards="1/1"), ibdata.finalize(out)),
+        "x/README.md",
+    ),
+    "merge": (
+        lambda out: ibdata.merge(["~/d", ibdata.generate(TINY, "~/e", seed=7, workers=1)], out),
+        "x/README.md",
+    ),
+    "materialize": (lambda out: ibdata.split("~/d", scheme="leave-one-out", materialize=out), "x/README.md"),
+    "export": (lambda out: ibdata.export("~/d", "npz", out), "x"),
+    "windows": (lambda out: ibdata.open("~/d").windows(folder=out), "x/windows.json"),
+    "init": (write_template, "x"),
+}
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+@pytest.mark.parametrize(("write", "file"), WRITES.values(), ids=WRITES)
+def test_a_tilde_is_the_user_s_folder(home, write, file, kind):
+    write(kind("~/x"))
+    assert (home / file).is_file()
+    assert os.listdir() == []
+
+
+READERS = {
+    "open": lambda: len(ibdata.open("~/d")),
+    "validate": lambda: ibdata.validate("~/d"),
+    "repair": lambda: ibdata.repair("~/d"),
+    "reproduce": lambda: ibdata.reproduce("~/d"),
+    "difference": lambda: ibdata.difference("~/d", "~/d"),
+    "ls": lambda: datasets_in("~"),
+    "load": lambda: ibdata.load("~/d/meta/experiment.yaml"),
+    "dry run": lambda: ibdata.estimate("~/d/meta/experiment.yaml", out="~/d"),
+}
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=READERS)
+def test_a_tilde_is_read_too(read):
+    read()
+    assert os.listdir() == []
+
+
+def test_a_shell_leaves_a_tilde_after_an_equals_sign(home, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["generate", "~/d/meta/experiment.yaml", "--out=~/y", "--quiet"])
+    assert ended.value.code == 0
+    assert "~/y" in capsys.readouterr().out
+    assert (home / "y/README.md").is_file()
+
+
+def test_an_experiment_stays_beside_its_file(home, monkeypatch):
+    """So that its policies' files are found after a change of the current folder."""
+    monkeypatch.chdir(home)
+    experiment = ibdata.load("d/meta/experiment.yaml")
+    assert experiment.folder == home / "d/meta"
