@@ -39,6 +39,6 @@ def write_npz(view: View, form: Callable[[Block], Arrays], path: Path, **others:
             arrays[name][start:stop] = array
         start = stop
     with path.open("xb") as file:
-        np.savez(file, allow_pickle=False, **arrays, **others)
+        np.savez(file, **arrays, **others)
     with zipfile.ZipFile(path, "a") as archive:
         archive.comment = json.dumps(view.plain()).encode()
