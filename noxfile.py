@@ -42,8 +42,9 @@ def core(session: nox.Session, oldest: bool) -> None:
     if oldest:
         bounds = re.findall(r'"([\w.-]+)(?:\[\w+\])?>=([\w.]+)', Path("pyproject.toml").read_text())
         pins = Path(session.create_tmp(), "oldest.txt")
-        # matplotlib of then with pyparsing of today warns
-        pins.write_text("\n".join(sorted({f"{name}=={version}" for name, version in bounds} | {"pyparsing<3.3"})))
+        lines = {f"{name}=={version}" for name, version in bounds}
+        lines.add("pyparsing<3.3")  # a later one warns of what the oldest matplotlib calls
+        pins.write_text("\n".join(sorted(lines)))
         versions = ["--constraint", str(pins)]
     tools = ["pytest", "pytest-xdist", "hypothesis", "jsonschema", "mpmath"]  # of dev, what the tests import
     session.install("--no-compile", *versions, "--editable", ".[readers,plot,hdf5,reference]", *tools)
