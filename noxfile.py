@@ -1,4 +1,5 @@
-"""Environments for what that of the core cannot hold: a bridge to other libraries each, and one that builds.
+"""Environments for what that of the core cannot hold: bridges to other libraries, the oldest and the newest
+versions that are allowed, and one that builds.
 
 scripts/bridges, scripts/docs and scripts/build run these sessions. The environments are kept in
 $IBDATA_BRIDGES, by default ~/.cache/ibdata/bridges.
@@ -33,6 +34,26 @@ def bridge(session: nox.Session, path: Path, newest: bool) -> None:
 for file in sorted(Path("scripts/bridges.d").glob("*.txt")):
     nox.session(partial(bridge, path=file, newest=False), name=file.stem)
     nox.session(partial(bridge, path=file, newest=True), name=f"newest-{file.stem}")
+
+
+def core(session: nox.Session, oldest: bool) -> None:
+    """Run the tests of the core with the oldest or the newest versions that pyproject.toml allows."""
+    versions = ["--upgrade", "--upgrade-strategy", "eager"]
+    if oldest:
+        bounds = re.findall(r'"([\w.-]+)(?:\[\w+\])?>=([\w.]+)', Path("pyproject.toml").read_text())
+        pins = Path(session.create_tmp(), "oldest.txt")
+        lines = {f"{name}=={version}" for name, version in bounds}
+        lines.add("pyparsing<3.3")  # a later one warns of what the oldest matplotlib calls
+        pins.write_text("\n".join(sorted(lines)))
+        versions = ["--constraint", str(pins)]
+    tools = ["pytest", "pytest-xdist", "hypothesis", "jsonschema", "mpmath"]  # of dev, what the tests import
+    session.install("--no-compile", *versions, "--editable", ".[readers,plot,hdf5,reference]", *tools)
+    arguments = session.posargs or ["-q", "-n", "auto", "--dist=loadfile"]
+    session.run("python", "-m", "pytest", *arguments, env=CLEAN)
+
+
+nox.session(partial(core, oldest=True), name="oldest")
+nox.session(partial(core, oldest=False), name="newest")
 
 
 @nox.session

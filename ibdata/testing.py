@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.evaluation.policies import Acting, loaded, policy_of
+from ibdata.evaluation.policies import loaded, policy_of
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
@@ -32,7 +32,7 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     The checks are:
 
     - Actions are finite numbers of shape (n, 3); the memory has the shape (n, memory).
-    - The same inputs give the same outputs: asked again, in another order, and without half of the episodes.
+    - The same inputs give the same outputs: asked again, and for half of the episodes in another order.
       The last bits of an object's actions may differ where the episodes are others.
     - Neither the inputs nor the arrays that earlier calls returned are changed.
     - Log densities are float64 (n,): finite at the policy's own actions, or NaN everywhere; never +inf. In a
@@ -55,7 +55,7 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     """
     policy = policy_of(policy, history)
     with loaded([policy]):
-        if not isinstance(policy, Acting | Custom):  # of which `loaded` makes sure
+        if not isinstance(policy, Custom):  # of which `loaded` makes sure
             purity.refuse_impure(policy)
         seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories
         in_order = any(isinstance(part, UserObject) and part.remembers for part in policy.everywhere())
@@ -71,7 +71,7 @@ def _distribution(policy: Policy, observed: Observed) -> tuple[Distribution, Flo
 
 
 def _check_decision(policy: Policy, observed: Observed) -> None:
-    if any(isinstance(part, Acting | Custom) for part in policy.everywhere()):
+    if any(isinstance(part, Custom) for part in policy.everywhere()):
         return  # an object gets copies, and returns them
     seen = observed.apply(np.copy)
     distribution, memory = _distribution(policy, seen)

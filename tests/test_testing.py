@@ -100,7 +100,7 @@ def test_an_object_that_predicts_passes_with_its_history():
         check_policy(Learned())
 
 
-CALLS, ARRAYS, SIDES = count(), {}, {}
+CALLS, ARRAYS = count(), {}
 
 
 def changing(policy, given):
@@ -130,14 +130,6 @@ def depending_on_others(policy, given):
     return Decision(TwoSides().sample(given.uniforms) - others, given.memory)
 
 
-def remembering(policy, given):
-    """Begins an episode with the side of the last one, which it keeps outside of its memory."""
-    _, side = Stubborn.decide(policy, given)
-    before = SIDES.setdefault(len(side), side)
-    SIDES[len(side)] = side
-    return Decision(np.where(given.step[:, None] == 0, before, side) * np.ones(3), side)
-
-
 def shared(policy, given):
     distribution, side = Stubborn.decide(policy, given)
     return Decision(distribution.sample(given.uniforms), side + given.uniforms.mean())
@@ -159,13 +151,12 @@ DECISIONS = [
     (Coin, changing, "decide changed the observations"),
     (Coin, reusing, "changed an array that an earlier one returned"),
     (Coin, counting, "when the same was asked again"),
-    (Coin, depending_on_others, "for the same episodes in another order"),
+    (Coin, depending_on_others, "for half of the episodes in another order"),
     (Coin, constant(0.0, size=4), r"found actions of shape .*, 4\)"),
     (Coin, constant(np.nan), "expected finite numbers"),
     (Coin, greedy_for_draws, "a ClippedNormal and needs.step_draws 1, expected at least 3"),
     (Stubborn, overwriting, "decide changed the memory that it was given"),
-    (Stubborn, remembering, "for the same episodes in another order"),
-    (Stubborn, shared, "for the same episodes without half of them"),
+    (Stubborn, shared, "for half of the episodes in another order"),
 ]
 
 

@@ -10,13 +10,14 @@ from ibdata.errors import UsageError
 from ibdata.evaluation.against import baselines_of, compared
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.play import checked_discount, play
-from ibdata.evaluation.policies import Acting, policies_of
+from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.evaluation.results import differences_of, results_of
 from ibdata.evaluation.scores import SCALE, notes, scores, with_references
 from ibdata.experiment.scenario import scenario_of
+from ibdata.policies.custom import is_live
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
@@ -86,7 +87,7 @@ def evaluate(
     options = view_of(view)
     if options.reward_scale != 1.0:
         raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
-    if not options.is_classic and not any(isinstance(each, Acting) for each in policies.values()):
+    if not options.is_classic and not any(map(is_live, policies.values())):
         raise UsageError(
             "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import Acting, loaded, notes_on
+from ibdata.evaluation.policies import loaded, notes_on
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
 from ibdata.policies import POLICIES, Observed, Policy
-from ibdata.policies.custom import without_runs
+from ibdata.policies.custom import is_live, without_runs
 from ibdata.policies.user_object import UserObject, clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
@@ -140,7 +140,7 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
 def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
     history, drifting = episodes.policy.needs.history, episodes.world.drifting
-    if view.is_classic or not isinstance(episodes.policy, Acting) or history == 0:
+    if view.is_classic or not is_live(episodes.policy) or history == 0:
         return None
     rows = observed_rows(view, drifting)
     window = Window(view, drifting, len(episodes), history)

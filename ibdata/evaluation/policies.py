@@ -9,45 +9,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict
-
 from ibdata.errors import ConfigError, UsageError, say, suggestion
 from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
 from ibdata.experiment.messages import shown
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.policies import OBSERVATION, POLICIES, Needs, Policy
+from ibdata.policies import OBSERVATION, POLICIES, Policy
 from ibdata.policies.base import refuse_density
 from ibdata.policies.code import two_places
-from ibdata.policies.custom import TARGET
+from ibdata.policies.custom import TARGET, Custom, is_live
 from ibdata.policies.purity import refuse_impure
-from ibdata.policies.user_object import EXPECTED, UserObject, can_act, needs_of
+from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
-
-
-class Acting(UserObject):
-    """A policy made of an object. Its random numbers depend on the name of its class or function."""
-
-    model_config = ConfigDict(arbitrary_types_allowed=True)
-
-    kind: str = "object"
-    target: Any
-    history: int
-
-    @property
-    def adapted(self) -> Any:
-        """The object."""
-        return self.target
-
-    @property
-    def needs(self) -> Needs:
-        """The object's own `needs` if it has some, else the number of observations asked for."""
-        return needs_of(self.target, self.history)
-
-    def form(self) -> dict[str, Any]:
-        """The kind and the name, because nothing else is known."""
-        return {"kind": self.kind, "name": self.label}
 
 
 def policies_of(
@@ -71,7 +45,7 @@ def policies_of(
         while name in found:
             count += 1
             name = f"{own}-{count}"
-        if isinstance(policy, Acting) and not isinstance(getattr(policy.target, "needs", None), Needs):
+        if isinstance(policy, Custom) and policy.is_live and not has_needs(policy.adapted):
             taking.append(name)
             policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
         found[name] = policy
@@ -84,7 +58,7 @@ def policies_of(
 
 def refuse_unused(history: int, policies: Iterable[Policy]) -> None:
     """Raise UsageError for a number of observations where no object is among the policies."""
-    if history != 1 and not any(isinstance(policy, Acting) for policy in policies):
+    if history != 1 and not any(map(is_live, policies)):
         raise UsageError(
             f"history: found {history}, but no object that could see so many observations: policies of "
             "ibdata set their own number; leave it out, or give a function, a module or an object"
@@ -126,7 +100,8 @@ def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
             raise UsageError(f"policy: {error}") from None
         name = getattr(given, "__name__", type(given).__name__).lower()
         name = re.sub("[^a-z0-9]", "-", name).strip("-")[:64]
-        return Acting(target=given, history=history, name=name or "object")
+        own = {} if has_needs(given) else {"history": history}
+        return _block({"kind": "custom", "target": given, "name": name or "object", **own}, "policy")
     raise UsageError(f"policy: found {shown(given)}, expected {EXPECTED}")
 
 
@@ -178,7 +153,7 @@ def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
     for each in policy.everywhere():
         if isinstance(each, UserObject):
-            yield from each.notes(view if isinstance(each, Acting) else PLAIN)
+            yield from each.notes(view if is_live(each) else PLAIN)
 
 
 @contextmanager
@@ -190,12 +165,12 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     """
     policies = list(policies)
     for policy in policies:
-        if type(policy) not in POLICIES.values():  # code of a user
-            refuse_impure(policy, columns if isinstance(policy, Acting) else len(OBSERVATION), exact=False)
+        if type(policy) not in POLICIES.values():  # a class of a user
+            refuse_impure(policy, exact=False)
     own = [custom for policy in policies for custom in customs_in(policy)]
     try:
         for custom in own:
-            custom.load()
+            custom.load(columns if custom.is_live and custom in policies else len(OBSERVATION))
         yield
         for policy in policies if says else ():
             for note in notes_on(policy):

@@ -6,6 +6,7 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,8 @@ def write_npz(view: View, form: Callable[[Block], Arrays], path: Path, **others:
                 arrays[name] = np.empty((view.rows, *array.shape[1:]), array.dtype)
             arrays[name][start:stop] = array
         start = stop
+    members: dict[str, Any] = {**arrays, **others}
     with path.open("xb") as file:
-        np.savez(file, allow_pickle=False, **arrays, **others)
+        np.savez(file, **members)  # numpy 2.0 would store an `allow_pickle=False` as an array
     with zipfile.ZipFile(path, "a") as archive:
         archive.comment = json.dumps(view.plain()).encode()

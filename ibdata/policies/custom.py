@@ -18,7 +18,7 @@ from pydantic import AfterValidator, Field, PrivateAttr, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError, UsageError, printable, suggestion
-from ibdata.policies.base import Needs, refuse_density
+from ibdata.policies.base import OBSERVATION, Needs, Policy, refuse_density
 from ibdata.policies.code import (
     Places,
     apart_from_results,
@@ -91,6 +91,7 @@ class Custom(UserObject):
 
     _places: Places = PrivateAttr(())  # by default the current folder
     _held: Held | None = PrivateAttr(None)
+    _is_pure: bool = PrivateAttr(False)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -160,19 +161,22 @@ class Custom(UserObject):
         source, _, _ = self.target.partition(":")
         return located(source, self.target, self.places) if source.endswith(".py") else None
 
-    def load(self) -> None:
+    def load(self, columns: int = len(OBSERVATION)) -> None:
         """Import or create the object, unless this was done before, and check that it is pure.
 
-        Raises PolicyError if it cannot be loaded, or if it remembers or draws in secret.
+        It sees so many `columns` of an observation. Raises PolicyError if it cannot be loaded, or if it
+        remembers or draws in secret.
         """
-        if "adapted" not in self.__dict__:
-            refuse_impure(self)
+        if not self._is_pure:
+            refuse_impure(self, columns)
+            self._is_pure = True
 
     def forget(self) -> None:
         """Forget the object, so that it is created anew on its next use, and its folders in Python's path."""
         if "adapted" in self.__dict__ and not self.is_live:
             self._leave_path()
         super().forget()
+        self._is_pure = False
 
     @cached_property
     def adapted(self) -> Any:
@@ -254,6 +258,11 @@ class Custom(UserObject):
                     f"{self.target}: found {option}: {found}, expected at least the needs of "
                     f"{type(own).__name__}; write {option}: {least}"
                 )
+
+
+def is_live(policy: Policy) -> bool:
+    """Whether a policy acts through an object of this Python session."""
+    return isinstance(policy, Custom) and policy.is_live
 
 
 def without_runs(form: Any) -> Any:

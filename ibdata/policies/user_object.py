@@ -184,10 +184,15 @@ def has_method(target: Any) -> bool:
     return any(callable(getattr(target, name, None)) for name in METHODS)
 
 
+def has_needs(target: Any) -> bool:
+    """Whether an object says itself what it needs."""
+    return isinstance(getattr(target, "needs", None), Needs)
+
+
 def needs_of(own: Any, history: int, step_draws: int = 0) -> Needs:
     """The needs of an object: its own attribute `needs` if it has one, else these."""
-    found = getattr(own, "needs", None)
-    return found if isinstance(found, Needs) else Needs(history, step_draws)
+    needs: Needs = own.needs if has_needs(own) else Needs(history, step_draws)
+    return needs
 
 
 def _parameters(call: Any) -> list[inspect.Parameter]:

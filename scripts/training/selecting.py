@@ -91,7 +91,8 @@ def absolute_error(values: Floats, estimates: Floats) -> float:
 
 def rank_correlation(values: Floats, estimates: Floats) -> float:
     """Spearman's rank correlation; NaN if either has no two different numbers."""
-    return float(pd.Series(values).rank().corr(pd.Series(estimates).rank()))
+    with np.errstate(invalid="ignore"):  # older versions of pandas warn of such
+        return float(pd.Series(values).rank().corr(pd.Series(estimates).rank()))
 
 
 def regret(values: Floats, estimates: Floats, k: int) -> float:

@@ -105,7 +105,7 @@ def test_an_option_of_the_experiment_is_set_with_set(run):
     code, _, err = run("generate", "random", "--steps", "50")
     assert code == 2
     assert "No such option '--steps'; expected --set steps=…, since" in err
-    assert "Did you mean" in run("evaluate", "--policies", "safe")[2]
+    assert "--policy" in run("evaluate", "--policies", "safe")[2]
 
 
 @pytest.mark.parametrize("name", ["history", "view"])

@@ -35,7 +35,7 @@ def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
 def test_an_object_acts_and_its_class_is_recorded(plain):
     made = ibdata.generate(plain, "out", workers=4)
     assert plain["policies"][0].asked >= 6
-    actions = made.to_pandas().groupby("policy")["act_velocity"].unique()
+    actions = made.to_pandas().groupby("policy", observed=True)["act_velocity"].unique()
     assert (actions["custom"], actions["epsilon_greedy"], actions["custom-2"]) == (0.5, -0.5, 0.0)
     assert made.manifest["reproducible"] is False
     assert [code["target"] for code in made.manifest["code"]] == ["live:Mine", "live:_lambda_"]

@@ -38,7 +38,8 @@ def by_duckdb(folder: Path) -> Callable[[], Rewards]:
 
     connection = duckdb.connect()
     rows = connection.sql(f"select reward from '{folder}/data/*.parquet'")
-    return lambda: [reward for (reward,) in rows.fetchall()]
+    # older versions close a connection that nobody holds
+    return lambda connection=connection: [reward for (reward,) in rows.fetchall()]
 
 
 def by_ibdata(folder: Path) -> Callable[[], Rewards]:

@@ -55,7 +55,7 @@ def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
         def predict(self, observations):
             return net.train()(torch.from_numpy(observations))
 
-    with pytest.raises(PolicyError, match=r"policy training: found other actions .* without half of them"):
+    with pytest.raises(PolicyError, match=r"policy training: found other actions .* in another order"):
         ibdata.evaluate(Training(), **FEW)
     assert len(ibdata.evaluate(net, **FEW).results) == 1  # a module is asked in evaluation mode
 
