@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +24,8 @@ class AnswerError(Exception):
 
 def actions(answer: Any, n: int) -> Floats:
     """The actions (n, 3) of an answer, which may also be the discrete ones (n,) of the environment."""
+    if _is_plain(answer, (n, 3)):
+        return np.asarray(answer)
     answer = _plain(answer)
     with suppress(TypeError, ValueError):  # what is no array is refused below
         whole = np.asarray(answer)
@@ -33,6 +34,11 @@ def actions(answer: Any, n: int) -> Floats:
             if answer is None:
                 raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
     return numbers(answer, (n, 3), "actions")
+
+
+def _is_plain(answer: Any, shape: tuple[int, ...]) -> bool:
+    """Whether an answer is an array of that shape and nothing else, as those of ibdata's own policies are."""
+    return type(answer) is np.ndarray and answer.dtype == np.float64 and answer.shape == shape
 
 
 def _plain(answer: Any) -> Any:
@@ -47,6 +53,8 @@ def _plain(answer: Any) -> Any:
 
 def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
     """An answer as an array of that shape, also a tensor of torch; masked values are NaN."""
+    if _is_plain(answer, shape):
+        return np.asarray(answer)
     answer = _plain(answer)
     try:
         if np.iscomplexobj(answer):
@@ -78,9 +86,9 @@ def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, A
     if not isinstance(action, Distribution):
         plain = actions(action, len(observed.step))
         return (Certain if is_deterministic(policy) else Unknown)(plain), memory
-    if action.draws > policy.needs.step_draws:
+    if action.draws > observed.uniforms.shape[1]:
         raise AnswerError(
-            f"found a {type(action).__name__} and needs.step_draws {policy.needs.step_draws}, expected at "
+            f"found a {type(action).__name__} and needs.step_draws {observed.uniforms.shape[1]}, expected at "
             f"least {action.draws}, the random numbers that it takes"
         )
     return action, memory
@@ -106,43 +114,38 @@ class Checked(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        with self._named(observed):
-            distribution, memory = self._distribution(observed)
+        distribution, memory = self.distribution(observed)
+        try:
             proposed = numbers(distribution.sample(observed.uniforms), out.shape, "actions")
-        clipped = int(clip_and_round(proposed, out))
-        if clipped < 0:
-            row = -1 - clipped
-            raise PolicyError(
-                f"{self._place(observed, row)}: found action {proposed[row]}, expected finite numbers"
-            )
-        if isinstance(distribution, Certain) and log_density is not None:
-            log_density[:] = 0.0  # of an action that it is certain of
-        elif log_density is not None:
-            with self._named(observed):
+            clipped = int(clip_and_round(proposed, out))
+            if clipped < 0:
+                row = -1 - clipped
+                found = f"found action {proposed[row]}, expected finite numbers"
+                raise PolicyError(f"{self._place(observed, row)}: {found}")
+            if isinstance(distribution, Certain) and log_density is not None:
+                log_density[:] = 0.0  # of an action that it is certain of
+            elif log_density is not None:
                 log_density[:] = numbers(distribution.log_density(out), log_density.shape, "log densities")
+        except BaseException as error:
+            raise self._located(error, observed) from error
         return clipped, memory
 
     def distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
         """The distribution of the policy's action, and the memory (n, memory). Raises PolicyError."""
-        with self._named(observed):
-            return self._distribution(observed)
-
-    def _distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
-        distribution, memory = distribution_of(self.policy, observed)
-        if not observed.memory.size:
-            return distribution, observed.memory
-        return distribution, numbers(memory, observed.memory.shape, "memory")
-
-    @contextmanager
-    def _named(self, observed: Observed) -> Iterator[None]:
-        """A context in which an error of the policy becomes one line with its place."""
         try:
-            yield
-        except (IbdataError, KeyboardInterrupt):
-            raise
-        except BaseException as error:  # a policy must not end the run
-            line = str(error) if isinstance(error, AnswerError) else error_line(error)
-            raise PolicyError(f"{self._place(observed)}: {line}") from error
+            distribution, memory = distribution_of(self.policy, observed)
+            if not observed.memory.size:
+                return distribution, observed.memory
+            return distribution, numbers(memory, observed.memory.shape, "memory")
+        except BaseException as error:
+            raise self._located(error, observed) from error
+
+    def _located(self, error: BaseException, observed: Observed) -> BaseException:
+        """An error of the policy, which must not end the run, as one line with its place."""
+        if isinstance(error, IbdataError | KeyboardInterrupt):
+            return error
+        line = str(error) if isinstance(error, AnswerError) else error_line(error)
+        return PolicyError(f"{self._place(observed)}: {line}")
 
     def _place(self, observed: Observed, row: int = 0) -> str:
         numbers = self.episodes

@@ -180,11 +180,13 @@ class Mixture(Distribution):
             base = self.base.applied
         else:
             base = applied(self.base.sample(np.ascontiguousarray(u[:, : self.first])))
-        is_other = u[:, self.first] < self.share
-        return np.where(is_other[:, None], self.other.sample(u[:, self.first + 1 :]), base)
+        if isinstance(self.other, Certain):
+            return np.where(u[:, self.first, None] < self.share[:, None], self.other.actions, base)
+        return _base_or_uniform(base, np.ascontiguousarray(u[:, self.first :]), self.share)
 
     def log_density(self, action: Float32s) -> Floats:
-        density, certain = self.base.log_density(action), self.base.certain(action)
+        density = self.base.log_density(action)
+        certain = density == 0.0 if isinstance(self.base, Certain) else self.base.certain(action)
         if isinstance(self.other, Certain):
             return _log_or_certain(density, certain, self._is_other(action), self.share)
         return _log_or_uniform(density, certain, action, self.share)
@@ -289,6 +291,16 @@ def _log_clipped_normal(mean: Floats, sd: Floats, action: Float32s) -> Floats:
             else:
                 total += log_height - 0.5 * ((x - m) / scale) * ((x - m) / scale)
         out[i] = total
+    return out
+
+
+@compiled
+def _base_or_uniform(base: Float32s, u: Floats, share: Floats) -> Floats:
+    """Actions (n, 3) of a base, replaced as a whole by U(-1, 1)³ with a probability, by numbers u (n, 4)."""
+    out = np.empty((base.shape[0], 3))
+    for i in range(out.shape[0]):
+        for j in range(3):
+            out[i, j] = 2.0 * u[i, 1 + j] - 1.0 if u[i, 0] < share[i] else np.float64(base[i, j])
     return out
 
 
