@@ -29,7 +29,7 @@ from ibdata.experiment.plain import plain
 from ibdata.experiment.plan import segments
 from ibdata.experiment.scalars import LICENCE, WHOLE, FileName, Licence, SplitName
 from ibdata.experiment.setpoints import Setpoints, setpoint_values
-from ibdata.numerics.naming import counted, exact
+from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
 from ibdata.simulation.world import World
@@ -129,14 +129,7 @@ class Experiment(FrozenModel):
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """The labels of the policies in the data. If several have the same, the later ones get -2, -3, …"""
-        labels: dict[str, None] = {}
-        for policy in self.policies:
-            label, count = policy.label, 1
-            while label in labels:
-                count += 1
-                label = f"{policy.label}-{count}"
-            labels[label] = None
-        return tuple(labels)
+        return tuple(unequal(policy.label for policy in self.policies))
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:

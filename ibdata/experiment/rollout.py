@@ -10,11 +10,12 @@ import numpy as np
 from ibdata.experiment.cells import Cell
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
-from ibdata.numerics.random import stream_key
+from ibdata.numerics.random import Purpose, stream_key
+from ibdata.policies.mixture import Mixture
 from ibdata.simulation import kernel
 from ibdata.simulation.driver import CHUNK, LANES, Lanes, Run
 from ibdata.simulation.variables import Table
-from ibdata.simulation.world import Ints
+from ibdata.simulation.world import Ints, draw_uniforms
 
 LEAST_LANES = 64
 # Rows of a table, which is encoded while the next is filled. The last bits of the statistics depend on it.
@@ -72,7 +73,7 @@ def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Split episodes first … stop - 1 into blocks of at most LANES episodes with the same policy."""
-    per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
+    per_policy = _per_policy(experiment)
     while first < stop:
         end = min(stop, first + LANES, (first // per_policy + 1) * per_policy)
         yield first, end
@@ -92,6 +93,22 @@ def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, I
     cell_numbers, indices = np.divmod(numbers, experiment.episodes)
     found, own = np.unique(cell_numbers, return_inverse=True)
     return [experiment.cells[i] for i in found.tolist()], own, indices
+
+
+def acting_in(experiment: Experiment, numbers: Ints) -> list[str]:
+    """The policy that acts in each of these episodes (n,): of a mixture the one that is drawn for it."""
+    acting = np.array(experiment.labels, dtype=object)[numbers // _per_policy(experiment)]
+    for place, policy in enumerate(experiment.policies):
+        here = np.flatnonzero(numbers // _per_policy(experiment) == place)
+        if isinstance(policy, Mixture) and len(here):
+            lanes = lanes_of(experiment, numbers[here])
+            [u] = draw_uniforms(lanes.draw, np.arange(len(here)), Purpose.EPISODE_POLICY, 0, 1, 1)
+            acting[here] = np.array(policy.members, dtype=object)[policy.member(u[:, 0])]
+    return list(map(str, acting))
+
+
+def _per_policy(experiment: Experiment) -> int:
+    return experiment.episodes * (len(experiment.cells) // len(experiment.policies))
 
 
 def _fill(table: Table, row: int, run: Run, places: Layout) -> int:

@@ -28,6 +28,7 @@ from ibdata.dataset.statistics import described, merged
 from ibdata.experiment.cells import Cell
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
+from ibdata.experiment.rollout import acting_in
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
 from ibdata.writing.summary import UNREAD, ShardSummary
@@ -137,6 +138,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(np.concatenate([index for _, index in address])),
         arrow_array(of_cells(lambda cell: cell.setpoint)),
         arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
+        arrow_texts(*_coded([acting_in(e, n) for n, e in zip(numbers, experiments, strict=True)])),
         _lists([shard.splits for shard in shards], counts),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
@@ -146,6 +148,13 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
     return pa.table(arrays, schema=EPISODES)
+
+
+def _coded(texts: list[list[str]]) -> tuple[npt.NDArray[np.int32], list[str]]:
+    """Texts as numbers of different ones, and these, in the order in which they come."""
+    known: dict[str, int] = {}
+    codes = [known.setdefault(text, len(known)) for part in texts for text in part]
+    return np.array(codes, dtype=np.int32), list(known)
 
 
 def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:

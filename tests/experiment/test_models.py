@@ -235,7 +235,7 @@ def test_a_declared_split_without_an_episode_is_refused(split):
 
 
 def test_a_shipped_set_of_one_episode_is_made_without_splits():
-    line = r"found last 10%, which is none of 1 episode, expected at least one; set more .* override splits=\{\}"
+    line = r"found last 10%, which is none of 1 episode, expected at least one; .* override splits=\{\}"
     with pytest.raises(ConfigError, match=line):
         load("siemens-offline/bad-20", ["episodes=1"])
     assert load("siemens-offline/bad-20", ["episodes=1", "splits={}"]).splits == {}
